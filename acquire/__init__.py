@@ -27,11 +27,11 @@ def connect(socket: Path | str | None = None) -> DaemonClient:
             print(daemon.call("striker.strike", strike_id="1", tip_speed_m_s=0.3))
 
         with acquire.connect() as listener:
-            for event in listener.events():  # subscribes: prompts, states, verdicts, troubles
+            for event in listener.events():  # prompts, state changes, verdicts, problems
                 print(event)
 
     `call("striker.stop")` stops the striker at any time, also from another client. While a session is open,
-    its client alone gives orders. `close`, or the end of the `with` block, ends the connection.
+    only its client may give commands. `close`, or the end of the `with` block, ends the connection.
 
     Args:
         socket: path of the daemon's socket; None for the default, as in a rig file without [daemon] socket.

@@ -179,20 +179,24 @@ class StrikeOptions:
     """The options of `acquire strike` that select the strike or the calibration."""
 
     speed: float | None
+    """tip speed [m/s]; None if not given"""
     plan: Path | None
     strike_id: str | None
     energy: float | None
+    """energy ratio of the planned strike; None if not given"""
     calibrate: bool
     bodies: tuple[float, ...]
+    """masses of the bodies to strike [kg]; infinite for a wall"""
     speeds: str | None
+    """tip speeds [m/s] of a calibration, comma-separated; None if not given"""
     repeats: int
     write: bool
 
     def refuse_contradictions(self, rig: Path | None) -> None:
-        """Check that the options given belong together.
+        """Refuse options that contradict each other or lack one another.
 
         Raises:
-            click.UsageError: they do not.
+            click.UsageError: the options cannot be used together.
         """
         if self.calibrate:
             if rig is None or self.speed is not None or self.plan is not None:
@@ -203,7 +207,7 @@ class StrikeOptions:
         )
         if self.bodies or self.speeds or self.write or not one_source:
             raise click.UsageError(
-                "give --speed, or --plan with --strike; "
+                "give either --speed, or --plan with --strike; "
                 "--body-mass-kg, --speeds and --write belong to --calibrate"
             )
         if self.energy is not None and self.plan is None:
@@ -287,7 +291,7 @@ def status(rig: Path | None, as_json: bool) -> None:
 @click.option("--daemon", "end_daemon", is_flag=True, help="End the daemon as well.")
 @_one_line_errors
 def stop(rig: Path | None, end_daemon: bool) -> None:
-    """Stop the striker now."""
+    """Stop the striker now. With --daemon, end the daemon as well."""
     from acquire.daemon.client import DaemonClient
 
     try:

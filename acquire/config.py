@@ -35,7 +35,9 @@ def read_rig(path: Path) -> RigConfig:
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such rig file: check the path") from None
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+        raise ConfigError(
+            f"{path}: cannot be read: {error.strerror}: check that it is a file you may read"
+        ) from None
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, nested too deep
         raise ConfigError(f"{path}: not valid TOML: {error}") from None
     try:
@@ -51,12 +53,13 @@ class RigLimits:
     speeds: TipSpeeds | None
     """range of tip speeds [m/s]; None if a person strikes by hand, which has no fixed limits"""
     reach_m: tuple[float, float] | None
-    """lowest and highest impact point over the table; None if a person strikes by hand"""
+    """lowest and highest impact point over the table [m]; None if a person strikes by hand"""
     T_world_camera: list[list[float]]
+    """(4, 4) pose of the camera in W [m]"""
 
     @classmethod
     def from_config(cls, config: RigConfig) -> RigLimits:
-        """Limits of a rig file."""
+        """Limits of the rig that a rig file describes."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
         by_hand = striker.kind == "manual"
         return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)

@@ -1,7 +1,7 @@
 """Composition root of the virtual rig: simulated world, camera and operator, real daemon and session.
 
-Only this module imports both sides. The daemon is started as `acquire run RIG.toml`; it is given a camera
-address and a serial port, as with real hardware.
+Only this module imports both the virtual rig and the daemon. The daemon is started as `acquire run RIG.toml`;
+it is given a camera address and a serial port, as with real hardware.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ from acquire.session.session_input import SessionInput
 from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
-from acquire.virtual.processes import interruptible, started
+from acquire.virtual.processes import interruptible, running_process
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.truth import merge_truth
 
 START_TIMEOUT_S = 30.0
+"""longest wait for the daemon's socket"""
 _FOLDER = "percuss-demo-"
 """prefix of a demo's temporary folder: /tmp/percuss-demo-<process id>-*"""
 
@@ -76,10 +77,11 @@ class DemoPlan:
     """Options of `analyze plan`."""
 
     strikes: int = 9
+    """number of strikes to plan"""
     axes: int | None = None
     """largest number of different pivot axes; None for as many as pay"""
     method: str = "ours"
-    """"ours" or "paper\""""
+    """way to choose the strikes: "ours" or "paper\""""
 
     def arguments(self) -> list[str]:
         """Command-line arguments of `analyze plan`."""
@@ -96,7 +98,7 @@ def run_demo(
         object_name: one of OBJECT_NAMES.
         seed: seed of everything random in the virtual rig.
         output: the recording to write.
-        address: loopback address of the virtual camera.
+        address: loopback address of the virtual camera, one per rig.
         plan: options of `analyze plan`.
         progress: called with each step.
 
@@ -128,9 +130,9 @@ def _session(
     cleanup: contextlib.ExitStack,
 ) -> SessionReport:
     folder = truth_path.parent
-    thing = load_object(object_name, seed)
+    virtual_object = load_object(object_name, seed)
     object_path, plan_path, rig_path = folder / "object.toml", folder / "plan.json", folder / "rig.toml"
-    _write_object(thing, object_path)
+    _write_object(virtual_object, object_path)
 
     progress("starting: world", 0, 1)
     common = [
@@ -143,7 +145,9 @@ def _session(
         "--parent",
         str(os.getpid()),
     ]
-    world_ready = cleanup.enter_context(started("world", folder, "acquire.virtual.world_process", *common))
+    world_ready = cleanup.enter_context(
+        running_process("world", folder, "acquire.virtual.world_process", *common)
+    )
     rig_path.write_text(
         rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"),
         encoding="utf-8",
@@ -151,12 +155,14 @@ def _session(
     planning = cleanup.enter_context(_planning(object_path, plan_path, rig_path, plan))
     progress("starting: camera", 0, 1)
     cleanup.enter_context(
-        started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address)
+        running_process("camera", folder, "acquire.virtual.camera_process", *common, "--address", address)
     )
     progress("starting: daemon", 0, 1)
     socket = read_rig(rig_path).daemon.socket_path()
     cleanup.enter_context(
-        started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid()))
+        running_process(
+            "daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())
+        )
     )
     wait_for_socket(socket, lambda: True, START_TIMEOUT_S)
     progress("starting: plan", 0, 1)
@@ -224,10 +230,10 @@ def _remove_leftovers(temporary: Path) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def _write_object(thing: VirtualObject, path: Path) -> None:
-    path.write_text(thing.spec_toml, encoding="utf-8")
-    if thing.shape_file is not None:
-        name, data = thing.shape_file
+def _write_object(virtual_object: VirtualObject, path: Path) -> None:
+    path.write_text(virtual_object.spec_toml, encoding="utf-8")
+    if virtual_object.shape_file is not None:
+        name, data = virtual_object.shape_file
         (path.parent / name).write_bytes(data)
 
 

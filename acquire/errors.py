@@ -1,4 +1,4 @@
-"""The errors that acquire raises on purpose.
+"""Errors that the package `acquire` raises on purpose.
 
     AcquireError
     ├── ConfigError          a rig file that cannot be used
@@ -111,7 +111,7 @@ class SessionError(AcquireError):
 def by_name(name: str, otherwise: type[AcquireError] = AcquireError) -> type[AcquireError]:
     """Error class of this module with the given name; `otherwise` for an unknown name.
 
-    Error classes travel between processes by name.
+    Processes send each other errors as the class's name and the message.
     """
     found = globals().get(name)
     return found if isinstance(found, type) and issubclass(found, AcquireError) else otherwise

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acquire.errors import AcquireError, CameraSettingError
-from acquire.preflight.check import Check, Measured, failed, failed_as, not_checked, passed
+from acquire.preflight.check import (
+    Check,
+    Measured,
+    failed_by_error,
+    failed_check,
+    passed_check,
+    skipped_check,
+)
 from schemas.rig_limits import MIN_TAG_EDGE_PX
 
 if TYPE_CHECKING:
@@ -19,10 +26,13 @@ if TYPE_CHECKING:
     from schemas.watch_lines import WatchEvent
 
 CAMERA_LINES = ("camera", "camera settings", "frames", "camera clock", "light", "marker", "object at rest")
+"""names of the camera's checks, in order"""
 RATE_TOLERANCE = 0.01
+"""largest relative difference of the measured frame rate from the one set"""
 MAPPING_SD_LIMIT_NS = 100_000
-"""at 3 rad/s, 0.1 ms are 0.02 deg, below the noise of one frame"""
+"""largest standard deviation of the frame times: at 3 rad/s, 0.1 ms are 0.02 deg, below one frame's noise"""
 SATURATED = 254
+"""grey level from which a pixel counts as saturated"""
 SATURATED_LIMIT = 0.02
 """largest saturated fraction of the image; a lamp's reflection stays below it, overexposed paper does not"""
 BRIGHT_LIMIT = 60
@@ -30,21 +40,21 @@ BRIGHT_LIMIT = 60
 
 
 def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Iterator[Check]:
-    """Checks that need the camera, one after the other; the camera is released at the end."""
+    """Yield the checks that need the camera; the camera is released at the end."""
     try:
         try:
             description = source.open()
         except CameraSettingError as error:
-            yield passed("camera", f"answers at {config.address}")
-            yield failed_as("camera settings", error)
+            yield passed_check("camera", f"answers at {config.address}")
+            yield failed_by_error("camera settings", error)
             yield from _remaining("the camera's settings must be corrected first", 2)
             return
         except AcquireError as error:
-            yield failed_as("camera", error)
+            yield failed_by_error("camera", error)
             yield from _remaining("the camera must answer first", 1)
             return
-        yield passed("camera", description)
-        yield passed(
+        yield passed_check("camera", description)
+        yield passed_check(
             "camera settings",
             f"{config.width} x {config.height} mono8 at {config.frame_rate_hz:g} Hz, "
             f"{config.exposure_us:g} us, "
@@ -53,7 +63,7 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
         try:
             video = source.record(folder)
         except AcquireError as error:
-            yield failed_as("frames", error)
+            yield failed_by_error("frames", error)
             yield from _remaining("no test video was recorded", 3)
             return
         yield from (
@@ -67,7 +77,7 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
 
 
 def _remaining(reason: str, first: int) -> Iterator[Check]:
-    return (not_checked(name, reason) for name in CAMERA_LINES[first:])
+    return (skipped_check(name, reason) for name in CAMERA_LINES[first:])
 
 
 def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
@@ -77,30 +87,30 @@ def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
     found = f"{video.frames} in {video.seconds:.2f} s: {rates}, {video.lost} lost"
     if video.lost:
         remedy = "check receive buffer and packet size above, then cable, switch and other programs"
-        return failed("frames", found, remedy, Measured(video.lost, 0, "frames"))
+        return failed_check("frames", found, remedy, Measured(video.lost, 0, "frames"))
     measured = Measured(rate, config.frame_rate_hz, "Hz")
     if abs(rate - config.frame_rate_hz) > RATE_TOLERANCE * config.frame_rate_hz:
         remedy = (
             "the exposure must be shorter than the frame period; lower frame_rate_hz or the image size, "
             "or raise the camera's bandwidth limit"
         )
-        return failed("frames", found, remedy, measured)
-    return passed("frames", found, measured)
+        return failed_check("frames", found, remedy, measured)
+    return passed_check("frames", found, measured)
 
 
 def check_clock(video: CheckVideo) -> Check:
-    """Check how precisely frame times are mapped to the host's clock."""
+    """Check that frame times are mapped to the host's clock precisely enough."""
     sd_us = video.content.mapping_sd_ns * 1e-3
     if not video.content.clock_samples:
-        return passed(
+        return passed_check(
             "camera clock", "cannot be latched: frame times are arrival times, as the recording states"
         )
     measured = Measured(video.content.mapping_sd_ns * 1e-9, MAPPING_SD_LIMIT_NS * 1e-9, "s")
     found = f"mapped to the host's clock to {sd_us:.0f} us (1 sigma; limit {MAPPING_SD_LIMIT_NS // 1000} us)"
     if video.content.mapping_sd_ns > MAPPING_SD_LIMIT_NS:
         remedy = "connect the camera without a busy switch; end other programs that load this computer"
-        return failed("camera clock", found, remedy, measured)
-    return passed("camera clock", found, measured)
+        return failed_check("camera clock", found, remedy, measured)
+    return passed_check("camera clock", found, measured)
 
 
 def check_light(video: CheckVideo) -> Check:
@@ -113,11 +123,11 @@ def check_light(video: CheckVideo) -> Check:
     measured = Measured(saturated, SATURATED_LIMIT, "1")
     if saturated > SATURATED_LIMIT:
         remedy = "shorten exposure_us, close the aperture, or turn reflections away"
-        return failed("light", found, remedy, measured)
+        return failed_check("light", found, remedy, measured)
     if bright < BRIGHT_LIMIT:
         remedy = "take the lens cap off, add light, open the aperture, or raise gain_db"
-        return failed("light", found, remedy, Measured(bright, BRIGHT_LIMIT, "grey levels"))
-    return passed("light", found, measured)
+        return failed_check("light", found, remedy, Measured(bright, BRIGHT_LIMIT, "grey levels"))
+    return passed_check("light", found, measured)
 
 
 def check_scene(event: WatchEvent | None) -> list[Check]:
@@ -125,8 +135,8 @@ def check_scene(event: WatchEvent | None) -> list[Check]:
     if event is None:
         remedy = "check that `analyze` is installed beside `acquire`: `analyze watch --help`"
         return [
-            failed("marker", "`analyze watch` reported nothing about the test video", remedy),
-            not_checked("object at rest", "`analyze watch` reported nothing"),
+            failed_check("marker", "`analyze watch` reported nothing about the test video", remedy),
+            skipped_check("object at rest", "`analyze watch` reported nothing"),
         ]
     return [_marker(event), _object_at_rest(event)]
 
@@ -134,7 +144,7 @@ def check_scene(event: WatchEvent | None) -> list[Check]:
 def _marker(event: WatchEvent) -> Check:
     edges = {marker.id: mean_edge(marker.corners_px) for marker in event.markers}
     if not edges:
-        return failed(
+        return failed_check(
             "marker", "none in view", "place the object with a tag towards the camera; check focus and light"
         )
     largest = max(edges, key=lambda marker: edges[marker])
@@ -142,17 +152,17 @@ def _marker(event: WatchEvent) -> Check:
     found = f"tag {largest} is {edges[largest]:.0f} px wide{others}; {MIN_TAG_EDGE_PX:g} px are required"
     measured = Measured(edges[largest], MIN_TAG_EDGE_PX, "px")
     if edges[largest] < MIN_TAG_EDGE_PX:
-        return failed(
+        return failed_check(
             "marker", found, "print a larger tag, move the camera nearer, or use a longer lens", measured
         )
-    return passed("marker", found, measured)
+    return passed_check("marker", found, measured)
 
 
 def _object_at_rest(event: WatchEvent) -> Check:
     if not event.at_rest:
         remedy = "let the object settle; check that the camera's mount is firm and that no light flickers"
-        return failed("object at rest", "something moves in the image", remedy)
-    return passed("object at rest", "nothing has moved for a quarter of a second")
+        return failed_check("object at rest", "something moves in the image", remedy)
+    return passed_check("object at rest", "nothing has moved for a quarter of a second")
 
 
 def mean_edge(corners_px: list[list[float]]) -> float:

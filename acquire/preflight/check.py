@@ -1,4 +1,4 @@
-"""One line of `acquire check`."""
+"""Result of one check of `acquire check`: outcome, finding and remedy."""
 
 from __future__ import annotations
 
@@ -30,10 +30,14 @@ class Check:
     """Result of one check, with the remedy if it failed."""
 
     name: str
+    """name of the line, as "disk space\""""
     outcome: Outcome
     found: str
+    """finding in words"""
     remedy: str = ""
+    """what to do; empty if nothing is to be done"""
     measured: Measured | None = None
+    """value behind the outcome; None if nothing was measured"""
 
     def text(self) -> str:
         """Line for the terminal, followed by a line with the remedy if there is one."""
@@ -47,28 +51,28 @@ class Check:
         return asdict(self) | {"outcome": self.outcome.value}
 
 
-def passed(name: str, found: str, measured: Measured | None = None) -> Check:
+def passed_check(name: str, found: str, measured: Measured | None = None) -> Check:
     """Check that passed."""
     return Check(name, Outcome.PASS, found, measured=measured)
 
 
-def failed(name: str, found: str, remedy: str, measured: Measured | None = None) -> Check:
+def failed_check(name: str, found: str, remedy: str, measured: Measured | None = None) -> Check:
     """Check that failed, with its remedy."""
     return Check(name, Outcome.FAIL, found, remedy, measured)
 
 
-def failed_as(name: str, error: Exception) -> Check:
+def failed_by_error(name: str, error: Exception) -> Check:
     """Check that failed with an error.
 
-    The error's message has the form "thing: finding: remedy" or "thing: finding; remedy".
+    The error's message has the form "device or file: finding: remedy" or "device or file: finding; remedy".
     """
-    thing = re.match(r"\S+: ", str(error))
-    head = thing.group() if thing else ""
+    prefix = re.match(r"\S+: ", str(error))
+    head = prefix.group() if prefix else ""
     rest = str(error)[len(head) :]
     found, _, remedy = rest.rpartition(": ") if ": " in rest else rest.partition("; ")
-    return failed(name, head + found, remedy or "see the message")
+    return failed_check(name, head + found, remedy or "see the message")
 
 
-def not_checked(name: str, reason: str, remedy: str = "") -> Check:
+def skipped_check(name: str, reason: str, remedy: str = "") -> Check:
     """Check that could not be made."""
     return Check(name, Outcome.NOT_CHECKED, reason, remedy)

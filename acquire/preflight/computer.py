@@ -17,11 +17,13 @@ from typing import Protocol
 
 from acquire.camera.discovery import GVCP_PORT
 from acquire.camera.receive_buffer import enlarge_receive_buffer
-from acquire.preflight.check import Check, Measured, failed, not_checked, passed
+from acquire.preflight.check import Check, Measured, failed_check, passed_check, skipped_check
 
 _SIOCGIFADDR, _SIOCGIFMTU = 0x8915, 0x8921
 MAX_SOCKET_PATH_BYTES = 100
+"""longest path of the daemon's socket; the kernel allows 107 bytes"""
 LATENCY_MS = 1
+"""required latency timer of the USB adapter"""
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,6 @@ def _has_flock(path: str) -> bool:
 
 
 # --- the checks
-# ------------------------------------------------------------------------------------------------
 
 
 def check_port(computer: Computer, port: str) -> Check:
@@ -206,27 +207,27 @@ def check_port(computer: Computer, port: str) -> Check:
     state = computer.port(port)
     if not state.exists:
         remedy = "check the adapter's cable, and `port` in the rig file (`ls -l /dev/serial/by-id`)"
-        return failed("serial port", f"{port}: does not exist", remedy)
+        return failed_check("serial port", f"{port}: does not exist", remedy)
     if not state.usable:
-        return failed(
+        return failed_check(
             "serial port",
             f"{port}: belongs to group {state.group}, you may not read and write it",
             f"sudo usermod -aG {state.group or 'dialout'} $USER, then log in again",
         )
-    return passed("serial port", f"{port}: readable and writable")
+    return passed_check("serial port", f"{port}: readable and writable")
 
 
 def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
     """Check that the port is free or held by the rig's daemon."""
     state = computer.port(port)
     if not state.usable:
-        return not_checked("port lock", "the serial port must be usable first")
+        return skipped_check("port lock", "the serial port must be usable first")
     if daemon_pid is not None:
-        return passed("port lock", f"held by the daemon (pid {daemon_pid})" if state.in_use else "free")
+        return passed_check("port lock", f"held by the daemon (pid {daemon_pid})" if state.in_use else "free")
     if state.in_use:
         remedy = f"end the program that `fuser -v {port}` names (ModemManager: see docs/how-to/hardware.md)"
-        return failed("port lock", f"{port}: in use by another program", remedy)
-    return passed("port lock", "free")
+        return failed_check("port lock", f"{port}: in use by another program", remedy)
+    return passed_check("port lock", "free")
 
 
 def check_socket(computer: Computer, path: Path) -> Check:
@@ -235,25 +236,29 @@ def check_socket(computer: Computer, path: Path) -> Check:
     size = len(str(path).encode())
     if size > MAX_SOCKET_PATH_BYTES:
         measured = Measured(size, MAX_SOCKET_PATH_BYTES, "B")
-        return failed(name, f"{path}: {size} bytes long", "set [daemon] socket to a shorter path", measured)
+        return failed_check(
+            name, f"{path}: {size} bytes long", "set [daemon] socket to a shorter path", measured
+        )
     if path.exists() and not path.is_socket():
-        return failed(name, f"{path}: exists and is not a socket", "set [daemon] socket to another path")
+        return failed_check(
+            name, f"{path}: exists and is not a socket", "set [daemon] socket to another path"
+        )
     return _check_socket_folder(computer.socket_folder(path.parent), path)
 
 
 def _check_socket_folder(state: FolderState, path: Path) -> Check:
     name = "daemon socket"
     if not state.exists and state.can_be_made:
-        return passed(name, f"{path}: its folder will be created with access for you only")
+        return passed_check(name, f"{path}: its folder will be created with access for you only")
     if not state.exists:
         found = f"{path.parent}: does not exist and cannot be created"
-        return failed(name, found, "set [daemon] socket to a folder of yours")
+        return failed_check(name, found, "set [daemon] socket to a folder of yours")
     if not state.owned:
         found = f"{path.parent}: belongs to another user"
-        return failed(name, found, "set [daemon] socket to a folder of yours")
+        return failed_check(name, found, "set [daemon] socket to a folder of yours")
     if not state.private:
-        return failed(name, f"{path.parent}: other users have access", f"chmod 700 {path.parent}")
-    return passed(name, f"{path}: its folder is accessible to you only")
+        return failed_check(name, f"{path.parent}: other users have access", f"chmod 700 {path.parent}")
+    return passed_check(name, f"{path}: its folder is accessible to you only")
 
 
 def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
@@ -263,14 +268,14 @@ def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
     found = f"{buffer.got_bytes} B of {asked_bytes} B requested (net.core.rmem_max {limit})"
     measured = Measured(buffer.got_bytes, asked_bytes, "B")
     if buffer.got_bytes < asked_bytes:
-        return failed(
+        return failed_check(
             "receive buffer",
             found,
             f"sudo sysctl -w net.core.rmem_max={asked_bytes}, and keep it in /etc/sysctl.d "
             "(docs/how-to/hardware.md)",
             measured,
         )
-    return passed("receive buffer", found, measured)
+    return passed_check("receive buffer", found, measured)
 
 
 def check_packet_size(computer: Computer, address: str, packet_size: int) -> Check:
@@ -280,25 +285,25 @@ def check_packet_size(computer: Computer, address: str, packet_size: int) -> Che
         ipaddress.IPv4Address(address)
     except ValueError:
         remedy = "write the IP address that `acquire discover` prints"
-        return not_checked(name, f"{address} is a device id, not an IP address", remedy)
+        return skipped_check(name, f"{address} is a device id, not an IP address", remedy)
     try:
         route = computer.route(address)
     except OSError as error:
         remedy = "give the interface an address in the camera's subnet"
-        return failed(name, f"no route to {address}: {error.strerror}", remedy)
+        return failed_check(name, f"no route to {address}: {error.strerror}", remedy)
     if route is None:
         remedy = f"compare by hand: `ip route get {address}`, `ip link`"
-        return not_checked(name, f"the interface to {address} is unknown", remedy)
+        return skipped_check(name, f"the interface to {address} is unknown", remedy)
     measured = Measured(packet_size, route.mtu_bytes, "B")
     found = f"{packet_size} B, {route.interface} carries {route.mtu_bytes} B"
     if route.loopback:
-        return passed(name, f"{found} (loopback)", measured)
+        return passed_check(name, f"{found} (loopback)", measured)
     if packet_size > route.mtu_bytes:
         remedy = (
             f"sudo ip link set {route.interface} mtu 9000, or packet_size = {route.mtu_bytes} in the rig file"
         )
-        return failed(name, found, remedy, measured)
-    return passed(name, found, measured)
+        return failed_check(name, found, remedy, measured)
+    return passed_check(name, found, measured)
 
 
 def check_latency_timer(computer: Computer, port: str) -> Check:
@@ -307,10 +312,10 @@ def check_latency_timer(computer: Computer, port: str) -> Check:
     FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed.
     """
     if not computer.port(port).exists:
-        return not_checked("USB latency", "the serial port must exist first")
+        return skipped_check("USB latency", "the serial port must exist first")
     latency = computer.latency_timer_ms(port)
     if latency is None:
-        return passed("USB latency", f"{port}: no adapter with a latency timer")
+        return passed_check("USB latency", f"{port}: no adapter with a latency timer")
     measured = Measured(latency, LATENCY_MS, "ms")
     if latency > LATENCY_MS:
         # Opening the port requests low latency, but that fails on some systems (DynamixelSDK #116); udev
@@ -319,5 +324,5 @@ def check_latency_timer(computer: Computer, port: str) -> Check:
         remedy = (
             f"echo {LATENCY_MS} | sudo tee {file}; to make it permanent: udev rule in docs/how-to/hardware.md"
         )
-        return failed("USB latency", f"{latency} ms", remedy, measured)
-    return passed("USB latency", f"{latency} ms", measured)
+        return failed_check("USB latency", f"{latency} ms", remedy, measured)
+    return passed_check("USB latency", f"{latency} ms", measured)

@@ -9,14 +9,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from acquire.preflight.check import Check, Measured, failed, not_checked, passed
+from acquire.preflight.check import Check, Measured, failed_check, passed_check, skipped_check
 
 if TYPE_CHECKING:
     from acquire.config import RigConfig
 
 SPEED_MARGIN = 1.3
-"""required write speed over the camera's data rate"""
+"""required write speed over the camera's data rate: a disk that is only as fast as the camera cannot catch up
+after a delay"""
 TEST_S = 2.0
+"""duration of the camera's data that the test of the write speed writes"""
 MAX_TEST_BYTES = 256 << 20
 _BLOCK = 1 << 20
 
@@ -49,7 +51,7 @@ class RealDisk:
         return disk.f_bavail * disk.f_frsize
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """See Disk. Random bytes defeat compression; without a name, the file vanishes even after a kill."""
+        """See Disk. Random bytes defeat compression; a file without a name vanishes even after a kill."""
         block = os.urandom(_BLOCK)
         blocks = -(-size_bytes // _BLOCK)
         with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
@@ -76,9 +78,9 @@ def data_rate(rig: RigConfig) -> float:
 
 
 def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
-    """Checks of free space against the reserve, and of write speed against the camera's data rate.
+    """Check free space against the reserve, and write speed against the camera's data rate.
 
-    The folder is named in the finding, because a session's file may go to another.
+    The findings name the folder, because a session's recording may be written to another one.
     """
     folder = Path(rig.recorder.directory).absolute()
     rate = data_rate(rig)
@@ -86,12 +88,12 @@ def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
         free = disk.free_bytes(folder)
     except OSError as error:
         remedy = "create the folder, or set [recorder] directory to another"
-        space = failed("disk space", f"{folder}: {error.strerror}", remedy)
-        return [space, not_checked("disk speed", "the recording folder must be usable first")]
+        space = failed_check("disk space", f"{folder}: {error.strerror}", remedy)
+        return [space, skipped_check("disk speed", "the recording folder must be usable first")]
     space = _check_space(free, rig.recorder.disk_reserve_bytes, folder, rate)
     test_bytes = min(MAX_TEST_BYTES, round(TEST_S * rate))
     if free < 2 * test_bytes:
-        return [space, not_checked("disk speed", f"no room for a test of {test_bytes / 1e6:.0f} MB")]
+        return [space, skipped_check("disk speed", f"no room for a test of {test_bytes / 1e6:.0f} MB")]
     return [space, _check_speed(disk, folder, test_bytes, rate)]
 
 
@@ -103,8 +105,8 @@ def _check_space(free: int, reserve: int, folder: Path, rate: float) -> Check:
     )
     if free < reserve:
         remedy = "free some space, or record on another disk: -o there, and [recorder] directory to check it"
-        return failed("disk space", found, remedy, measured)
-    return passed("disk space", found, measured)
+        return failed_check("disk space", found, remedy, measured)
+    return passed_check("disk space", found, measured)
 
 
 def _check_speed(disk: Disk, folder: Path, test_bytes: int, rate: float) -> Check:
@@ -112,7 +114,7 @@ def _check_speed(disk: Disk, folder: Path, test_bytes: int, rate: float) -> Chec
         speed = disk.write_speed(folder, test_bytes)
     except OSError as error:
         remedy = "make the folder writable for you, or choose another"
-        return failed("disk speed", f"{folder}: {error.strerror}", remedy)
+        return failed_check("disk speed", f"{folder}: {error.strerror}", remedy)
     needed = SPEED_MARGIN * rate
     measured = Measured(speed, needed, "B/s")
     found = (
@@ -123,5 +125,5 @@ def _check_speed(disk: Disk, folder: Path, test_bytes: int, rate: float) -> Chec
         remedy = (
             "record on a faster disk (-o there, and [recorder] directory to check it), or lower frame_rate_hz"
         )
-        return failed("disk speed", found, remedy, measured)
-    return passed("disk speed", found, measured)
+        return failed_check("disk speed", found, remedy, measured)
+    return passed_check("disk speed", found, measured)

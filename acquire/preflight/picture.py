@@ -22,7 +22,7 @@ GROUPS = {
     "camera": "camera",
     "light": "scene",
 }
-"""group that begins with this check"""
+"""heading of the group that begins with this check"""
 MARKS = {
     Outcome.PASS: Text("\u2713", "green"),
     Outcome.FAIL: Text("\u2717", "bold red"),

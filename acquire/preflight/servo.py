@@ -10,18 +10,26 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from acquire.errors import StrikerError
-from acquire.preflight.check import Check, Measured, failed, failed_as, not_checked, passed
+from acquire.preflight.check import (
+    Check,
+    Measured,
+    failed_by_error,
+    failed_check,
+    passed_check,
+    skipped_check,
+)
 
 if TYPE_CHECKING:
     from acquire.clock.clock import Clock
     from acquire.config import StrikerConfig
 
 MIN_SUPPLY_V, MAX_SUPPLY_V = 10.0, 14.8
-"""the vendor's range for XM430"""
+"""range of the supply voltage (the vendor's, for XM430)"""
 TEMPERATURE_MARGIN_C = 10
 """required margin below the limit at which the servo switches its torque off, so that no session ends that
 way"""
 SERVO_LINES = ("servo", "servo supply", "servo temperature", "servo health")
+"""names of the servo's checks, in order"""
 
 
 @dataclass(frozen=True)
@@ -32,14 +40,14 @@ class ServoState:
     voltage_v: float
     temperature_c: int
     hardware_error: str | None
-    """description; None if there is none"""
+    """description of the hardware error; None if there is none"""
 
 
 ReadServo = Callable[["StrikerConfig"], ServoState]
 
 
 def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
-    """Read the servo's state.
+    """Open the servo's port, read its state and close the port.
 
     Raises:
         StrikerError: no port, no servo, an unknown model, or no answer.
@@ -73,21 +81,21 @@ def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
 
 
 def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
-    """Checks of a servo that no daemon holds."""
+    """Check a servo that no daemon holds."""
     if config.kind == "manual":
-        return [passed("servo", "none: a person strikes by hand")]
+        return [passed_check("servo", "none: a person strikes by hand")]
     try:
         state = read(config)
     except StrikerError as error:
-        first = failed_as("servo", error)
-        return [first, *(not_checked(name, "the servo does not answer") for name in SERVO_LINES[1:])]
+        first = failed_by_error("servo", error)
+        return [first, *(skipped_check(name, "the servo does not answer") for name in SERVO_LINES[1:])]
     return [_model(config, state), _supply(state), _temperature(config, state), _health(state)]
 
 
 def check_held_servo(
     config: StrikerConfig, state: str, health: dict[str, Any] | None, trouble: str = ""
 ) -> list[Check]:
-    """Checks of a servo that a daemon holds.
+    """Check a servo that a daemon holds, by the daemon's last reading.
 
     Args:
         config: the rig file's section.
@@ -96,16 +104,16 @@ def check_held_servo(
         trouble: reason of the striker's fault, if it is in one.
     """
     if config.kind == "manual":
-        return [passed("servo", "none: a person strikes by hand")]
-    first = passed("servo", f"held by the daemon, {state}")
+        return [passed_check("servo", "none: a person strikes by hand")]
+    first = passed_check("servo", f"held by the daemon, {state}")
     if state == "fault":
         remedy = "correct the fault; the next session homes the striker"
-        first = failed("servo", f"the daemon's striker is in a fault: {trouble}", remedy)
+        first = failed_check("servo", f"the daemon's striker is in a fault: {trouble}", remedy)
     if health is None:
         return [
             first,
             *(
-                not_checked(name, "the daemon holds the servo and has not read it")
+                skipped_check(name, "the daemon holds the servo and has not read it")
                 for name in SERVO_LINES[1:]
             ),
         ]
@@ -122,18 +130,18 @@ def _model(config: StrikerConfig, state: ServoState) -> Check:
     from acquire.striker.control_table import MODEL_NAMES
 
     name = MODEL_NAMES.get(state.model, state.model)
-    return passed("servo", f"{name}, id {config.id}, answers at {config.baud_rate} bit/s")
+    return passed_check("servo", f"{name}, id {config.id}, answers at {config.baud_rate} bit/s")
 
 
 def _supply(state: ServoState) -> Check:
     found = f"{state.voltage_v:.1f} V ({MIN_SUPPLY_V:g} to {MAX_SUPPLY_V:g} V)"
     if state.voltage_v < MIN_SUPPLY_V:
         remedy = "use a 12 V supply of 3 A or more; check that the cut-off switch is on"
-        return failed("servo supply", found, remedy, Measured(state.voltage_v, MIN_SUPPLY_V, "V"))
+        return failed_check("servo supply", found, remedy, Measured(state.voltage_v, MIN_SUPPLY_V, "V"))
     measured = Measured(state.voltage_v, MAX_SUPPLY_V, "V")
     if state.voltage_v > MAX_SUPPLY_V:
-        return failed("servo supply", found, "use a 12 V supply", measured)
-    return passed("servo supply", found, measured)
+        return failed_check("servo supply", found, "use a 12 V supply", measured)
+    return passed_check("servo supply", found, measured)
 
 
 def _temperature(config: StrikerConfig, state: ServoState) -> Check:
@@ -142,13 +150,13 @@ def _temperature(config: StrikerConfig, state: ServoState) -> Check:
     found = f"{state.temperature_c} C; the torque is switched off at {config.temperature_limit_c} C"
     if state.temperature_c > limit:
         remedy = "let it cool with the power off; check that the arm moves freely"
-        return failed("servo temperature", found, remedy, measured)
-    return passed("servo temperature", found, measured)
+        return failed_check("servo temperature", found, remedy, measured)
+    return passed_check("servo temperature", found, measured)
 
 
 def _health(state: ServoState) -> Check:
     if state.hardware_error is not None:
-        return failed(
+        return failed_check(
             "servo health", state.hardware_error, "correct the named fault; homing restarts the servo"
         )
-    return passed("servo health", "no hardware error")
+    return passed_check("servo health", "no hardware error")

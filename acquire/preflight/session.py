@@ -1,4 +1,4 @@
-"""All checks of a rig in order; a failed check does not stop the others."""
+"""All checks of `acquire check` in order; a failed check does not stop the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from acquire.config import RigConfig, read_rig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.preflight.camera import CAMERA_LINES, check_camera
-from acquire.preflight.check import Check, failed, failed_as, not_checked, passed
+from acquire.preflight.check import Check, failed_by_error, failed_check, passed_check, skipped_check
 from acquire.preflight.computer import (
     Computer,
     LinuxComputer,
@@ -53,7 +53,9 @@ class RunningDaemon:
     """Daemon that listens on the rig's socket."""
 
     status: dict[str, Any]
+    """the daemon's answer to `status`"""
     source: VideoSource
+    """test video through this daemon"""
 
     @property
     def busy(self) -> bool:
@@ -96,20 +98,20 @@ def real_probes(clock: Clock | None = None) -> Probes:
 
 
 def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
-    """Yield the checks of a rig file's rig as they finish; about ten seconds in all."""
+    """Check the rig that a rig file describes; yields each check as it finishes, ten seconds in all."""
     try:
         rig = read_rig(path)
     except ConfigError as error:
-        yield failed("rig file", str(error), "correct it; docs/how-to/rig.md shows a complete rig file")
-        yield from (not_checked(name, "the rig file must be correct first") for name in LINES[1:])
+        yield failed_check("rig file", str(error), "correct it; docs/how-to/rig.md shows a complete rig file")
+        yield from (skipped_check(name, "the rig file must be correct first") for name in LINES[1:])
         return
-    yield passed("rig file", f'{path}: "{rig.name}"')
+    yield passed_check("rig file", f'{path}: "{rig.name}"')
     with contextlib.ExitStack() as cleanup:
         try:
             daemon = cleanup.enter_context(probes.daemon(rig))
         except AcquireError as error:
             daemon = None
-            yield failed_as("daemon", error)
+            yield failed_by_error("daemon", error)
         else:
             yield _check_daemon(rig, daemon)
         yield check_socket(probes.computer, rig.daemon.socket_path())
@@ -128,16 +130,16 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
 
 def _check_daemon(rig: RigConfig, daemon: RunningDaemon | None) -> Check:
     if daemon is None:
-        return passed("daemon", "not running: the devices are checked directly")
+        return passed_check("daemon", "not running: the devices are checked directly")
     status = daemon.status
     running = f'running (pid {status["pid"]}, rig "{status["rig"]}")'
     if status["rig"] != rig.name:
         remedy = "give the rig file it was started with, or stop it: acquire stop --daemon"
-        return failed("daemon", f'{running}, but this is rig "{rig.name}"', remedy)
+        return failed_check("daemon", f'{running}, but this is rig "{rig.name}"', remedy)
     if daemon.busy:
         found = f"{running} and recording {status['recording']}: checks that would disturb it are left out"
-        return passed("daemon", found)
-    return passed("daemon", f"{running}: camera and servo are checked through it")
+        return passed_check("daemon", found)
+    return passed_check("daemon", f"{running}: camera and servo are checked through it")
 
 
 def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon | None) -> Iterator[Check]:
@@ -151,15 +153,15 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
 
 
 def check_level(rig: RigConfig) -> Check:
-    """Report the table tilt against gravity: the reading of a level, or the prior."""
+    """Report the tilt of the table against gravity: the reading of a level, or the prior."""
     degrees = math.degrees(rig.gravity_tilt_sd_rad)
     if rig.level is not None:
         rise, sd = math.degrees(rig.level.towards_x_rad), math.degrees(rig.level.towards_x_sd_rad)
         reading = f"table tilt {rise:.3g} +- {sd:.2g} deg, rising towards +x (1 sigma)"
-        return passed("level", f"read by {rig.level.read_by}: {reading}")
+        return passed_check("level", f"read by {rig.level.read_by}: {reading}")
     if "gravity_tilt_sd_rad" in rig.model_fields_set:
-        return passed("level", f"table tilt 0 +- {degrees:.2g} deg (1 sigma), from the rig file")
-    return passed(
+        return passed_check("level", f"table tilt 0 +- {degrees:.2g} deg (1 sigma), from the rig file")
+    return passed_check(
         "level",
         f"no reading in the rig file, table tilt assumed 0 +- {degrees:.2g} deg (1 sigma): "
         "level the table and enter [level]",
@@ -171,21 +173,21 @@ def _check_held_camera(daemon: RunningDaemon, rig: RigConfig) -> Iterator[Check]
         yield from check_camera(daemon.source, rig.camera, _video_folder(rig))
         return
     fps, lost = float(daemon.status["fps"]), int(daemon.status["lost"])
-    yield passed("camera", "held by the daemon")
-    yield not_checked("camera settings", "the daemon set them when it started")
+    yield passed_check("camera", "held by the daemon")
+    yield skipped_check("camera settings", "the daemon set them when it started")
     found = (
         f"{fps:.1f} Hz of {rig.camera.frame_rate_hz:g} Hz set, {lost} frames lost since the daemon started"
     )
     slow = abs(fps - rig.camera.frame_rate_hz) > 0.05 * rig.camera.frame_rate_hz
     yield (
-        failed("frames", found, "see `acquire status` and the daemon's output")
+        failed_check("frames", found, "see `acquire status` and the daemon's output")
         if slow
-        else passed("frames", found)
+        else passed_check("frames", found)
     )
-    yield from (not_checked(name, "a session is open: check again after it") for name in CAMERA_LINES[3:])
+    yield from (skipped_check(name, "a session is open: check again after it") for name in CAMERA_LINES[3:])
 
 
 def _video_folder(rig: RigConfig) -> Path:
-    """Recording folder, as for a session; a temporary folder if it does not exist."""
+    """Folder for the test video: the recording folder, or a temporary one if that does not exist."""
     folder = Path(rig.recorder.directory)
     return folder if folder.is_dir() else Path(tempfile.gettempdir())

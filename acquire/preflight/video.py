@@ -1,8 +1,7 @@
-"""Test video of one second for the checks, recorded by an own capture process or by the running daemon.
+"""Test video of one second for the checks, recorded by a capture process of the check or by the daemon.
 
 Either way the frames pass through the same stages as in a session: Aravis, the recorder, a file, `analyze
-    watch`. The
-recording is read once and deleted.
+watch`. The recording is read once and deleted.
 """
 
 from __future__ import annotations
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from acquire.config import RigConfig
 
 CLIP_S = 1.0
+"""duration of the test video"""
 WATCH_TIMEOUT_S = 12.0
 """time for `analyze watch` to start and to reach the end of the video"""
 _POLL_S = 0.1
@@ -67,8 +67,9 @@ size_m = 0.03
 class _WatchEnd:
     """Condition that ends the wait for `analyze watch`.
 
-    It has reached the end of the video and reports rest, or has reported motion for a second. A watcher that
-    starts late begins with the present, and needs two images to distinguish rest from motion.
+    The wait ends when `analyze watch` has reached the end of the video and reports rest, or has reported
+    motion for a second. If it starts late it begins with the present, and it needs two images to distinguish
+    rest from motion.
     """
 
     def __init__(self, until_ns: int) -> None:
@@ -135,10 +136,10 @@ class VideoSource(Protocol):
 
 
 class OwnCapture:
-    """Test video through an own capture process, started as the daemon would."""
+    """Test video through a capture process of its own, started as the daemon would start it."""
 
     def __init__(self, rig: RigConfig, clock: Clock) -> None:
-        # The disk's reserve is checked separately; the watcher goes on with previews after the window.
+        # The disk's reserve is checked separately. After the window, `analyze watch` sees only the previews.
         given = rig.recorder
         recorder = RecorderConfig(
             directory=given.directory, pre_trigger_s=given.pre_trigger_s, preview_hz=4.0, disk_reserve_bytes=0
@@ -179,11 +180,11 @@ class OwnCapture:
         self._capture.stop()
 
     def _watch(self, part: Path, until_ns: int) -> WatchEvent | None:
-        seen, look = threading.Event(), _WatchEnd(until_ns)
-        watcher = Watcher(part, lambda event: seen.set() if look.is_done(event) else None)
+        finished, end = threading.Event(), _WatchEnd(until_ns)
+        watcher = Watcher(part, lambda event: finished.set() if end.is_done(event) else None)
         try:
             end_ns = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9)
-            while not seen.wait(_POLL_S) and watcher.alive and self._clock.monotonic_ns() < end_ns:
+            while not finished.wait(_POLL_S) and watcher.alive and self._clock.monotonic_ns() < end_ns:
                 pass
             return watcher.latest
         finally:
@@ -255,12 +256,12 @@ class DaemonCapture:
         """Do nothing; the daemon keeps the camera."""
 
     def _watch(self, until_ns: int) -> WatchEvent | None:
-        end_ns, look = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9), _WatchEnd(until_ns)
+        end_ns, end = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9), _WatchEnd(until_ns)
         while True:
             answer = self._client.call("watch.latest")
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
             late = self._clock.monotonic_ns() > end_ns
-            if (event is not None and look.is_done(event)) or not answer["alive"] or late:
+            if (event is not None and end.is_done(event)) or not answer["alive"] or late:
                 return event
             self._clock.sleep(_POLL_S)
 
@@ -321,7 +322,7 @@ def _decode_image(path: Path, data: bytes) -> NDArray[np.uint8]:
         )
         if png is not None:
             return png.astype(np.uint8)
-    raise RecorderError(f"{path}: the test video's image cannot be read")
+    raise RecorderError(f"{path}: the test video's image cannot be read: run `acquire check` again")
 
 
 def placeholder_plan() -> str:

@@ -1,9 +1,8 @@
 """Functions of libaravis that the virtual camera needs, through ctypes.
 
 GObject introspection cannot be used: `arv_fake_camera_set_fill_pattern` is annotated with scope "call", so
-    PyGObject
-frees the callback and the first frame crashes the process (as stream callbacks did, Aravis #453). With ctypes
-the callback lives as long as its Python object.
+PyGObject frees the callback and the first frame crashes the process (as stream callbacks did, Aravis #453).
+With ctypes the callback lives as long as its Python object.
 """
 
 from __future__ import annotations

@@ -35,16 +35,17 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 WORLD_START_S = 10.0
+"""longest wait for the first pose of the world"""
 STATISTICS_FILE = "camera.json"
 LATE_NS = 60_000_000
 """delay above which an image is drawn with at most two sub-exposures: a busy computer first saves motion
 blur"""
 SWITCH_INTERVAL_S = 5e-4
-"""longest wait of a due latch or frame for the interpreter"""
+"""switch interval of the interpreter's threads: the longest that a due latch or frame waits for it"""
 
 
 class WorldRenderer(Protocol):
-    """Renderer of images from poses (`acquire.virtual.render.Renderer`); arguments as in `PosesAt`."""
+    """Renderer of images from poses (`acquire.virtual.render.Renderer`); arguments as in `SampledPoses`."""
 
     def subexposures_needed(
         self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, /
@@ -79,20 +80,20 @@ class WorldSource:
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
         """Image (height, width) of the selected region for the exposure that starts at `start_ns`."""
         exposure_ns = settings.exposure_us * 1e3
-        poses = self._ring.at([start_ns, start_ns + round(exposure_ns)])
+        poses = self._ring.poses_at([start_ns, start_ns + round(exposure_ns)])
         count = self._renderer.subexposures_needed(*poses)
         if self._ring.latest_time_ns() - start_ns > LATE_NS:
             count = min(count, 2)
         if count > 1:
             middles = (np.arange(count) + 0.5) * (exposure_ns / count)
-            poses = self._ring.at(start_ns + np.round(middles).astype(np.int64))
+            poses = self._ring.poses_at(start_ns + np.round(middles).astype(np.int64))
         p, q, arm_angle, arm_axis = (entry[:count] for entry in poses)
         image = self._renderer.render(p, q, arm_angle, arm_axis, settings.exposure_us, settings.gain_db)
         return image[settings.offset_y :, settings.offset_x :][: settings.height, : settings.width]
 
 
 def wait_for_world(path: Path, clock: Clock, keep_waiting: Callable[[], bool] = lambda: True) -> PoseRing:
-    """Pose ring of the world, once it holds a pose.
+    """Wait until the world's pose ring holds a pose, and return the ring.
 
     Raises:
         PoseRingError: the world did not start in time, or `keep_waiting` returned False.
@@ -149,14 +150,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="camera_process", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--object", required=True, help="carton, spray, juice or salt")
+    parser.add_argument("--object", required=True, help="carton, spray, juice, salt or parcel")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--dir", type=Path, required=True, help="folder of the run with pose.ring")
     parser.add_argument("--address", default="127.0.0.1", help="loopback address of the camera")
     parser.add_argument("--packet-loss", type=float, default=0.0, help="fraction of stream packets to lose")
     parser.add_argument("--parent", type=int, help="end when this process ends; default: the parent process")
     arguments = parser.parse_args()
-    parent = arguments.parent or os.getppid()  # wrong if the parent has ended by now, hence --parent
+    parent = (
+        arguments.parent or os.getppid()
+    )  # getppid is wrong if the parent has ended by now, hence --parent
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     cv2.setNumThreads(1)
     clock = SystemClock()

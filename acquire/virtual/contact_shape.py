@@ -22,12 +22,15 @@ RIM_SPHERES = 72
 """number of spheres per rim: at a radius of 36 mm the polygon differs from the circle by 0.034 mm"""
 
 
-def contact_centres(thing: VirtualObject) -> NDArray[np.float64]:
-    """Centres (n, 3) [m, in O] of the spheres of radius `thing.edge_radius_m` that represent the body."""
-    cylinder = thing.spec.shape.cylinder
+def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
+    """Centres (n, 3) [m, in O] of the spheres that represent the body.
+
+    Their radius is `virtual_object.edge_radius_m`.
+    """
+    cylinder = virtual_object.spec.shape.cylinder
     if cylinder is not None:
-        return rim_centres(cylinder.radius_m, cylinder.height_m, thing.edge_radius_m)
-    return inset_corners(thing.hull_vertices, thing.edge_radius_m)
+        return rim_centres(cylinder.radius_m, cylinder.height_m, virtual_object.edge_radius_m)
+    return inset_corners(virtual_object.hull_vertices, virtual_object.edge_radius_m)
 
 
 def rim_centres(radius: float, height: float, edge_radius: float) -> NDArray[np.float64]:

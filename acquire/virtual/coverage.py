@@ -82,7 +82,7 @@ def coverage(
     high_x, high_y, low_y = np.where(down, x0, x1), np.minimum(y0, y1), np.maximum(y0, y1)
     # Cut the edges into pieces within one row.
     first = np.clip(np.floor(high_y), 0, height).astype(np.int64)
-    edge, row = _ragged(first, np.clip(np.ceil(low_y), 0, height).astype(np.int64) - first)
+    edge, row = _ragged_ranges(first, np.clip(np.ceil(low_y), 0, height).astype(np.int64) - first)
     top, bottom = np.maximum(high_y[edge], row), np.minimum(low_y[edge], row + 1)
     x_top = high_x[edge] + (top - high_y[edge]) * slope[edge]
     x_bottom = x_top + (bottom - top) * slope[edge]
@@ -95,7 +95,7 @@ def coverage(
     # what lies beyond the box.
     long = np.flatnonzero(beyond - first > 1)
     short = np.flatnonzero(beyond - first <= 1)
-    cut, column = _ragged(first[long], (beyond - first)[long])
+    cut, column = _ragged_ranges(first[long], (beyond - first)[long])
     piece = long[cut]
     begins = np.where(column == first[piece], left[piece], column)
     ends = np.where(column + 1 >= beyond[piece], right[piece], column + 1)
@@ -108,10 +108,12 @@ def coverage(
     signed[column >= width] = 0.0
     pixel = row[piece] * (width + 1) + np.minimum(np.maximum(column, 0), width - 1)
     owner = edge[piece]
-    return tuple(_filled(pixel, signed * weight[owner], right_share, width, height) for weight in weights)
+    return tuple(
+        _accumulate_coverage(pixel, signed * weight[owner], right_share, width, height) for weight in weights
+    )
 
 
-def _filled(
+def _accumulate_coverage(
     pixel: NDArray[np.int64],
     area: NDArray[np.float64],
     right_share: NDArray[np.float64],
@@ -130,12 +132,13 @@ def _filled(
     return np.asarray(cv2.subtract(total[1:, 1:], total[:-1, 1:], dtype=cv2.CV_32F), np.float32)
 
 
-def _ragged(
+def _ragged_ranges(
     first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Concatenated ranges first, first + 1, ...: index of the range (m,), and the integer (m,).
+    """Integers (m,) of n ranges, one after the other, and the index (m,) of the range that each belongs to.
 
-    `first` (n,) and `count` (n,) are the start and the length of each range.
+    Range i is first[i], first[i] + 1, ... with count[i] integers; `first` and `count` are (n,). The index is
+    the first result.
     """
     count = np.maximum(count, 0)
     index = np.repeat(np.arange(len(count)), count)

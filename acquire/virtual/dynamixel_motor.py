@@ -15,23 +15,26 @@ VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60
 ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
 CURRENT_UNIT_A = 2.69e-3
 ZERO_TICKS = 2048
+"""position register at 0 rad"""
 
 STALL_TORQUE = 3.0
-"""N m at 12 V (data sheet)"""
+"""stall torque [N m] at 12 V (data sheet)"""
 STALL_CURRENT = 2.3
-"""A (data sheet)"""
+"""stall current [A] at 12 V (data sheet)"""
 NO_LOAD_SPEED = 77 * 2 * math.pi / 60
-"""rad/s (data sheet)"""
+"""no-load speed [rad/s] at 12 V (data sheet)"""
 TORQUE_PER_AMPERE = STALL_TORQUE / STALL_CURRENT
 GEAR_VISCOUS = 0.004
-"""N m s/rad"""
+"""viscous drag of the gear [N m s/rad]"""
 GEAR_COULOMB = 0.04
-"""N m"""
+"""Coulomb friction of the gear [N m]"""
 COULOMB_SPEED = 0.05
 """speed over which Coulomb friction builds up [rad/s]: it cannot reverse an arm of more than
 GEAR_COULOMB / COULOMB_SPEED * 1 ms = 0.8 g m2"""
 VELOCITY_FILTER_S = 0.003
+"""time constant of the servo's velocity filter"""
 FULL_DUTY = 885
+"""value of the PWM registers at full duty"""
 
 
 class Motor:
@@ -56,7 +59,7 @@ class Motor:
         """Torque at the horn [N m] for the next `dt` [s].
 
         DC motor: torque = stall * duty - (stall / no-load speed) * velocity, limited by the current; then
-            gear drag.
+        gear drag.
 
         Args:
             registers: registers of the servo; Goal Position in ticks, 2048 = 0 rad.

@@ -57,6 +57,7 @@ class Packet:
     """Received packet, unstuffed."""
 
     id: int
+    """id of the servo that it is addressed to"""
     instruction: int
     parameters: bytes
     intact: bool
@@ -85,20 +86,20 @@ def crc16(data: bytes) -> int:
 
 
 def encode(servo_id: int, instruction: int, parameters: bytes) -> bytes:
-    """Complete packet: header, stuffed body, CRC."""
+    """Packet as sent: header, stuffed body, CRC."""
     body = (bytes([instruction]) + parameters).replace(*_STUFF)
     packet = HEADER + bytes([servo_id]) + struct.pack("<H", len(body) + 2) + body
     return packet + struct.pack("<H", crc16(packet))
 
 
 class Parser:
-    """Parser of a byte stream into packets; bytes that belong to no packet are skipped, as by a servo."""
+    """Parser of a byte stream into packets; bytes that belong to no packet are skipped."""
 
     def __init__(self) -> None:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Packets completed by `data`."""
+        """Add received bytes and return the packets that they complete."""
         self._buffer += data
         packets: list[Packet] = []
         while True:

@@ -74,7 +74,7 @@ class Registers:
         self._table = {
             name: register for name, register in control_table(MODEL).items() if register.address < 168
         }
-        self._at = {register.address: register for register in self._table.values()}
+        self._by_address = {register.address: register for register in self._table.values()}
         self._defined = {
             register.address + k for register in self._table.values() for k in range(register.size)
         }
@@ -92,7 +92,7 @@ class Registers:
         self._values[name] = register.decode(encoded)
 
     def factory_reset(self, servo_id: int, baud_index: int) -> None:
-        """Reset all registers to their defaults, except the two given."""
+        """Reset all registers to their defaults, except servo id and baud rate."""
         for name in self._table:
             self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
         self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
@@ -106,17 +106,17 @@ class Registers:
             self[name] = self[_LIMITED_BY[name]]
 
     def read(self, address: int, size: int) -> tuple[StatusError, bytes]:
-        """Error, and `size` bytes from `address`, as read over the bus."""
+        """Read `size` bytes from `address` as over the bus; returns the error and the bytes."""
         if size == 0 or address not in self._defined or address + size - 1 not in self._defined:
             return StatusError.ACCESS, b""
         return StatusError.NONE, bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> tuple[StatusError, list[str]]:
-        """Write bytes over the bus, all or none: error, and names of the written registers."""
+        """Write bytes as over the bus, all or none; returns the error and the written registers' names."""
         written: list[tuple[str, int]] = []
         offset = 0
         while offset < len(data):
-            register = self._at.get(address + offset)
+            register = self._by_address.get(address + offset)
             if register is None:
                 if offset and address + offset not in self._defined:
                     offset += 1  # a gap between two registers

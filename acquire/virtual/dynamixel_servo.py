@@ -1,10 +1,9 @@
 """Virtual Dynamixel XM430-W210 behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
 
 Not modelled: indirect addressing, homing offset in the goal limits, drive modes (reverse, time-based profile,
-    torque on
-by goal), secondary ID, the overshoot of a real velocity estimate, backlash, cogging, heating (a test sets the
-temperature), voltage sag, noise and collisions on the bus. Of several servos on one bus only this one
-answers.
+torque on by goal), secondary ID, the overshoot of a real velocity estimate, backlash, cogging, heating (a
+test sets the temperature), voltage sag, noise and collisions on the bus. Of several servos on one bus only
+this one answers.
 """
 
 from __future__ import annotations
@@ -54,12 +53,17 @@ _SPEED_OF_TERMIOS = {
 
 WATCHDOG_UNIT_NS = 20_000_000
 REBOOT_NS = 150_000_000
+"""time during which a rebooting servo does not answer"""
 OVERLOAD_NS = 1_000_000_000
+"""time near the stall current after which the servo reports an overload"""
 POSITION_NOISE_TICKS = 0.15
+"""standard deviation of the position reading"""
 CLOCK_DRIFT_MAX = 50e-6
+"""largest relative rate error of the servo's clock"""
 STEP_NS = 1_000_000
 """time between calls of `torque`; the plant's state is then that at the end of the step"""
 EXTRAPOLATION_MAX_NS = 1_000_000
+"""longest time over which the arm's position is extrapolated beyond the last step"""
 _GROUP_INSTRUCTIONS = frozenset(
     {
         Instruction.SYNC_READ,
@@ -84,19 +88,18 @@ class HardwareError:
 
 @dataclass(frozen=True)
 class WireTime:
-    """Transmission time: by baud rate and Return Delay Time register, plus a constant of the adapter."""
+    """Delay of an answer: transmission by baud rate, Return Delay Time register, and a constant."""
 
     adapter_ns: int = 0
-    """constant delay of the adapter"""
+    """constant delay of the USB adapter"""
 
 
 class DynamixelServo:
     """Virtual servo, owned by the loop that also steps the physics.
 
     Call `service` as soon as `fd` is readable: the host takes the middle of its read as the sample's time, so
-        an answer
-    that waits for the next physics step makes that time wrong by up to half the wait. Call `torque` once per
-    physics step.
+    an answer that waits for the next physics step makes that time wrong by up to half the wait. Call `torque`
+    once per physics step.
 
     Args:
         plant: position [rad] and velocity [rad/s] of the arm after the last physics step; 0 rad = 2048 ticks,
@@ -162,7 +165,6 @@ class DynamixelServo:
         self.port_path.unlink(missing_ok=True)
 
     # --- arm
-    # ---------------------------------------------------------------------------------------------------
 
     def torque(self, position_rad: float, velocity_rad_s: float, now_ns: int) -> float:
         """Torque on the arm [N m] for the step that begins now; only drag while the torque is off.
@@ -224,7 +226,6 @@ class DynamixelServo:
         registers["Moving"] = int(abs(registers["Present Velocity"]) > registers["Moving Threshold"])
 
     # --- bus
-    # ---------------------------------------------------------------------------------------------------
 
     def service(self, now_ns: int) -> None:
         """Read received packets, execute them and send the answers that are due. Never blocks."""

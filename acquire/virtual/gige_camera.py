@@ -1,11 +1,10 @@
 """Virtual GigE Vision camera: Aravis's fake (real GVCP and GVSP on loopback) sends rendered images.
 
 Timing: exposure slot n starts at t0 + n / fps in the camera's own clock. A render thread requests each slot's
-    image as
-soon as the source covers its exposure; the fake's fill callback takes the oldest image that was not sent yet
-and waits if there is none. So the slots set the rate, every slot is sent exactly once, and a slow computer
-sends late but never fewer frames. A source that stalls also stalls the control channel, like a camera that
-hangs.
+image as soon as the source covers its exposure; the fake's fill callback takes the oldest image that was not
+sent yet and waits if there is none. So the slots set the rate, every slot is sent exactly once, and a slow
+computer sends late but never fewer frames. A source that stalls also stalls the control channel, like a
+camera that hangs.
 """
 
 from __future__ import annotations
@@ -40,9 +39,11 @@ if TYPE_CHECKING:
 
 SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 DRIFT = 37e-6
+"""default relative rate error of the camera's clock"""
 CLOCK_OFFSET_NS = 5_000_000_000
+"""default device time at which the camera is made"""
 QUEUE_SLOTS = 32
-"""slots waiting to be sent at which the render thread pauses; it catches up later"""
+"""number of unsent slots at which the render thread pauses; it catches up later"""
 WIRE_BYTES_S = 125e6
 """gigabit data rate, which also limits a camera that is behind: no receiver could take a burst of all late
 frames"""
@@ -71,7 +72,7 @@ class ImageSource(Protocol):
     """Source of the images; called from the render thread only."""
 
     def latest_time_ns(self) -> int:
-        """Host monotonic time up to which images can be made."""
+        """Host monotonic time [ns] up to which images can be made."""
         ...
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
@@ -86,6 +87,7 @@ class CameraStatistics:
     frames: int
     """frames sent"""
     render_ms_mean: float
+    """mean time to render an image"""
     late: int
     """slots whose image was ready more than two frame periods after the end of the exposure"""
     latest_ms: float
@@ -304,7 +306,7 @@ class VirtualGigeCamera:
             self._late += 1
 
     def _is_wanted(self, run: int) -> bool:
-        """True while `run` is the current stream; a killed client's ends when the next one starts."""
+        """True while `run` is the current stream; a killed client's stream ends when the next one starts."""
         return self._streaming and run == self._run
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:

@@ -6,8 +6,8 @@ its controller from others. On the way it
 
 - answers the timestamp latch (registers 0x944, 0x948, 0x94c) itself, at once;
 - keeps a shadow of the frame period (0x138) and, with pulses, of the trigger mode (0x300): the client reads
-back what
-  it wrote, while the fake runs freely with a period of its own, because the rendered images set the pace;
+  back what it wrote, while the fake runs freely with a period of its own, because the rendered images set the
+  pace;
 - reports when acquisition starts and stops (0x124).
 
 With packet loss it also relays the stream (GVSP), drops packets by a seeded generator, and serves
@@ -50,7 +50,9 @@ _LATCH, _LATCH_HIGH, _LATCH_LOW = 0x944, 0x948, 0x94C
 _STREAM_PORT, _STREAM_ADDRESS = 0xD00, 0xD18
 _SO_RCVBUFFORCE = 33
 _RELAYS = 64
+"""largest number of clients, and of requests without an answer"""
 _RESEND_FRAMES = 64
+"""number of frames kept for PACKET_RESEND"""
 
 HEARTBEAT_READ = bytes.fromhex("4201008000040001") + struct.pack(">I", 0x938)
 """READREG of the heartbeat time-out: changes nothing, but wakes the fake's poll"""
@@ -178,7 +180,7 @@ class ControlRelay:
 
     @property
     def triggered(self) -> bool:
-        """True if pulses are connected and the client requests a frame for each."""
+        """True if a pulse generator is connected and the client requests a frame for each pulse."""
         return self._shadows.get(_TRIGGER_MODE, 0) != 0
 
     def start(self, stream: StreamRelay | None) -> None:
@@ -242,7 +244,7 @@ class ControlRelay:
             self._pending[client, identity] = (register, value)
             while len(self._pending) > _RELAYS:
                 self._pending.popitem(last=False)
-        self._relay_of(client).sendto(packet, self._inner_address)
+        self._relay_for(client).sendto(packet, self._inner_address)
 
     def _rewrite(self, packet: bytearray, register: int) -> None:
         if register in self._shadows:
@@ -285,7 +287,7 @@ class ControlRelay:
             answer = struct.pack(">HHHHI", 0, _READREG_ACK, 4, identity, content)
         self._control.sendto(answer, client)
 
-    def _relay_of(self, client: Address) -> socket.socket:
+    def _relay_for(self, client: Address) -> socket.socket:
         relay = self._relays.get(client)
         if relay is None:
             relay = self._relays[client] = udp_socket(LOOPBACK)

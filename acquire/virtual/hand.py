@@ -20,8 +20,11 @@ from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 
 REACTION_S = (0.3, 0.8)
+"""range of the time from the release to the tap"""
 IMPULSE_SD = 0.03
+"""relative standard deviation of the impulse"""
 CONTACT_S = 0.006
+"""duration of the contact"""
 HARDER, SOFTER = 1.15, 0.85
 """factors on the last impulse if the session asks for more or less"""
 

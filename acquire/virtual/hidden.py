@@ -116,7 +116,7 @@ def mesh_depth(
 
     Args:
         triangles: (m, 3, 3) corners [m].
-        inside: whether points (n, 3) lie in the body, (n,).
+        inside: function of points (n, 3) [m] that is True (n,) where they lie in the body.
         reach: largest depth that is computed [m].
     """
 

@@ -40,7 +40,7 @@ class Outline:
     """(m,) cover inside minus outside"""
 
 
-def layer(outline: Outline, width: int, height: int) -> Layer | None:
+def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
     """Filled outline, averaged over its sub-exposures; None if it lies outside the image."""
     if outline.start.shape[1] == 0:
         return None
@@ -54,7 +54,7 @@ def layer(outline: Outline, width: int, height: int) -> Layer | None:
     return Layer(box, light, cover)
 
 
-def bounds(layers: Sequence[Layer]) -> Box:
+def bounding_box(layers: Sequence[Layer]) -> Box:
     """Smallest box around one or more layers."""
     return Box(
         min(item.box.left for item in layers),
@@ -64,9 +64,9 @@ def bounds(layers: Sequence[Layer]) -> Box:
     )
 
 
-def covered(back: Layer, front: Sequence[Layer]) -> Layer:
-    """Layer `back` with small layers in front of it, each hiding the area that it covers."""
-    box = bounds([back, *front])
+def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
+    """Layer `back` with small layers drawn over it, each hiding the area that it covers."""
+    box = bounding_box([back, *front])
     found = back
     if box != back.box:
         found = Layer(
@@ -80,15 +80,15 @@ def covered(back: Layer, front: Sequence[Layer]) -> Layer:
     return found
 
 
-def composed(front_to_back: Sequence[Layer]) -> Layer:
-    """Single layer composed of layers that hide one another.
+def compose(front_to_back: Sequence[Layer]) -> Layer:
+    """Combine layers that hide one another, given from front to back, into one layer.
 
     In a shared pixel the front layer takes its cover first; neighbours that meet at an edge fill it without a
     seam.
     """
     if len(front_to_back) == 1:
         return front_to_back[0]
-    box = bounds(front_to_back)
+    box = bounding_box(front_to_back)
     light, cover = (np.zeros((box.bottom - box.top, box.right - box.left), np.float32) for _ in range(2))
     for item in front_to_back:
         inside = item.box.within(box)

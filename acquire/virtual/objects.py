@@ -1,8 +1,7 @@
-"""Virtual objects: the user's description of each (TOML, STL), and its hidden mass distribution.
+"""Virtual objects: the user's description of each (TOML, STL), and its true mass distribution.
 
-The mass distribution is drawn from a seed.
-
-Four are like the paper's, a shell and two uniform parts; the parcel instead holds three lumps.
+The mass distribution is drawn from a seed. Four objects are like the paper's, a shell and two uniform parts;
+the parcel instead holds three lumps.
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 
 OBJECT_NAMES = ("carton", "spray", "juice", "salt", "parcel")
 _CYLINDER_SEGMENTS = 96
+"""number of corners of the polygons that stand for a cylinder's rims"""
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ _RECIPES = {
     ),
 }
 _LUMP_SHIFT_M = 0.003
+"""largest shift of a lump by the seed, along each axis"""
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _in_convex_parts(points: NDArray[np.float64], parts: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Whether points (n, 3) lie in one of the convex parts, given by their corners (k, 3): (n,)."""
+    """True (n,) where points (n, 3) lie in one of the convex parts, given by their corners (k, 3)."""
     found = np.zeros(len(points), dtype=bool)
     for part in parts:
         planes = ConvexHull(part).equations

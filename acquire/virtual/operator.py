@@ -1,8 +1,8 @@
 """Virtual operator: answers the daemon's prompts over its API by placing the object in the virtual world.
 
 It places with a person's accuracy: yaw and position of the object and the striker's stand are off by a little
-each time. What it does not model: a wrong face, a strike turned on the table (it refuses one), an object that
-slips from the hand, an operator who forgets.
+each time. What it does not model: a wrong face, a strike with the object turned on the table (it refuses
+one), an object that slips from the hand, an operator who forgets.
 """
 
 from __future__ import annotations
@@ -19,8 +19,11 @@ from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 
 POSITION_SD_M = 0.0005
+"""standard deviation of the object's position, along x and y"""
 YAW_SD_RAD = np.radians(0.3)
+"""standard deviation of the object's yaw"""
 STAND_SD_M = 0.0003
+"""standard deviation of the stand's distance and height"""
 
 
 class VirtualOperator:

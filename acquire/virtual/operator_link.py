@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from acquire.errors import AcquireError
 
 TIMEOUT_S = 5.0
+"""longest wait for an answer"""
 
 
 class OperatorLink:

@@ -2,10 +2,9 @@
 
 Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then
 `capacity` rows of 11 float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3).
-    Record i is in
-slot i mod capacity. The writer fills the slot, then raises `count` with one aligned store; a reader takes
-`count` before and after, and repeats the reading if the writer could have overwritten it meanwhile. Not
-modelled: reordering on machines with a weaker memory order than x86-64.
+Record i is in slot i mod capacity. The writer fills the slot, then raises `count` with one aligned store; a
+reader takes `count` before and after, and repeats the reading if the writer could have overwritten it
+meanwhile. Not modelled: reordering on machines with a weaker memory order than x86-64.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ class PoseRingError(AcquireError):
 
 
 @dataclass(frozen=True)
-class PosesAt:
+class SampledPoses:
     """Poses of object and arm at n times."""
 
     p_world_object: NDArray[np.float64]
@@ -53,7 +52,7 @@ class PosesAt:
     """(n, 3) point on the arm's hinge [m]"""
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
-        """Iterate over the four arrays: `p, q, angle, axis = ring.at(times)`."""
+        """Iterate over the four arrays: `p, q, angle, axis = ring.poses_at(times)`."""
         return iter((self.p_world_object, self.q_world_object_wxyz, self.arm_angle, self.arm_axis_world))
 
 
@@ -146,8 +145,8 @@ class PoseRing:
             raise PoseRingError("the pose ring is empty: the virtual world has not started")
         return int(self._time[(count - 1) % self._capacity])
 
-    def at(self, times_ns: ArrayLike | Sequence[int]) -> PosesAt:
-        """Poses interpolated to the given times; beyond the ends, the first or last pose.
+    def poses_at(self, times_ns: ArrayLike | Sequence[int]) -> SampledPoses:
+        """Poses interpolated at the given times; beyond the ends, the first or last pose.
 
         The interpolation is linear in position and angle, and normalised-linear in rotation.
 
@@ -177,7 +176,9 @@ class PoseRing:
         return self._time[slots], self._row[slots], count - length
 
 
-def _interpolate(time: NDArray[np.int64], row: NDArray[np.float64], wanted: NDArray[np.int64]) -> PosesAt:
+def _interpolate(
+    time: NDArray[np.int64], row: NDArray[np.float64], wanted: NDArray[np.int64]
+) -> SampledPoses:
     after = np.clip(np.searchsorted(time, wanted, side="left"), 1, max(len(time) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(time) - 1)
@@ -188,4 +189,4 @@ def _interpolate(time: NDArray[np.int64], row: NDArray[np.float64], wanted: NDAr
     near = np.where(np.sum(old[:, 3:7] * new[:, 3:7], axis=1, keepdims=True) < 0, -new[:, 3:7], new[:, 3:7])
     q = old[:, 3:7] + share * (near - old[:, 3:7])
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    return PosesAt(mixed[:, 0:3], q, mixed[:, 7], mixed[:, 8:11])
+    return SampledPoses(mixed[:, 0:3], q, mixed[:, 7], mixed[:, 8:11])

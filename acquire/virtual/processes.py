@@ -19,32 +19,32 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class _Interruption:
-    """Signal handler that raises KeyboardInterrupt, but not while a process is being started.
+    """Signal handler that raises KeyboardInterrupt, but postpones it while a process is being started.
 
     An exception between the start of a process and the storing of its handle would leave the process running.
     """
 
     def __init__(self) -> None:
-        self._held = False
+        self._postponing = False
         self._pending = False
 
     def __call__(self, *_: object) -> None:
-        if self._held:
+        if self._postponing:
             self._pending = True
         else:
             raise KeyboardInterrupt
 
     @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Hold interruptions back during the block; the caller calls `check` afterwards."""
-        self._held = True
+    def postponed(self) -> Iterator[None]:
+        """Postpone interruptions during the block; the caller calls `check` afterwards."""
+        self._postponing = True
         try:
             yield
         finally:
-            self._held = False
+            self._postponing = False
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if an interruption was held back."""
+        """Raise KeyboardInterrupt if an interruption was postponed."""
         if self._pending:
             self._pending = False
             raise KeyboardInterrupt
@@ -68,7 +68,7 @@ def interruptible() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
+def running_process(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
     """Run a process of the virtual rig during the block; yields its ready line.
 
     It runs in its own terminal session, so that this process handles Ctrl-C and ends the processes in the
@@ -78,7 +78,7 @@ def started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[d
         AcquireError: the process ended before it was ready; with its last line of output.
     """
     error_path = folder / f"{name}.err"
-    with _interruption.held(), error_path.open("wb") as errors:
+    with _interruption.postponed(), error_path.open("wb") as errors:
         process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.DEVNULL,

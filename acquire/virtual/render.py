@@ -28,11 +28,15 @@ if TYPE_CHECKING:
     from acquire.virtual.station import Station
 
 PSF_SIGMA_PX = 0.6
+"""standard deviation of the lens's blur"""
 _PSF_REACH = 3
+"""distance over which the blur acts [px]"""
 _SHADOW = 0.38
+"""fraction of the light that the object's shadow takes away"""
 _AT_REST = 1e-7
 """change of a pose below which the image stays the same [m, rad]"""
-_STILL_PX, _STEP_PX, MOST_SUBEXPOSURES = 0.15, 0.8, 4
+_STILL_PX, _STEP_PX, MAX_SUBEXPOSURES = 0.15, 0.8, 4
+"""motion in the image [px] below which one pose suffices; largest motion between poses [px]; most poses"""
 
 
 class Renderer:
@@ -93,8 +97,8 @@ class Renderer:
         pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
         same_settings = (exposure_us, gain_db) == self._settings
         if not same_settings:
-            self._set(exposure_us, gain_db)
-        if not same_settings or not _same(pose, self._pose):
+            self._apply_settings(exposure_us, gain_db)
+        if not same_settings or not _same_pose(pose, self._pose):
             self._draw(pose)
             self._pose = pose
         return self._noise.expose(self._clean, self._sd)
@@ -120,9 +124,9 @@ class Renderer:
         points = np.concatenate([corners, (arm_axis_world + ARM_LENGTH_M * hanging)[:, None, :]], axis=1)
         pixels = self._lens.pixels(points)
         travel = float(np.linalg.norm(pixels[-1] - pixels[0], axis=1).max())
-        return 1 if travel < _STILL_PX else int(np.clip(np.ceil(travel / _STEP_PX), 2, MOST_SUBEXPOSURES))
+        return 1 if travel < _STILL_PX else int(np.clip(np.ceil(travel / _STEP_PX), 2, MAX_SUBEXPOSURES))
 
-    def _set(self, exposure_us: float, gain_db: float) -> None:
+    def _apply_settings(self, exposure_us: float, gain_db: float) -> None:
         self._settings = (exposure_us, gain_db)
         self._empty_clean = (
             self._blurred_backdrop * self._vignette * np.float32(brightness(exposure_us, gain_db))
@@ -146,17 +150,17 @@ class Renderer:
                 paint(self._scene, drawn)
         layers = [found for found in (shadow, arm, item) if found is not None]
         self._drawn = [found.box.grown(_PSF_REACH, self._width, self._height) for found in layers]
-        for box in _merged(self._drawn):
-            self._develop(box)
+        for box in _without_contained(self._drawn):
+            self._expose_region(box)
 
     def _arm_at(self, pose: NDArray[np.float64]) -> Layer | None:
         pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
-        if not _same(pose, self._arm_pose):
+        if not _same_pose(pose, self._arm_pose):
             self._arm_layer = self._arm.layer(pose[:, 0], pose[:, 1:4])
             self._arm_pose = pose
         return self._arm_layer
 
-    def _develop(self, box: Box) -> None:
+    def _expose_region(self, box: Box) -> None:
         """Compute noise-free grey levels and noise within a box of the scene."""
         around = box.grown(_PSF_REACH, self._width, self._height)
         exposure_us, gain_db = self._settings
@@ -173,7 +177,7 @@ def _blur(image: NDArray[np.float32]) -> NDArray[np.float32]:
     )
 
 
-def _same(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _same_pose(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     return pose.shape == other.shape and bool(np.abs(pose - other).max() <= _AT_REST)
 
 
@@ -188,7 +192,7 @@ def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array(rows).transpose(2, 0, 1)
 
 
-def _merged(boxes: list[Box]) -> list[Box]:
+def _without_contained(boxes: list[Box]) -> list[Box]:
     """Boxes without those that lie inside another."""
     kept: list[Box] = []
     for box in sorted(boxes, key=lambda b: -(b.right - b.left) * (b.bottom - b.top)):

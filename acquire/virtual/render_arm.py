@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.virtual.layers import Layer, Outline, composed, layer
+from acquire.virtual.layers import Layer, Outline, compose, filled_layer
 from acquire.virtual.station import ARM_LENGTH_M, TIP_RADIUS_M
 
 if TYPE_CHECKING:
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 _STRIPES = ((-0.0045, -0.0015, 70.0), (-0.0015, 0.001, 105.0), (0.001, 0.0045, 55.0))
 """stripes of the bar: from, to [m across the bar], grey level"""
 _PIECES = 6
+"""pieces along each long side of the bar, so that lens distortion bends it"""
 _ROUND = 28
+"""corners of the polygon that stands for a disc"""
 
 
 def _loop(
@@ -64,7 +66,7 @@ class ArmPainter:
         found = [self._shape(shape, angle, axis_world) for shape in _SHAPES]
         found.append(self._shape((_SERVO,), np.zeros_like(angle), axis_world))
         layers = [item for item in found if item is not None]
-        return composed(layers) if layers else None
+        return compose(layers) if layers else None
 
     def _shape(
         self, loops: tuple[tuple, ...], angle: NDArray[np.float64], axis_world: NDArray[np.float64]
@@ -73,7 +75,7 @@ class ArmPainter:
         end = self._pixels(np.concatenate([loop[1] for loop in loops]), angle, axis_world)
         cover = np.concatenate([loop[2] for loop in loops])
         value = np.concatenate([loop[2] * loop[3] for loop in loops])
-        return layer(Outline(start, end, value, cover), self._width, self._height)
+        return filled_layer(Outline(start, end, value, cover), self._width, self._height)
 
     def _pixels(
         self, xz: NDArray[np.float64], angle: NDArray[np.float64], axis_world: NDArray[np.float64]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from acquire.virtual.backdrop import LIGHT_WORLD
-from acquire.virtual.layers import Layer, Outline, composed, covered, layer
+from acquire.virtual.layers import Layer, Outline, compose, filled_layer, overlay
 from acquire.virtual.render_mesh import FaceGroup, face_groups
 from acquire.virtual.render_tag import Lines, tag_lines
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _ALBEDO = 150.0
 """grey level of a face whose normal points along W's -y, towards the camera"""
 _AMBIENT = 0.5
+"""fraction of the light that comes from all sides"""
 _SHADES = 5.0
 """step between the grey levels of faces, about twice the noise: neighbours of equal shade need no boundary,
 so that a round wall has few"""
@@ -79,10 +80,10 @@ class ObjectPainter:
             cards = [item for item in (self._card(card, R, pose) for card in facing) if item is not None]
             surface = self._group(self._groups[g], camera_object, R, pose)
             if surface is not None:
-                drawn.append(covered(surface, cards))
+                drawn.append(overlay(surface, cards))
             else:
                 drawn += cards
-        return composed(drawn) if drawn else None
+        return compose(drawn) if drawn else None
 
     def shadow(
         self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]
@@ -100,7 +101,7 @@ class ObjectPainter:
             np.float64
         )
         one = np.ones(len(hull))
-        found = layer(
+        found = filled_layer(
             Outline(hull[None], np.roll(hull, -1, axis=0)[None], one, one), self._width, self._height
         )
         if found is None:
@@ -132,7 +133,7 @@ class ObjectPainter:
         pixels = self._pixels(card.points, pose)
         lines = card.lines
         outline = Outline(pixels[:, lines.start], pixels[:, lines.end], lines.value * brightness, lines.cover)
-        return layer(outline, self._width, self._height)
+        return filled_layer(outline, self._width, self._height)
 
     def _group(
         self,
@@ -150,7 +151,7 @@ class ObjectPainter:
         used = (step != 0) | (cover != 0)
         pixels = self._pixels(group.points, pose)
         outline = Outline(pixels[:, group.start[used]], pixels[:, group.end[used]], step[used], cover[used])
-        return layer(outline, self._width, self._height)
+        return filled_layer(outline, self._width, self._height)
 
 
 def _shade(normal_world: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -43,9 +43,8 @@ class Lines:
 def tag_lines(family: TagFamily, marker_id: int) -> Lines:
     """Boundary lines of a tag on its card, in pieces short enough for lens distortion to bend them.
 
-    Orientation as in the detector: the first row of `generateImageMarker` is the top (+y), its first corner
-        the top
-    left (-x, +y).
+    The lines are the longest straight runs of equal step, cut into pieces. Orientation as in the detector:
+    the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
     tag_cells = dictionary.markerSize + 2

@@ -1,7 +1,7 @@
 """Camera sensor: exposure, gain, vignette, shot and read noise, saturation, 8 bits.
 
 Not modelled: fixed pattern, row noise, hot pixels, black level, rolling shutter (the camera has a global
-    shutter).
+shutter).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ FULL_WELL_E = 6000.0
 READ_NOISE = 1.5
 """standard deviation in grey levels at 0 dB, including the converter's quantisation"""
 _BANK = 1 << 22
+"""number of noise values drawn once"""
 
 
 def brightness(exposure_us: float, gain_db: float) -> float:

@@ -1,8 +1,7 @@
 """Truth file of the virtual world: true poses and contacts, later merged into the recording.
 
 Layout: a varint length and a TruthBody; then any number of (kind byte, varint length, message), kind 1 =
-    TruthPose,
-2 = TruthContact.
+TruthPose, 2 = TruthContact.
 """
 
 from __future__ import annotations

@@ -33,6 +33,7 @@ Motor = Callable[[float, float, int], float]
 """torque on the arm [N m] as a function of its angle [rad], velocity [rad/s] and the world time [ns]"""
 
 TICK_NS = 1_000_000
+"""period of calls of the motor, and of `on_tick`"""
 _SUBSTEPS = round(TICK_NS * 1e-9 / TIMESTEP_S)
 _NEAR_M = 0.002
 """clearance below which every time step is examined for contact"""
@@ -83,7 +84,7 @@ class World:
     """Physics of object, table and arm. Not thread-safe: one loop owns it.
 
     Args:
-        thing: the object.
+        virtual_object: the object.
         motor: torque of the arm's motor, called once per millisecond.
         start_ns: world time at the start.
         on_tick: called with the state after every millisecond.
@@ -94,7 +95,7 @@ class World:
 
     def __init__(
         self,
-        thing: VirtualObject,
+        virtual_object: VirtualObject,
         motor: Motor,
         start_ns: int = 0,
         on_tick: Callable[[WorldState], None] = lambda _state: None,
@@ -102,16 +103,16 @@ class World:
         table_tilt: tuple[float, float] = (0.0, 0.0),
         arm_angle: float = -0.5,
     ) -> None:
-        self._thing = thing
+        self._thing = virtual_object
         self._motor = motor
         self._on_tick = on_tick
         self._on_contact = on_contact
         gravity = Rotation.from_rotvec([*table_tilt, 0.0]).apply([0.0, 0.0, -G_M_S2])
-        self._model = mujoco.MjModel.from_xml_string(model_xml(thing, gravity))
+        self._model = mujoco.MjModel.from_xml_string(model_xml(virtual_object, gravity))
         self._data = mujoco.MjData(self._model)
         self._qpos, self._qvel = self._data.qpos, self._data.qvel
-        self._centres = contact_centres(thing)
-        self._planes = np.unique(np.round(ConvexHull(thing.hull_vertices).equations, 9), axis=0)
+        self._centres = contact_centres(virtual_object)
+        self._planes = np.unique(np.round(ConvexHull(virtual_object.hull_vertices).equations, 9), axis=0)
         self._arm_body = self._model.body("arm").id
         self._object_body = self._model.body("object").id
         self._tip = self._model.geom("tip").id
@@ -128,7 +129,6 @@ class World:
         self.place(np.eye(3), -np.array([0.0, 0.0, low[2]]), np.array([low[0], 0.0, -0.5 * low[2]]))
 
     # --- operator
-    # ----------------------------------------------------------------------------------------------
 
     def place(
         self,
@@ -205,7 +205,6 @@ class World:
         )
 
     # --- time
-    # --------------------------------------------------------------------------------------------------
 
     def step_to(self, time_ns: int) -> None:
         """Step by whole milliseconds up to `time_ns`."""
@@ -332,7 +331,10 @@ class World:
             self._contact.last_ns = now_ns
 
     def _contact_age_ns(self, distance: float) -> int:
-        """Time from first contact to the end of this step; `distance` [m] < 0 at the step's beginning."""
+        """Time from first contact to the end of this step, from the penetration at the step's beginning.
+
+        `distance` is minus that penetration [m].
+        """
         speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
         return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))
 

@@ -3,7 +3,7 @@
 The object's mass properties are given explicitly. It touches the table with the spheres of `contact_shape`,
 and the striker's tip with its own shape (a primitive, or convex parts loaded as meshes). What the model
 leaves out: air, an elastic shell, a rough table, cards that stand off the surface, play and bending of the
-    arm.
+arm.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from acquire.virtual.objects import VirtualObject
 
 TIMESTEP_S = 0.0002
+"""time step of the integration"""
 ARM_MASS_KG = 0.05
 """mass of the arm, at half its length"""
 ARM_DAMPING = 0.0005
@@ -33,20 +34,22 @@ STRIKER_FRICTION = 0.1
 """polished tip; at 0.3 a fifth of the impulse would be lost in friction against the rising face"""
 
 
-def model_xml(thing: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
+def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
     """MuJoCo XML of the world.
 
     Args:
-        thing: the object.
+        virtual_object: the object.
         gravity_world: (3,) gravity [m/s2]; not along -z if the table is tilted.
     """
-    body = thing.body
+    body = virtual_object.body
     I = body.inertia_com  # noqa: E741 - the field's name
     inertia = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
-    friction = f'friction="{thing.friction:.9g} 0.005 0.0001"'
-    sphere = f'type="sphere" size="{thing.edge_radius_m:.9g}" contype="0" conaffinity="1" {friction}'
-    spheres = "\n".join(f'<geom {sphere} pos="{_numbers(centre)}"/>' for centre in contact_centres(thing))
-    meshes, shapes = _striker_shapes(thing)
+    friction = f'friction="{virtual_object.friction:.9g} 0.005 0.0001"'
+    sphere = f'type="sphere" size="{virtual_object.edge_radius_m:.9g}" contype="0" conaffinity="1" {friction}'
+    spheres = "\n".join(
+        f'<geom {sphere} pos="{_numbers(centre)}"/>' for centre in contact_centres(virtual_object)
+    )
+    meshes, shapes = _striker_shapes(virtual_object)
     arm_armature = ARM_INERTIA_KG_M2 - ARM_MASS_KG * (ARM_LENGTH_M / 2) ** 2
     return f"""<mujoco>
 <option timestep="{TIMESTEP_S}" integrator="implicitfast" cone="elliptic" impratio="100"
@@ -72,16 +75,16 @@ def model_xml(thing: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
 </mujoco>"""
 
 
-def _striker_shapes(thing: VirtualObject) -> tuple[str, str]:
+def _striker_shapes(virtual_object: VirtualObject) -> tuple[str, str]:
     """Assets and geoms for collisions with the tip."""
-    shape = thing.spec.shape
+    shape = virtual_object.spec.shape
     collide = 'contype="0" conaffinity="2"'
     if shape.box is not None:
         return "", f'<geom type="box" size="{_numbers(np.array(shape.box.size_m) / 2)}" {collide}/>'
     if shape.cylinder is not None:
         size = f"{shape.cylinder.radius_m} {shape.cylinder.height_m / 2}"
         return "", f'<geom type="cylinder" size="{size}" {collide}/>'
-    parts = thing.convex_parts
+    parts = virtual_object.convex_parts
     assets = "".join(
         f'<mesh name="part{i}" vertex="{_numbers(part.ravel())}"/>' for i, part in enumerate(parts)
     )

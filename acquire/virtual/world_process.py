@@ -37,6 +37,7 @@ _IDLE_NS = 4_000_000
 _SLICE_NS = 10_000_000
 """physics time between two readings of the bus if the world has fallen behind"""
 _STILL_RAD_S = 0.02
+"""arm velocity below which the world counts as idle, if the object rests too"""
 _RESTING_POSE_TICKS = 50
 """the truth file holds every pose while the object moves, and one in this many while it rests"""
 _PARENT_CHECK_NS = 500_000_000
@@ -47,7 +48,7 @@ class WorldProcess:
     """World, servo, pose ring, truth file and control socket, stepped together.
 
     Args:
-        thing: the object.
+        virtual_object: the object.
         seed: seed of station and servo noise, also written to the truth file.
         folder: folder for files and sockets.
         clock_ns: the world clock, CLOCK_MONOTONIC.
@@ -56,7 +57,7 @@ class WorldProcess:
 
     def __init__(
         self,
-        thing: VirtualObject,
+        virtual_object: VirtualObject,
         seed: int,
         folder: Path,
         clock_ns: Callable[[], int] = time.monotonic_ns,
@@ -64,12 +65,12 @@ class WorldProcess:
     ) -> None:
         self._clock_ns = clock_ns
         self._ring = PoseRing.create(folder / "pose.ring")
-        self._truth = TruthWriter(folder / "truth.bin", truth_body(thing, seed, table_tilt))
+        self._truth = TruthWriter(folder / "truth.bin", truth_body(virtual_object, seed, table_tilt))
         self._ticks = 0
         self._stale_ns = 0
         """largest delay of the physics behind the servo's answers since the last request of the state"""
         self.world = World(
-            thing,
+            virtual_object,
             self._torque,
             clock_ns(),
             self._log_pose,
@@ -143,7 +144,6 @@ class WorldProcess:
         return self.servo.torque(position_rad, velocity_rad_s, time_ns)
 
     # --- control
-    # -----------------------------------------------------------------------------------------------
 
     def _receive(self, client: socket.socket) -> None:
         try:
@@ -233,7 +233,6 @@ class WorldProcess:
         }
 
     # --- output
-    # ------------------------------------------------------------------------------------------------
 
     def _log_pose(self, state: WorldState) -> None:
         self._ring.append(
@@ -269,19 +268,19 @@ class WorldProcess:
         )
 
 
-def truth_body(thing: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
+def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
     """True mass properties of the object, and true parameters of the station."""
-    body = thing.body
+    body = virtual_object.body
     normal, offset = body.region_plane
     return pb.TruthBody(
         mass_kg=body.mass_kg,
         com_object=body.com_object,
         inertia_com=body.inertia_com.ravel(),
-        edge_radius_m=thing.edge_radius_m,
+        edge_radius_m=virtual_object.edge_radius_m,
         region_mass_kg=body.region_masses,
         region_plane=[*normal, offset],
         shell_thickness_m=body.shell_thickness_m,
-        friction=thing.friction,
+        friction=virtual_object.friction,
         table_tilt_x_rad=table_tilt[0],
         table_tilt_y_rad=table_tilt[1],
         T_camera_world=np.linalg.inv(station(seed).T_world_camera).ravel(),
@@ -292,16 +291,18 @@ def truth_body(thing: VirtualObject, seed: int, table_tilt: tuple[float, float])
 def main() -> None:
     """Run the world process."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--object", choices=OBJECT_NAMES, required=True)
-    parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--dir", type=Path, required=True)
+    parser.add_argument("--object", choices=OBJECT_NAMES, required=True, help="object to simulate")
+    parser.add_argument("--seed", type=int, required=True, help="seed of object, station and servo noise")
+    parser.add_argument("--dir", type=Path, required=True, help="folder for the run's files")
     parser.add_argument(
         "--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="rotation of gravity about W's x and y"
     )
     parser.add_argument("--parent", type=int, help="end when this process ends; default: the parent process")
     arguments = parser.parse_args()
     tilt_x, tilt_y = np.radians(arguments.tilt_deg)
-    parent = arguments.parent or os.getppid()  # wrong if the parent has ended by now, hence --parent
+    parent = (
+        arguments.parent or os.getppid()
+    )  # getppid is wrong if the parent has ended by now, hence --parent
     process = WorldProcess(
         load_object(arguments.object, arguments.seed),
         arguments.seed,

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from acquire.config import RigConfig
 from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, StrikerNotFound
-from acquire.preflight.check import Check, Outcome, failed_as
+from acquire.preflight.check import Check, Outcome, failed_by_error
 from acquire.preflight.computer import FolderState, LinuxComputer, PortState, ReceiveBuffer, Route
 from acquire.preflight.disk import RealDisk
 from acquire.preflight.picture import CheckPicture
@@ -46,7 +46,7 @@ PIXELS_PER_S = 656 * 492 * 120
 
 @dataclass
 class FakeComputer:
-    """All is well; models no device, no kernel."""
+    """Fake computer without any problem; models no device and no kernel."""
 
     port_state: PortState = field(
         default_factory=lambda: PortState(exists=True, usable=True, group="dialout", in_use=False)
@@ -78,7 +78,7 @@ class FakeComputer:
 
 @dataclass
 class FakeDisk:
-    """A disk of fixed speed; writes nothing."""
+    """Fake disk of fixed speed; writes nothing."""
 
     free: int = 100 << 30
     speed: float = 500e6
@@ -106,7 +106,7 @@ FILM = CheckVideo(seconds=1.0, frames=121, lost=0, content=CONTENT, event=EVENT)
 
 @dataclass
 class FakeVideoSource:
-    """A camera that is what its fields say; sends no packet."""
+    """Fake source of the test video that its fields describe; sends no packet."""
 
     video: CheckVideo | Exception = FILM
     refusal: Exception | None = None
@@ -128,7 +128,7 @@ class FakeVideoSource:
 
 @dataclass
 class Bench:
-    """A rig file and fakes all around it."""
+    """Rig file with fakes of everything that the checks read."""
 
     rig_path: Path
     computer: FakeComputer = field(default_factory=FakeComputer)
@@ -172,7 +172,7 @@ def bench(tmp_path: Path) -> Bench:
     return Bench(path)
 
 
-def test_a_rig_in_order_passes_every_line_in_order(bench: Bench) -> None:
+def test_working_rig_passes_every_check_in_order(bench: Bench) -> None:
     lines = bench.lines()
     assert tuple(lines) == LINES
     assert {line.outcome for line in lines.values()} == {Outcome.PASS}
@@ -182,7 +182,7 @@ def test_a_rig_in_order_passes_every_line_in_order(bench: Bench) -> None:
     assert lines["frames"].as_dict()["outcome"] == "pass"
 
 
-def test_a_rig_file_that_cannot_be_read_is_the_first_line_of_all(bench: Bench) -> None:
+def test_unreadable_rig_file_fails_first_and_skips_the_rest(bench: Bench) -> None:
     bench.rig_path.write_text("[camera]\naddres = 1", encoding="utf-8")
     lines = bench.lines()
     assert tuple(lines) == LINES
@@ -190,7 +190,7 @@ def test_a_rig_file_that_cannot_be_read_is_the_first_line_of_all(bench: Bench) -
     assert {line.outcome for name, line in lines.items() if name != "rig file"} == {Outcome.NOT_CHECKED}
 
 
-def test_without_any_device_every_line_is_there(bench: Bench) -> None:
+def test_every_check_is_listed_without_any_device(bench: Bench) -> None:
     bench.computer.port_state = PortState(exists=False, usable=False, group="", in_use=False)
     bench.servo = StrikerNotFound("/dev/ttyUSB0: no such serial port; check the cable")
     bench.source.refusal = CameraNotFound(
@@ -269,8 +269,8 @@ def test_the_disk(bench: Bench) -> None:
     assert bench.failures() == {"disk space"}
 
 
-def test_the_disk_that_was_measured_is_named(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A session's file goes where its -o says, maybe to another disk."""
+def test_finding_names_the_measured_disk(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A session's recording goes where -o says, perhaps to another disk."""
     folder = bench.rig_path.parent
     text = bench.rig_path.read_text().replace(f'directory = "{folder}"', 'directory = "recordings"')
     bench.rig_path.write_text(text)
@@ -297,7 +297,7 @@ def test_the_servo(bench: Bench) -> None:
     assert "serial port" not in lines
 
 
-def test_the_camera_and_its_film(bench: Bench) -> None:
+def test_the_camera_and_its_video(bench: Bench) -> None:
     def failures(**changes: object) -> set[str]:
         bench.source = FakeVideoSource(replace(FILM, **changes))
         return bench.failures()
@@ -326,7 +326,7 @@ def test_the_camera_and_its_film(bench: Bench) -> None:
     assert bench.failures() == {"frames"}
 
 
-def test_the_level_is_read_or_the_prior_is_said(bench: Bench) -> None:
+def test_level_reports_the_reading_or_the_prior(bench: Bench) -> None:
     assert "table tilt assumed 0 +- 0.2 deg" in bench.lines()["level"].found
     bench.rig_path.write_text(
         "gravity_tilt_sd_rad = 0.0005\n" + bench.rig_path.read_text(encoding="utf-8"), encoding="utf-8"
@@ -340,7 +340,7 @@ def test_the_level_is_read_or_the_prior_is_said(bench: Bench) -> None:
 STATUS = {"rig": "bench", "pid": 7, "recording": None, "striker": "disarmed", "fps": 119.9, "lost": 0}
 
 
-def test_a_running_daemon_is_said_and_asked(bench: Bench) -> None:
+def test_running_daemon_is_reported_and_used(bench: Bench) -> None:
     bench.computer.port_state = PortState(exists=True, usable=True, group="dialout", in_use=True)
     bench.servo = StrikerNotFound("the servo was asked behind the daemon's back")
     bench.status = STATUS
@@ -363,7 +363,7 @@ def test_a_running_daemon_is_said_and_asked(bench: Bench) -> None:
     assert "daemon" in bench.failures()
 
 
-def test_an_open_session_is_not_disturbed(bench: Bench) -> None:
+def test_open_session_is_not_disturbed(bench: Bench) -> None:
     bench.source.refusal = CameraNotFound("the camera was taken from the session: never do that")
     bench.status = {**STATUS, "recording": "/data/a.mcap"}
     lines = bench.lines()
@@ -374,15 +374,15 @@ def test_an_open_session_is_not_disturbed(bench: Bench) -> None:
     assert bench.failures() == {"frames"}
 
 
-def test_an_error_gives_its_remedy() -> None:
-    line = failed_as("x", RecorderError("/data: is full: free some space"))
+def test_check_failed_by_an_error_shows_its_remedy() -> None:
+    line = failed_by_error("x", RecorderError("/data: is full: free some space"))
     assert (line.found, line.remedy) == ("/data: is full", "free some space")
-    assert failed_as("x", RecorderError("boom")).found == "boom"
+    assert failed_by_error("x", RecorderError("boom")).found == "boom"
     assert "FAIL" in line.text()
 
 
 @pytest.mark.parametrize("width", [80, 120])
-def test_the_picture_fits_the_terminal_and_ends_in_a_verdict(bench: Bench, width: int) -> None:
+def test_output_fits_the_terminal_and_ends_with_a_summary(bench: Bench, width: int) -> None:
     bench.source.video = replace(FILM, lost=3, event=None)
     output = io.StringIO()
     picture = CheckPicture(Console(file=output, width=width, force_terminal=False))
@@ -406,16 +406,15 @@ def test_the_picture_fits_the_terminal_and_ends_in_a_verdict(bench: Bench, width
 
 
 # --- the real probes
-# ----------------------------------------------------------------------------------------------
 
 
-def test_the_disk_test_writes_and_leaves_nothing(tmp_path: Path) -> None:
+def test_disk_test_leaves_no_file(tmp_path: Path) -> None:
     ticks = iter([0, 2_000_000_000])
     assert RealDisk(lambda: next(ticks)).write_speed(tmp_path, 3 << 20) == pytest.approx((3 << 20) / 2.0)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_this_computer_is_read(tmp_path: Path) -> None:
+def test_linux_computer_reads_the_system(tmp_path: Path) -> None:
     timer = tmp_path / "sys/bus/usb-serial/devices/ttyUSB7/latency_timer"
     timer.parent.mkdir(parents=True)
     timer.write_text("16\n", encoding="ascii")
@@ -433,7 +432,7 @@ def test_this_computer_is_read(tmp_path: Path) -> None:
     assert not computer.port("/dev/ttyNone").exists
 
 
-def test_a_port_in_use_is_seen_by_lock_and_by_lock_file(tmp_path: Path) -> None:
+def test_port_in_use_is_detected_by_flock_and_lock_file(tmp_path: Path) -> None:
     computer = LinuxComputer(lock=tmp_path)
     master, slave = os.openpty()
     try:
@@ -453,7 +452,7 @@ def test_a_port_in_use_is_seen_by_lock_and_by_lock_file(tmp_path: Path) -> None:
         os.close(slave)
 
 
-def test_the_sockets_folder_is_looked_at(tmp_path: Path) -> None:
+def test_state_of_the_socket_folder(tmp_path: Path) -> None:
     computer = LinuxComputer()
     tmp_path.chmod(0o700)
     assert computer.socket_folder(tmp_path) == FolderState(
@@ -464,7 +463,7 @@ def test_the_sockets_folder_is_looked_at(tmp_path: Path) -> None:
     assert computer.socket_folder(tmp_path / "a" / "b").can_be_made
 
 
-def test_a_path_that_cannot_be_a_socket_is_refused(bench: Bench, tmp_path: Path) -> None:
+def test_unusable_socket_path_fails(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "daemon.sock").write_text("mine", encoding="utf-8")
     assert bench.failures() == {"daemon socket"}
@@ -477,7 +476,7 @@ def test_a_path_that_cannot_be_a_socket_is_refused(bench: Bench, tmp_path: Path)
     assert bench.failures() == {"daemon socket"}
 
 
-def test_a_striker_in_its_fault_fails_with_the_reason():
+def test_striker_in_fault_fails_with_the_reason():
     healthy = {"model": 1030, "voltage_v": 12.0, "temperature_c": 30.0, "hardware_error": None}
     for health in (healthy, None):
         first = check_held_servo(StrikerConfig(), "fault", health, "its port was lost")[0]

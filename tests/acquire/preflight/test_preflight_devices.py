@@ -38,12 +38,12 @@ socket = "{folder}/run/daemon.sock"
 """
 )
 THIS_COMPUTERS_OWN = {"receive buffer", "disk speed", "frames", "camera clock"}
-"""what a machine that is busy with other tests may rightly be refused for"""
+"""checks that may fail on a machine that is busy with other tests"""
 
 
 @contextlib.contextmanager
 def _process(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
-    """A process from its first line to its end."""
+    """Run a process for the block, from its first line of output to its end."""
     given = {**os.environ, **environment}
     with subprocess.Popen(
         [sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=given
@@ -75,7 +75,7 @@ def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
 
 
 @pytest.mark.usefixtures("aravis")
-def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
+def test_check_of_virtual_devices(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     with Plant(tmp_path) as plant, _camera():
         rig.write_text(
@@ -91,7 +91,7 @@ def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("aravis")
-def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None:
+def test_check_uses_the_daemon_which_notifies_its_service_manager(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     notify = tmp_path / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, Plant(tmp_path) as plant, _camera():

@@ -31,7 +31,9 @@ GOLDEN = [
 
 
 @pytest.mark.parametrize(("name", "servo_id", "instruction", "parameters", "wire"), GOLDEN)
-def test_the_manuals_packets(name: str, servo_id: int, instruction: int, parameters: str, wire: str) -> None:
+def test_example_packets_of_the_manual(
+    name: str, servo_id: int, instruction: int, parameters: str, wire: str
+) -> None:
     assert encode(servo_id, instruction, bytes.fromhex(parameters)).hex().upper() == wire
     (packet,) = Parser().feed(bytes.fromhex(wire))
     assert (packet.id, packet.instruction, packet.parameters.hex().upper(), packet.intact) == (
@@ -53,7 +55,7 @@ def test_the_crc_is_the_buypass_one() -> None:
     st.binary(max_size=6),
     st.integers(1, 7),
 )
-def test_any_payload_survives_stuffing_rubbish_and_any_cut(
+def test_payloads_survive_stuffing_noise_and_fragmentation(
     payload: bytes, rubbish: bytes, piece: int
 ) -> None:
     wire = encode(1, 0x03, payload)
@@ -65,7 +67,7 @@ def test_any_payload_survives_stuffing_rubbish_and_any_cut(
         assert [(p.parameters, p.intact) for p in packets] == [(payload, True)]
 
 
-def test_a_damaged_packet_is_seen() -> None:
+def test_damaged_packet_is_detected() -> None:
     wire = bytearray(encode(1, 0x02, bytes(4)))
     wire[9] ^= 0x10
     (packet,) = Parser().feed(bytes(wire))

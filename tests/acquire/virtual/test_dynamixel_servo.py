@@ -1,4 +1,4 @@
-"""The virtual servo, driven by hand: no thread, the test is clock, plant and host."""
+"""Virtual servo without a thread: the test is its clock, its arm and its host."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INERTIA = 0.0025
 
 
 class Bench:
-    """A servo with an arm on it and a host's end of the wire."""
+    """Servo with an arm, and the host's end of its bus."""
 
     def __init__(self, folder: Path, wire: WireTime | None = None) -> None:
         self.now_ns = 10**12
@@ -93,20 +93,20 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
     bench.servo.close()
 
 
-def test_ping_tells_model_and_firmware(bench: Bench) -> None:
+def test_ping_returns_model_and_firmware(bench: Bench) -> None:
     assert bench.send(encode(1, Instruction.PING, b"")) == [(0, struct.pack("<HB", 1030, 47))]
     assert bench.send(encode(0xFE, Instruction.PING, b"")) == [(0, struct.pack("<HB", 1030, 47))]
     assert bench.send(encode(2, Instruction.PING, b"")) == []
 
 
-def test_another_baud_rate_is_silence(bench: Bench) -> None:
+def test_servo_is_silent_at_another_baud_rate(bench: Bench) -> None:
     bench.set_speed(termios.B57600)
     assert bench.send(encode(1, Instruction.PING, b"")) == []
     bench.set_speed(termios.B1000000)
     assert len(bench.send(encode(1, Instruction.PING, b""))) == 1
 
 
-def test_refusals_carry_their_reason(bench: Bench) -> None:
+def test_refused_writes_return_the_error_code(bench: Bench) -> None:
     assert bench.write("Present Position", 1) == StatusError.ACCESS
     assert bench.write("Operating Mode", 2) == StatusError.RANGE
     assert bench.write("Goal Position", 5000) == StatusError.LIMIT  # mode 3
@@ -139,7 +139,7 @@ def test_group_reads_and_registered_writes(bench: Bench) -> None:
     assert bench.read("LED") == 0
 
 
-def test_velocity_mode_turns_at_its_goal_and_the_watchdog_stops_it(bench: Bench) -> None:
+def test_velocity_mode_reaches_its_goal_and_the_watchdog_stops_it(bench: Bench) -> None:
     bench.set(Operating_Mode=1, Torque_Enable=1, Bus_Watchdog=5, Goal_Velocity=100)
     bench.run(0.5)
     assert bench.omega == pytest.approx(100 * VELOCITY_UNIT_RAD_S, rel=0.02)
@@ -176,7 +176,7 @@ def test_position_modes_follow_their_profile(bench: Bench) -> None:
     assert abs(bench.read("Present Position") - 2700) <= 5
 
 
-def test_current_is_capped_and_speed_ends_at_no_load(bench: Bench) -> None:
+def test_current_and_speed_are_limited(bench: Bench) -> None:
     bench.set(Operating_Mode=5, Goal_Current=200, Torque_Enable=1, Goal_Position=2048 + 1500)
     torque = bench.servo.torque(0.0, 0.0, bench.now_ns)
     assert torque == pytest.approx(200 * CURRENT_UNIT_A * TORQUE_PER_AMPERE, rel=0.01)
@@ -186,7 +186,7 @@ def test_current_is_capped_and_speed_ends_at_no_load(bench: Bench) -> None:
     assert 0.9 * NO_LOAD_SPEED < bench.omega < NO_LOAD_SPEED
 
 
-def test_torque_off_brakes_and_never_reverses(bench: Bench) -> None:
+def test_drag_without_torque_brakes_but_does_not_reverse(bench: Bench) -> None:
     bench.omega = 3.0
     lowest = 3.0
     for _ in range(800):
@@ -207,7 +207,7 @@ def test_a_hardware_error_alerts_and_a_reboot_clears_it(bench: Bench) -> None:
     assert bench.read("Realtime Tick") < 100
 
 
-def test_heat_beyond_the_limit_shuts_down(bench: Bench) -> None:
+def test_temperature_above_the_limit_switches_the_torque_off(bench: Bench) -> None:
     bench.set(Temperature_Limit=60, Torque_Enable=1)
     bench.servo.registers["Present Temperature"] = 61
     bench.run(0.002)
@@ -215,13 +215,13 @@ def test_heat_beyond_the_limit_shuts_down(bench: Bench) -> None:
     assert bench.read("Torque Enable") == 0
 
 
-def test_the_tick_counts_milliseconds_with_a_drift_of_its_own(bench: Bench) -> None:
+def test_tick_counts_milliseconds_with_drift(bench: Bench) -> None:
     first = bench.read("Realtime Tick")
     bench.now_ns += 20_000_000_000
     assert (bench.read("Realtime Tick") - first) % 32768 == pytest.approx(20_000, abs=2)
 
 
-def test_a_read_between_two_steps_is_carried_on(bench: Bench) -> None:
+def test_position_between_two_steps_is_interpolated(bench: Bench) -> None:
     bench.set(Operating_Mode=1, Torque_Enable=1, Goal_Velocity=330)
     bench.run(0.5)
     bench.servo.torque(bench.angle, bench.omega, bench.now_ns)
@@ -254,7 +254,7 @@ def test_wire_time_delays_the_answer(tmp_path: Path) -> None:
         bench.servo.close()
 
 
-def test_factory_reset_keeps_what_it_is_told(bench: Bench) -> None:
+def test_factory_reset_keeps_the_requested_registers(bench: Bench) -> None:
     bench.set(Shutdown=5)
     bench.send(encode(1, Instruction.FACTORY_RESET, b"\x02"))
     bench.now_ns += 200_000_000

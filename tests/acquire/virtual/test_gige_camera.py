@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from acquire.camera.discovery import ask, is_controlled
+from acquire.camera.discovery import identify_camera, is_controlled
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError
 from acquire.virtual.gige_camera import DeviceClock, StreamSettings, VirtualGigeCamera
@@ -27,7 +27,7 @@ WIDTH, HEIGHT, HEARTBEAT_TIMEOUT = 0x100, 0x104, 0x938
 
 
 class Client:
-    """The least of a GVCP client: reads and writes registers."""
+    """Minimal GVCP client: reads and writes registers."""
 
     def __init__(self, address: str) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -58,7 +58,7 @@ def stream_socket() -> socket.socket:
 
 
 def start_streaming(client: Client, stream: socket.socket) -> None:
-    """64 x 48 pixels at 120 fps: one data packet per frame."""
+    """Start a stream of 64 x 48 pixels at 120 fps: one data packet per frame."""
     port = stream.getsockname()[1]
     here = int.from_bytes(socket.inet_aton("127.0.0.1"))
     settings = [
@@ -110,23 +110,23 @@ def client(nothing_left) -> Iterator[Client]:
         yield client
 
 
-def test_it_answers_discovery_and_is_free(camera: VirtualGigeCamera) -> None:
-    info = ask(ADDRESS)
+def test_camera_answers_discovery_and_is_not_controlled(camera: VirtualGigeCamera) -> None:
+    info = identify_camera(ADDRESS)
     assert info is not None
     assert (info.vendor, info.serial, info.address) == ("Allied Vision Technologies", "S1", ADDRESS)
     assert not is_controlled(ADDRESS)
-    assert ask(loopback(72), 0.05) is None
+    assert identify_camera(loopback(72), 0.05) is None
     assert not is_controlled(loopback(72), 0.05)
 
 
-def test_a_port_in_use_is_said_in_one_line(camera: VirtualGigeCamera) -> None:
+def test_port_in_use_is_one_line(camera: VirtualGigeCamera) -> None:
     clock = SystemClock()
     with pytest.raises(
         CameraError,
         match=rf"port 3956 of {re.escape(ADDRESS)} is in use: another virtual camera runs; stop it",
     ):
         VirtualGigeCamera(ADDRESS, "S2", PatternSource(clock, 7), clock)
-    assert ask(ADDRESS) is not None  # the first one is unharmed
+    assert identify_camera(ADDRESS) is not None  # the first one is unharmed
 
 
 def test_an_address_of_another_host_is_refused(nothing_left) -> None:
@@ -135,11 +135,12 @@ def test_an_address_of_another_host_is_refused(nothing_left) -> None:
         VirtualGigeCamera("192.0.2.1", "S", PatternSource(clock, 7), clock)
 
 
-def test_two_cameras_live_side_by_side(camera: VirtualGigeCamera) -> None:
+def test_two_cameras_at_different_addresses(camera: VirtualGigeCamera) -> None:
     clock = SystemClock()
     other = VirtualGigeCamera(loopback(73), "S2", PatternSource(clock, 7), clock)
     try:
-        assert [getattr(ask(address), "serial", None) for address in (ADDRESS, loopback(73))] == ["S1", "S2"]
+        cameras = [identify_camera(address) for address in (ADDRESS, loopback(73))]
+        assert [getattr(camera, "serial", None) for camera in cameras] == ["S1", "S2"]
     finally:
         other.close()
 
@@ -160,8 +161,8 @@ def test_the_latch_is_the_device_clock(camera: VirtualGigeCamera, client: Client
     assert latched == client.read(LATCH_HIGH) << 32 | client.read(LATCH_LOW)  # it stays until the next latch
 
 
-def test_slots_keep_their_times_when_the_source_stalls(nothing_left) -> None:
-    """A world that stands still for 0.3 s: frames come late, none is missing, none comes twice."""
+def test_slots_keep_their_times_if_the_source_stalls(nothing_left) -> None:
+    """The source stalls for 0.3 s: frames come late, none is missing, none comes twice."""
     clock = SystemClock()
 
     class Stalling(PatternSource):

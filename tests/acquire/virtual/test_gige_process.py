@@ -1,4 +1,4 @@
-"""The camera's process: ready line, frames of the world's poses, statistics, endings."""
+"""Camera process: ready line, frames of the world's poses, statistics, ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquire.camera.discovery import ask
+from acquire.camera.discovery import identify_camera
 from acquire.virtual.camera_process import STATISTICS_FILE, WorldSource
 from acquire.virtual.gige_camera import StreamSettings
 from acquire.virtual.pose_ring import PoseRing
@@ -24,7 +24,7 @@ from tests.loopback import loopback
 
 @pytest.fixture
 def world(tmp_path: Path) -> Iterator[PoseRing]:
-    """A ring kept up to date: the object at rest upright, the arm hanging back."""
+    """Pose ring kept up to date: the object at rest and upright, the arm cocked."""
     ring = PoseRing.create(tmp_path / "pose.ring", capacity=4096)
     stop = threading.Event()
 
@@ -55,11 +55,11 @@ def start(folder: Path, address: str) -> subprocess.Popen[str]:
     return subprocess.Popen([*command, address], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_it_is_ready_serves_and_ends_on_sigterm_with_its_statistics(world: PoseRing, tmp_path: Path) -> None:
+def test_process_serves_frames_and_prints_statistics_on_sigterm(world: PoseRing, tmp_path: Path) -> None:
     with start(tmp_path, loopback(75)) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.readline())["ready"] is True
-        info = ask(loopback(75))
+        info = identify_camera(loopback(75))
         assert info is not None
         assert info.serial == "VIRTUAL-1"
         process.send_signal(signal.SIGTERM)
@@ -69,7 +69,7 @@ def test_it_is_ready_serves_and_ends_on_sigterm_with_its_statistics(world: PoseR
     assert json.loads((tmp_path / STATISTICS_FILE).read_text())["frames"] == 0
 
 
-def test_a_port_in_use_ends_it_with_one_line(world: PoseRing, tmp_path: Path) -> None:
+def test_port_in_use_ends_the_process_with_one_line(world: PoseRing, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind((loopback(76), 3956))
         with start(tmp_path, loopback(76)) as process:
@@ -81,7 +81,7 @@ def test_a_port_in_use_ends_it_with_one_line(world: PoseRing, tmp_path: Path) ->
 
 
 class Recorder:
-    """Stands for the renderer: keeps what it was asked for, draws the row number in every row."""
+    """Fake renderer that records its arguments and draws the row number into every row."""
 
     def __init__(self, needed: int) -> None:
         self.needed, self.poses, self.ends = needed, np.zeros((0, 3)), np.zeros((0, 3))
@@ -97,9 +97,7 @@ class Recorder:
 
 
 @pytest.mark.parametrize(("needed", "expected_ms"), [(1, [0.0]), (4, [0.25, 0.75, 1.25, 1.75])])
-def test_an_exposure_is_made_of_poses_spread_over_it(
-    tmp_path: Path, needed: int, expected_ms: list[float]
-) -> None:
+def test_exposure_uses_poses_spread_over_it(tmp_path: Path, needed: int, expected_ms: list[float]) -> None:
     ring = PoseRing.create(tmp_path / "pose.ring", capacity=64)
     for step in range(11):  # 1 m/s along x
         ring.append(10**9 + step * 10**6, [step * 1e-3, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.0, [0.0, 0.0, 0.2])

@@ -34,7 +34,7 @@ def test_shell_of_a_box_has_the_inertia_of_a_hollow_box():
     assert body.mass_kg == pytest.approx(mass, rel=1e-12)
 
 
-def test_interior_halves_of_a_cylinder_put_the_centre_where_the_masses_say():
+def test_centre_of_mass_of_a_cylinder_with_two_interior_halves():
     radius, height, wall = 0.036, 0.15, 0.002
     low, high = np.array([-radius, -radius, -height / 2]), np.array([radius, radius, height / 2])
     points, depths = sample_body(low, high, cylinder_depth(radius, height / 2))
@@ -84,7 +84,7 @@ def test_mesh_is_a_closed_body_with_outward_faces(name):
 
 
 @pytest.mark.parametrize("name", sorted(BOTTLES))
-def test_checked_in_stl_is_what_the_function_makes_and_the_engine_reads_it_alike(name):
+def test_checked_in_stl_is_reproduced_and_read_alike_by_the_engine(name):
     thing = load_object(name, 1)
     file, data = thing.shape_file
     assert data == stl_bytes(*bottle_mesh(BOTTLES[name]), title=f"percuss {name} bottle, mm")
@@ -97,7 +97,7 @@ def test_checked_in_stl_is_what_the_function_makes_and_the_engine_reads_it_alike
     assert model.body_mass[1] == pytest.approx(1000 * volume, rel=1e-5)
 
 
-def test_juice_bottle_holds_about_what_the_papers_did():
+def test_juice_bottle_has_about_the_volume_of_the_papers():
     thing = load_object("juice", 1)
     assert trimesh.Trimesh(thing.mesh_vertices, thing.mesh_faces).volume == pytest.approx(862.7e-6, rel=0.02)
 

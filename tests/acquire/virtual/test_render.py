@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from acquire.virtual.coverage import Box, coverage
-from acquire.virtual.layers import Layer, composed
+from acquire.virtual.layers import Layer, compose
 from acquire.virtual.lens import Lens
 from acquire.virtual.objects import OBJECT_NAMES, load_object
-from acquire.virtual.render import MOST_SUBEXPOSURES, Renderer
+from acquire.virtual.render import MAX_SUBEXPOSURES, Renderer
 from acquire.virtual.render_mesh import face_groups
 from acquire.virtual.sensor import REFERENCE_EXPOSURE_US
 from acquire.virtual.station import ARM_LENGTH_M, station
@@ -67,7 +67,6 @@ def opencv_pixels(points_world):
 
 
 # --- filling
-# ------------------------------------------------------------------------------------------------------
 
 
 def test_coverage_is_the_exact_area_and_never_outside_zero_to_one():
@@ -87,7 +86,7 @@ def test_coverage_is_the_exact_area_and_never_outside_zero_to_one():
         assert found.max() < 1 + 1e-6
 
 
-def test_what_lies_beyond_the_box_changes_nothing_inside():
+def test_edges_outside_the_box_change_nothing_inside():
     corner = np.array([[0.0, 0.0], [100.0, 3.0], [90.0, 100.0], [-20.0, 60.0]])
     edges = (corner, np.roll(corner, -1, axis=0), np.ones((1, 4)))
     small, large = Box(10, 5, 60, 50), Box(-30, -10, 110, 110)
@@ -108,7 +107,7 @@ def test_two_layers_that_meet_at_an_edge_leave_no_seam_and_the_front_one_hides()
     box = Box(0, 0, 3, 1)
     front = Layer(box, np.array([[100.0, 30.0, 0.0]], np.float32), np.array([[1.0, 0.3, 0.0]], np.float32))
     back = Layer(box, np.array([[200.0, 140.0, 200.0]], np.float32), np.array([[1.0, 0.7, 1.0]], np.float32))
-    found = composed([front, back])
+    found = compose([front, back])
     np.testing.assert_allclose(found.cover, 1.0, atol=1e-6)
     np.testing.assert_allclose(found.light, [[100.0, 170.0, 200.0]], rtol=1e-5)
 
@@ -125,7 +124,6 @@ def test_bottles_are_split_where_the_head_meets_the_shoulder(name, groups):
 
 
 # --- geometry of the picture
-# --------------------------------------------------------------------------------------
 
 
 def test_tag_edges_lie_where_the_lens_puts_them():
@@ -202,7 +200,6 @@ def test_the_detector_finds_the_pose_that_was_drawn(name, theta):
 
 
 # --- time and light
-# -----------------------------------------------------------------------------------------------
 
 
 def test_motion_blur_is_the_mean_of_the_poses():
@@ -222,14 +219,14 @@ def test_subexposures_grow_with_the_motion():
     renderer = Renderer(carton, STATION, SEED)
     assert renderer.subexposures_needed(*tipped(carton, 0.2, k=2, span=0.0)) == 1
     assert renderer.subexposures_needed(*tipped(carton, 0.2, k=2, span=0.006)) == 2
-    assert renderer.subexposures_needed(*tipped(carton, 0.2, k=2, span=0.2)) == MOST_SUBEXPOSURES
+    assert renderer.subexposures_needed(*tipped(carton, 0.2, k=2, span=0.2)) == MAX_SUBEXPOSURES
     swing = tipped(carton, 0.0, k=2)
     assert (
-        renderer.subexposures_needed(swing[0], swing[1], np.array([-0.1, 0.0]), swing[3]) == MOST_SUBEXPOSURES
+        renderer.subexposures_needed(swing[0], swing[1], np.array([-0.1, 0.0]), swing[3]) == MAX_SUBEXPOSURES
     )
 
 
-def test_what_was_drawn_before_leaves_no_trace():
+def test_earlier_drawings_leave_no_trace():
     salt = load_object("salt", SEED)
     one, other = (Renderer(salt, STATION, SEED) for _ in range(2))
     last = tipped(salt, 0.3)
@@ -239,7 +236,7 @@ def test_what_was_drawn_before_leaves_no_trace():
     np.testing.assert_array_equal(picture(one, last), picture(other, last))
 
 
-def test_noise_is_new_in_each_frame_and_as_large_as_the_model_says():
+def test_noise_is_new_in_each_frame_and_has_the_model_sd():
     carton = load_object("carton", SEED)
     poses = tipped(carton, 0.0)
     renderer = Renderer(carton, STATION, SEED)

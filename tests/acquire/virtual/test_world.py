@@ -29,7 +29,7 @@ def parked(position, velocity, _time_ns):
 
 @dataclass
 class Tip:
-    """Known geometry of one tip about W's +y, and what the world did."""
+    """Known geometry of one tip about W's +y, and the simulated states."""
 
     phi: float
     k: float
@@ -58,7 +58,7 @@ def place(world, thing, R, height=None):
 
 
 def tip(thing, R=UPRIGHT, energy_ratio=1.1, seconds=1.0):
-    """Give the resting object the angular velocity that `energy_ratio` asks for, about its edge."""
+    """Give the resting object the angular velocity about its edge that corresponds to `energy_ratio`."""
     states = []
     world = World(thing, parked, on_tick=states.append)
     edge = place(world, thing, R)
@@ -95,7 +95,7 @@ def rotation_of(state):
 
 
 def fitted(tip):
-    """phi and k of the pendulum that follows theta(t) best."""
+    """Angle phi and rate k of the pendulum fitted to theta(t)."""
     t, theta = tip.time[::5], tip.theta[::5]
 
     def residual(p):
@@ -137,7 +137,7 @@ def test_tip_follows_the_pendulum_about_the_roundings_centre_line(name, R):
     assert np.ptp(result.edge_path[:, 2]) < 2e-5
 
 
-def test_a_wider_rounding_moves_the_axis_as_the_theory_says():
+def test_wider_rounding_moves_the_axis_as_predicted():
     thing = dataclasses.replace(object_of("carton", friction=2.0), edge_radius_m=0.003)
     result = tip(thing)
     phi, k = fitted(result)
@@ -145,7 +145,7 @@ def test_a_wider_rounding_moves_the_axis_as_the_theory_says():
     assert k == pytest.approx(result.k, rel=0.005)
 
 
-def test_energy_is_kept_while_it_pivots():
+def test_energy_is_conserved_while_the_object_pivots():
     thing = object_of("carton", friction=2.0)
     result = tip(thing)
     energies = np.array([energy(thing, state) for state in result.states])
@@ -170,7 +170,7 @@ def test_rest_stays_at_rest(monkeypatch):
     assert not world.at_rest
 
 
-def test_it_slides_where_friction_cannot_hold_it():
+def test_object_slides_if_friction_is_too_low():
     thing = object_of("carton", friction=0.05)
     states = []
     world = World(thing, parked, on_tick=states.append, table_tilt=(0.0, -0.1))
@@ -182,8 +182,8 @@ def test_it_slides_where_friction_cannot_hold_it():
     )
 
 
-class Swing:
-    """Holds the arm back, accelerates it to a speed, lets it fly free through the contact, catches it."""
+class SwingMotor:
+    """Motor that holds the arm, accelerates it to a speed, is off during the contact, then catches it."""
 
     def __init__(self, speed):
         self.rate, self.caught = speed / world_module.ARM_LENGTH_M, False
@@ -203,7 +203,7 @@ class Swing:
 def test_one_strike_is_one_contact_with_the_impulse_that_the_arm_lost(name, height):
     thing = object_of(name, friction=0.8)
     contacts, states = [], []
-    swing = Swing(0.42)
+    swing = SwingMotor(0.42)
     world = World(thing, swing, on_contact=contacts.append, on_tick=states.append)
     place(world, thing, UPRIGHT, height)
     world.step_to(2_000_000_000)
@@ -225,7 +225,7 @@ def test_one_strike_is_one_contact_with_the_impulse_that_the_arm_lost(name, heig
 
 
 def test_a_push_gives_the_object_its_impulse():
-    """Through the centre of mass, on ice: m v = J, and no turn."""
+    """Through the centre of mass and without friction: m v = J, and no rotation."""
     thing = object_of("carton", 1e-6)
     contacts = []
     world = World(thing, parked, on_contact=contacts.append)
@@ -259,7 +259,7 @@ def test_stand_is_moved_in_after_the_object_and_the_arm_may_hang_where_it_stands
 
 def test_the_same_seed_gives_the_same_motion_to_the_last_bit():
     def run():
-        world = World(load_object("spray", 7), Swing(0.5))
+        world = World(load_object("spray", 7), SwingMotor(0.5))
         place(world, load_object("spray", 7), UPRIGHT, 0.12)
         world.step_to(1_200_000_000)
         return world.state()
@@ -269,7 +269,7 @@ def test_the_same_seed_gives_the_same_motion_to_the_last_bit():
     assert np.array_equal(one.q_world_object_wxyz, two.q_world_object_wxyz)
 
 
-def test_a_placement_that_is_no_rotation_is_refused():
+def test_placement_without_a_rotation_matrix_is_refused():
     world = World(load_object("carton", 1), parked)
     with pytest.raises(AcquireError, match="rotation"):
         world.place(np.diag([1.0, 1.0, -1.0]), np.zeros(3), np.zeros(3))

@@ -63,8 +63,8 @@ def test_places_poses_truth_servo_and_a_clean_end(world):
         assert link.state()["p_world_object"] == pytest.approx([0.01, 0.0, 0.075], abs=5e-5)
         now_ns = time.monotonic_ns()
         wait_until(lambda: ring.latest_time_ns() > now_ns)
-        assert ring.at([now_ns]).p_world_object[0] == pytest.approx([0.01, 0.0, 0.075], abs=5e-5)
-        assert ring.at([now_ns]).arm_axis_world[0] == pytest.approx([-0.038, 0.0, 0.24], abs=1e-9)
+        assert ring.poses_at([now_ns]).p_world_object[0] == pytest.approx([0.01, 0.0, 0.075], abs=5e-5)
+        assert ring.poses_at([now_ns]).arm_axis_world[0] == pytest.approx([-0.038, 0.0, 0.24], abs=1e-9)
 
         with pytest.raises(AcquireError, match="rotation"):
             link.place(np.zeros((3, 3)), [0, 0, 0], [0, 0, 0])
@@ -93,7 +93,7 @@ def test_places_poses_truth_servo_and_a_clean_end(world):
     assert sorted(path.name for path in folder.iterdir()) == ["pose.ring", "truth.bin"]
 
 
-def test_nonsense_on_the_control_socket_gets_one_line_back_and_does_not_hurt(world):
+def test_invalid_control_requests_get_one_error_line_each(world):
     _process, _ready, folder = world
     with socket.socket(socket.AF_UNIX) as client:
         client.settimeout(5)
@@ -107,7 +107,7 @@ def test_nonsense_on_the_control_socket_gets_one_line_back_and_does_not_hurt(wor
         lines.close()
 
 
-def test_no_world_is_said_in_one_line(tmp_path):
+def test_missing_world_is_one_line(tmp_path):
     with pytest.raises(AcquireError, match=r"world\.sock: the virtual world does not answer"):
         OperatorLink(tmp_path / "world.sock")
 
