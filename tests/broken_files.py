@@ -1,4 +1,4 @@
-"""Files that are no whole recording, of all kinds, made of a whole one."""
+"""Damaged recordings of all kinds, made from an intact one."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ KINDS = {
     "part": "unfinished",
     "newer": "other_version",
 }
-"""kind of file -> what its failure is called"""
+"""expected name of the failure by kind of damage"""
 
 
 def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
-    """Write a broken one of that kind.
+    """Write a damaged recording of the given kind.
 
     Args:
         whole: a recording.

@@ -1,4 +1,4 @@
-"""The object file of a small carton with one tag, for tests that need some object."""
+"""Object file of a small carton with one tag, for tests that need any object."""
 
 from __future__ import annotations
 

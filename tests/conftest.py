@@ -1,4 +1,7 @@
-"""What the tests need of the machine. `make setup` installs all of it; where it is missing they fail and say so, they do not skip."""
+"""Fixtures for programs and libraries of the system, and the order of the test files.
+
+`make setup` installs them all. A test fails, and is not skipped, if one is missing.
+"""
 
 from __future__ import annotations
 
@@ -18,17 +21,20 @@ from _pytest.runner import runtestprotocol
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-# Before numpy is loaded, here and in every process that a test starts. OpenBLAS's threads spin while they wait for one another: on
-# matrices as small as ours two of them take three times as long as one, and ten times on a machine that has other work.
+# Set before numpy is loaded, here and in every process that a test starts. OpenBLAS's threads spin while they
+# wait for one another: on matrices as small as these, two of them take three times as long as one, and ten
+# times as long on a machine that has other work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# A script's background job ignores Ctrl-C, and so does whatever it starts: the programs that tests interrupt would go on.
+# A script's background job ignores Ctrl-C, and so do the processes that it starts: programs that tests
+# interrupt would not end.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 STALL_NS = 10_000_000
-"""of the simulated arm: the servo's watchdog and a strike's timing allow no more"""
+"""largest delay of the simulated arm that the servo's watchdog and a strike's timing allow"""
 ATTEMPTS = 4
+"""largest number of runs of a test whose simulated arm was delayed longer"""
 
 
 LONGEST = (
@@ -45,31 +51,37 @@ LONGEST = (
     "analyze/registration/",
     "analyze/verbs/register/",
 )
-"""of those that compute, begun first, so that no worker is busy with one when the others have nothing left; what keeps time stays in its
-order, in which whole sessions do not run beside a camera at full rate"""
+"""longest test files that only compute; they begin first, so that no worker is busy with one when the others
+have nothing left. Files that keep time with devices stay in their order, in which whole sessions do not run
+beside a camera at full rate."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Before any test is imported; what only hands tests out to workers imports none."""
+    """Set up hypothesis, before any test is imported; not in the process that only distributes the tests."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         return
     from hypothesis import settings
 
-    # How long an example takes says nothing on a machine that has other work.
+    # No deadline: the duration of an example means nothing on a machine that has other work.
     settings.register_profile("percuss", deadline=None)
     settings.load_profile("percuss")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first; else in their order."""
-    places = {item: next((i for i, name in enumerate(LONGEST) if f"tests/{name}" in item.path.as_posix()), len(LONGEST)) for item in items}
+    """Sort the tests: the longest files first, the others in their order."""
+    places = {
+        item: next(
+            (i for i, name in enumerate(LONGEST) if f"tests/{name}" in item.path.as_posix()), len(LONGEST)
+        )
+        for item in items
+    }
     items.sort(key=places.__getitem__)
 
 
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
-    """A test whose simulated arm stood still, because this computer had no time for its thread, has tested nothing: it is run again.
+    """Run a test again if it failed while the thread of its simulated arm was delayed by a busy computer.
 
-    Only that is forgiven. The arm measures its own delay; a failure while it kept its time is a failure, and so is the last attempt.
+    The arm measures its own delay. A failure without such a delay counts, and so does the last attempt.
     """
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for attempt in range(1, ATTEMPTS + 1):
@@ -90,20 +102,27 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 @pytest.fixture(scope="session")
 def aravis() -> None:
-    """Aravis and PyGObject, for cameras over GigE Vision."""
+    """Fail unless Aravis and PyGObject are installed, which cameras over GigE Vision need."""
     try:
         import gi
 
         gi.require_version("Aravis", "0.8")
     except (ImportError, ValueError) as error:
-        pytest.fail(f"no Aravis ({error}): run `make setup`, which installs gir1.2-aravis-0.8 and the extra [rig]")
+        pytest.fail(
+            f"no Aravis ({error}): run `make setup`, which installs gir1.2-aravis-0.8 and the extra [rig]"
+        )
 
 
 @pytest.fixture(scope="session")
 def vulkan() -> None:
-    """A Vulkan device, for pictures of the replay; a software renderer does."""
+    """Fail without a Vulkan device, which pictures of the replay need; a software renderer suffices."""
     try:
-        found = subprocess.run(["vulkaninfo", "--summary"], capture_output=True, timeout=20, check=False).returncode == 0
+        found = (
+            subprocess.run(
+                ["vulkaninfo", "--summary"], capture_output=True, timeout=20, check=False
+            ).returncode
+            == 0
+        )
     except FileNotFoundError:
         found = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
     if not found:
@@ -112,14 +131,17 @@ def vulkan() -> None:
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """Debian's Chromium without a window. By module: while it lives no other event loop can run in this process."""
+    """Debian's Chromium without a window.
+
+    One per module, because no other event loop can run in this process while it is open.
+    """
     with _chromium([]) as browser:
         yield browser
 
 
 @pytest.fixture(scope="module")
 def chromium_webgl() -> Iterator[Browser]:
-    """The same with WebGL, drawn in software."""
+    """Debian's Chromium without a window, with WebGL drawn in software."""
     with _chromium(["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]) as browser:
         yield browser
 
@@ -131,7 +153,7 @@ def _chromium(arguments: list[str]) -> Iterator[Browser]:
         pytest.fail("no Chromium: run `make test`, which installs Debian's chromium")
     from playwright.sync_api import sync_playwright
 
-    # Its sandbox refuses to run as root.
+    # Chromium's sandbox refuses to run as root.
     sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=[*arguments, *sandbox])

@@ -15,11 +15,11 @@ import os
 import socket
 
 VARIABLE = "PERCUSS_TEST_NETWORK"
-"""the first three numbers, such as 127.77.0, where somebody wants to choose"""
+"""environment variable with the first three numbers, such as 127.77.0; chosen automatically if not set"""
 
 
 def loopback(host: int) -> str:
-    """The address with that last number in this process's network."""
+    """Address in this process's network with the given last number."""
     return f"{_network()}.{host}"
 
 

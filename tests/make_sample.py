@@ -93,7 +93,7 @@ def _truth(source: Path, spans: list[tuple[int, int]]) -> Iterator[tuple[topics.
 
 
 def _packed(camera: str, frame: ImageFrame) -> bytes:
-    """The recorder's own PNG settings are for speed on noisy images; these are for size on flat ones."""
+    """PNG of a frame as a message, with settings for a small file; the recorder's own are for speed."""
     done, data = cv2.imencode(".png", _simplified(frame.image), (cv2.IMWRITE_PNG_COMPRESSION, 9))
     assert done
     stamp = Timestamp(seconds=frame.time_ns // 10**9, nanos=frame.time_ns % 10**9)

@@ -38,7 +38,7 @@ ANCHOR_NS = 1_780_000_000_000_000_000
 PERIOD_NS = 8_333_333
 TAG_M = 0.03
 DETAIL = 4
-"""lines per pixel that a tag is drawn with, before the pixel takes their mean"""
+"""sub-pixels per pixel, along each axis, over which a drawn tag is averaged"""
 SHAPES = ((0.08, 0.06, 0.15), (0.07, 0.05, 0.12), (0.09, 0.07, 0.13))
 FIRST, AFTER = 15, 8
 """frame that a window begins with (the strike is at frame 29), and frames after the landing"""
@@ -46,7 +46,7 @@ FIRST, AFTER = 15, 8
 
 @dataclass(frozen=True)
 class QuickSession:
-    """What was hidden in the object of one recording."""
+    """True mass properties of the object in one recording."""
 
     path: Path
     com: np.ndarray
@@ -55,7 +55,7 @@ class QuickSession:
 
 
 def body_of(number: int) -> Body:
-    """The object of one kind: always the same."""
+    """Body of the object of one kind; the same at every call."""
     rng = np.random.default_rng((77, number))
     normal = rng.normal(size=3)
     return box_body(
@@ -168,7 +168,7 @@ def _write_strikes(
 
 
 def _with_tags(spec: ObjectSpec, body: Body) -> ObjectSpec:
-    """A tag in the middle of each side, number 0 to 5."""
+    """Object file with a tag in the middle of each side, ids 0 to 5."""
     markers: list[MarkerSpec] = []
     for face in range(3):
         for sign in (1.0, -1.0):
@@ -187,7 +187,7 @@ def _with_tags(spec: ObjectSpec, body: Body) -> ObjectSpec:
 
 
 def _seen(strike: PlannedStrike, spec: ObjectSpec, lens: Station) -> PlannedStrike:
-    """With the tag that faces the camera."""
+    """Planned strike with the tag that faces the camera as its visible marker."""
     R = np.array(strike.R_world_object)
     towards = [
         float((R @ np.array(marker.T_object_marker)[:3, 2]) @ -lens.T_world_camera[:3, 2])
@@ -197,7 +197,7 @@ def _seen(strike: PlannedStrike, spec: ObjectSpec, lens: Station) -> PlannedStri
 
 
 def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: Body, lens: Station) -> bool:
-    """Whether the tag is in the image at rest and past the balance."""
+    """True if the tag is in the image both at rest and past the balance angle."""
     theta = np.array([0.0, tip(body, strike)[0] + 0.2])
     angle = TipAngle(np.zeros(2, np.int64), theta, np.zeros(2), np.zeros(2), np.zeros(2))
     marker = spec.marker[int(strike.visible_markers[0])]
@@ -208,7 +208,7 @@ def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: Body, lens: Station)
 
 
 def _corners(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station, half: float) -> np.ndarray:
-    """(4, 2) px of a square about the tag's middle, from its top left."""
+    """Corners (4, 2) [px] of a square around the tag's centre, from the top left."""
     T = np.array(marker.T_object_marker)
     square = half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
     world = (square @ T[:3, :3].T + T[:3, 3]) @ R.T + p
@@ -217,7 +217,7 @@ def _corners(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station, ha
 
 
 def _picture(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station) -> np.ndarray:
-    """(HEIGHT, WIDTH) uint8: the tag with a white rim, on grey."""
+    """Image (HEIGHT, WIDTH), uint8, of the tag with a white rim on grey."""
     code = _code(int(marker.id))
     cells = len(code)
     # The picture of the code has a rim one cell wide: the tag's edge is the black border's outer one.

@@ -1,4 +1,4 @@
-"""What rig files of the tests have in common."""
+"""Camera calibration section that the tests' rig files share."""
 
 CALIBRATION = """[camera.calibration]
 width = 656

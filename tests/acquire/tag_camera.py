@@ -20,7 +20,7 @@ TAG, EDGE_PX = 5, 96
 
 
 class Still:
-    """The same image for ever."""
+    """Image source that repeats one image."""
 
     def __init__(self) -> None:
         tag = cv2.aruco.generateImageMarker(
@@ -31,11 +31,11 @@ class Still:
         self._image[202 : 202 + EDGE_PX, 272 : 272 + EDGE_PX] = np.clip(tag, 30, 200)
 
     def latest_time_ns(self) -> int:
-        """Always now."""
+        """Current time: there is no world to wait for."""
         return SystemClock().monotonic_ns()
 
     def image(self, start_ns: int, settings: StreamSettings) -> np.ndarray:
-        """The whole sensor."""
+        """Image of the whole sensor, whatever region is set."""
         return self._image[: settings.height, : settings.width]
 
 

@@ -1,4 +1,4 @@
-"""What scripts see of `acquire`: exit codes and the one line, where no rig is needed."""
+"""Exit codes and one-line messages of `acquire`, for verbs that need no rig."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from acquire.cli import main
 
 @pytest.fixture
 def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraInfo]:
-    """What answers to `acquire discover`."""
+    """Cameras that answer `acquire discover`; empty at first."""
     pytest.importorskip("gi")
     found: list[CameraInfo] = []
     monkeypatch.setattr("acquire.camera.aravis_library.discover", lambda: found)
     return found
 
 
-def test_discover_fails_with_the_remedy_where_no_camera_answers(cameras: list[CameraInfo]) -> None:
+def test_discover_fails_with_a_remedy_if_no_camera_answers(cameras: list[CameraInfo]) -> None:
     for arguments, stdout in (["discover"], ""), (["discover", "--json"], "[]\n"):
         result = CliRunner().invoke(main, arguments)
         assert result.exit_code == 1
@@ -46,7 +46,7 @@ def test_discover_lists_what_answers(cameras: list[CameraInfo]) -> None:
 
 @pytest.fixture
 def hung(tmp_path: Path) -> Iterator[Path]:
-    """A rig file whose daemon takes connections and says nothing."""
+    """Rig file whose daemon accepts connections and never answers."""
     path = tmp_path / "d.sock"
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
@@ -68,7 +68,7 @@ socket = "{path}"
         yield rig
 
 
-def test_a_stop_that_reaches_nobody_says_what_to_do_first(hung: Path) -> None:
+def test_stop_without_an_answer_warns_to_cut_the_power(hung: Path) -> None:
     result = CliRunner().invoke(main, ["stop", "--rig", str(hung)])
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
@@ -77,7 +77,7 @@ def test_a_stop_that_reaches_nobody_says_what_to_do_first(hung: Path) -> None:
     )
 
 
-def test_a_demo_removes_the_folders_of_killed_ones(tmp_path: Path) -> None:
+def test_demo_removes_folders_of_killed_demos(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         dead.wait()
     left, mine = tmp_path / f"percuss-demo-{dead.pid}-abc", tmp_path / f"percuss-demo-{os.getpid()}-abc"

@@ -107,7 +107,7 @@ def test_a_server_that_is_no_daemon_raises_only_a_daemon_error(line: bytes, tmp_
             thread.join()
 
 
-def test_an_error_of_a_name_that_is_none_of_ours_is_a_daemon_error(tmp_path: Path) -> None:
+def test_unknown_error_name_becomes_a_daemon_error(tmp_path: Path) -> None:
     def refuse(*_: object) -> None:
         raise ZeroDivisionError("division by zero")
 
