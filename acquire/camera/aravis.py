@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from acquire.camera.aravis_library import Connection, aravis_and_glib, close_connection, drain, reason
 from acquire.camera.base import Camera, CameraInfo
-from acquire.camera.discovery import ask, is_controlled
+from acquire.camera.discovery import identify_camera, wait_for_control
 from acquire.camera.frame_loss import FrameLoss
 from acquire.camera.receive_buffer import enlarge_receive_buffer
-from acquire.camera.settings import settings_of
+from acquire.camera.settings import write_settings
 from acquire.clock.reading import ClockReading
-from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
+from acquire.errors import CameraError, CameraLost, CameraNotFound
 from acquire.frames.buffer_pool import BufferPool
 from acquire.frames.frame import Frame
 
@@ -32,7 +32,6 @@ OPEN_S = 20.0
 
 The work takes a quarter of a second; each missing answer costs 2.5 s, and Aravis may wait for six.
 """
-_HEARTBEAT_TIMEOUT_S = 3.2
 _CLOCK_JUMP_S = 5.0
 """change of device time against host time between two frames that no delay explains: the clock was set, or it
 restarted [s]"""
@@ -84,12 +83,13 @@ class AravisCamera(Camera):
         """Connect, write every setting, read it back and compare.
 
         Raises:
-            CameraNotFound: nothing answers at the address. CameraSettingError: a setting reads back
-                differently, or is out of the camera's range. CameraError: another program controls the
-                camera, it stopped answering, or it took longer than `OPEN_S`.
+            CameraNotFound: nothing answers at the address.
+            CameraSettingError: a setting reads back differently, or is out of the camera's range.
+            CameraError: another program controls the camera, it stopped answering, or it took longer than
+                `OPEN_S`.
         """
         done: Future[CameraInfo] = Future()
-        threading.Thread(target=self._open_for, args=(done,), name="aravis-open", daemon=True).start()
+        threading.Thread(target=self._open_in_thread, args=(done,), name="aravis-open", daemon=True).start()
         try:
             return done.result(OPEN_S)
         except TimeoutError:
@@ -100,7 +100,7 @@ class AravisCamera(Camera):
                 "switch it off and on, check its cable, then try again"
             ) from None
 
-    def _open_for(self, done: Future[CameraInfo]) -> None:
+    def _open_in_thread(self, done: Future[CameraInfo]) -> None:
         """Open on a thread of its own: a call that hangs inside Aravis cannot be ended.
 
         It is abandoned, and cleaned up if it ever returns.
@@ -117,11 +117,11 @@ class AravisCamera(Camera):
     def _open(self) -> CameraInfo:
         Aravis, GLib = aravis_and_glib()
         address = self._config.address
-        self._wait_for_control()
+        wait_for_control(address, self._clock)
         try:
             camera = Aravis.Camera.new(address)
         except GLib.Error as error:
-            if ask(address) is not None:
+            if identify_camera(address) is not None:
                 raise CameraError(
                     f"camera {address} answers discovery, but refuses a connection ({reason(error)}): "
                     "switch it off and on"
@@ -131,16 +131,18 @@ class AravisCamera(Camera):
                 "check power, cable and address; `acquire discover` lists the cameras that answer"
             ) from None
         device = camera.get_device()
-        handler = device.connect(
-            "control-lost", lambda _device: self._lost.set()
-        )  # runs on Aravis's heartbeat thread
+        # The handler runs on Aravis's heartbeat thread.
+        handler = device.connect("control-lost", lambda _device: self._lost.set())
         try:
             if not device.is_controller():
                 raise CameraError(
-                    f"camera {address} refused control: another program took it first; "
+                    f"camera {address} refused control: another program took control first; "
                     "close that program, then try again"
                 )
-            self._write_settings(camera)
+            write_settings(camera, self._config)
+            self._exposure_us = camera.get_exposure_time()
+            if self._config.trigger == "off":
+                self._frame_rate_hz = camera.get_frame_rate()
             self._ticks_hz = self._read_ticks_hz(device)
             info = CameraInfo(
                 vendor=camera.get_vendor_name(),
@@ -180,7 +182,7 @@ class AravisCamera(Camera):
         self._last_frame_ns, self._last_device_ns = self._clock.monotonic_ns(), None
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next complete frame, or None when none came in time.
+        """Next complete frame, or None if none arrived in time.
 
         Raises:
             CameraLost: the camera no longer answers, or sent no complete frame for the configured `stall_s`.
@@ -217,13 +219,14 @@ class AravisCamera(Camera):
             after_ns = self._clock.monotonic_ns()
             ticks = (read(_LATCH_HIGH) << 32) | read(_LATCH_LOW)
         except GLib.Error:
-            return self._no_latch()
+            return self._warn_no_latch()
         if ticks == 0:
-            return self._no_latch()
+            return self._warn_no_latch()
         self._latched_once = True
         return ClockReading(ticks * 1_000_000_000 // self._ticks_hz, before_ns, after_ns)
 
-    def _no_latch(self) -> None:
+    def _warn_no_latch(self) -> None:
+        """Give up latching if it never succeeded; after a success a failure may be an isolated one."""
         if not self._latched_once:
             self._ticks_hz = 0
             self._warnings.append(
@@ -313,48 +316,6 @@ class AravisCamera(Camera):
         self._sequence += 1
         return frame
 
-    def _wait_for_control(self) -> None:
-        """Wait while a killed client's control privilege lasts: its heartbeat time-out of 3 s.
-
-        Asked only twice, because Aravis's fake camera takes any client's question for the controller's
-        heartbeat.
-        """
-        address = self._config.address
-        if is_controlled(address):
-            self._clock.sleep(_HEARTBEAT_TIMEOUT_S)
-            if is_controlled(address):
-                raise CameraError(
-                    f"camera {address} is controlled by another program: close that program, then try again"
-                )
-
-    def _write_settings(self, camera: Any) -> None:
-        Aravis, GLib = aravis_and_glib()
-        config = self._config
-        # Off by default, and then Width = 5000 is accepted (Aravis #562).
-        camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
-        camera.set_acquisition_mode(Aravis.AcquisitionMode.CONTINUOUS)
-        if camera.is_exposure_auto_available():
-            camera.set_exposure_time_auto(Aravis.Auto.OFF)
-        if camera.is_gain_auto_available():
-            camera.set_gain_auto(Aravis.Auto.OFF)
-        for setting in settings_of(camera, config):
-            asked = f"camera {config.address}: {setting.name} = {setting.text(setting.wanted)}"
-            try:
-                setting.write(setting.wanted)
-                got = setting.read()
-            except GLib.Error as error:
-                if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
-                    raise  # the camera did not refuse, it stopped answering
-                raise CameraSettingError(
-                    f"{asked} was refused ({reason(error)}): correct the rig file"
-                ) from None
-            if not setting.agrees(got):
-                raise CameraSettingError(
-                    f"{asked} was asked, {setting.text(got)} read back: correct the rig file"
-                )
-        self._exposure_us = camera.get_exposure_time()
-        self._frame_rate_hz = camera.get_frame_rate() if config.trigger == "off" else config.frame_rate_hz
-
     def _read_ticks_hz(self, device: Any) -> int:
         """Frequency of the device clock [Hz]; 0 if unknown.
 
@@ -377,14 +338,13 @@ class AravisCamera(Camera):
         stream = camera.create_stream(None, None)
         if stream is None:
             raise CameraError(
-                f"camera {self._config.address}: no stream could be made: "
+                f"camera {self._config.address}: no stream can be opened: "
                 "check that UDP is not blocked by a firewall"
             )
         stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
         stream.set_property("frame-retention", self._retention_us())
-        stream.set_property(
-            "socket-buffer-size", 0
-        )  # leave it alone: else it is set again with every frame (Aravis #994)
+        # 0 leaves the socket's buffer alone: else Aravis sets it again with every frame (Aravis #994).
+        stream.set_property("socket-buffer-size", 0)
         wanted_bytes = self._config.receive_buffer_bytes
         self.receive_buffer_bytes = enlarge_receive_buffer(stream.get_port(), wanted_bytes)
         if self.receive_buffer_bytes < wanted_bytes:
@@ -415,9 +375,8 @@ class AravisCamera(Camera):
     def _retention_us(self) -> int:
         """Frame retention time [us]: how long an incomplete frame waits for resent packets.
 
-        Aravis's default of 100 ms is too short on a busy computer. The frames behind the incomplete one wait
-        in buffers
-        meanwhile: the time fills half of the buffers at most.
+        Aravis's default of 100 ms is too short on a busy computer. Meanwhile the frames behind the incomplete
+        one wait in buffers: the time is chosen so that they fill half of the buffers at most.
         """
         held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
         return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))

@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from acquire.camera.base import CameraInfo
-from acquire.camera.discovery import ask
+from acquire.camera.discovery import identify_camera
 from acquire.errors import CameraError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
         for index in range(Aravis.get_n_devices())
         if Aravis.get_device_protocol(index) == "GigEVision"
     ]
-    virtual = ask(loopback)
+    virtual = identify_camera(loopback)
     if virtual is not None and all(info.address != virtual.address for info in found):
         found.append(virtual)
     return found

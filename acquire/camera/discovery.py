@@ -1,4 +1,4 @@
-"""Identity of a camera, and whether a client controls it, asked without a connection.
+"""Queries to a camera without a connection: its identity, and whether a client controls it.
 
 GigE Vision 2.0, 16.2 and 16.4. Aravis's own discovery broadcasts, and loopback does not carry broadcasts. A
 camera does not answer a write by a client without control, which costs Aravis 2.5 s of time-outs each: asking
@@ -9,8 +9,13 @@ from __future__ import annotations
 
 import socket
 import struct
+from typing import TYPE_CHECKING
 
 from acquire.camera.base import CameraInfo
+from acquire.errors import CameraError
+
+if TYPE_CHECKING:
+    from acquire.clock.clock import Clock
 
 GVCP_PORT = 3956
 _DISCOVERY = bytes.fromhex("420100020000ffff")
@@ -19,9 +24,11 @@ _CONTROL_OR_EXCLUSIVE = 3
 _HEADER_BYTES = 8
 _ADDRESS, _VENDOR, _MODEL, _SERIAL = (0x24, 4), (0x48, 32), (0x68, 32), (0xD8, 16)
 _ANSWER_BYTES = _HEADER_BYTES + 0xF8
+_HEARTBEAT_TIMEOUT_S = 3.2
+"""time after which a camera ends the control privilege of a client that died [s]: 3 s, and some margin"""
 
 
-def ask(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
+def identify_camera(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
     """Identity of the camera at `address`, or None if nothing answers."""
     answer = _exchange(address, _DISCOVERY, timeout_s)
     if len(answer) < _ANSWER_BYTES or answer[2:4] != b"\x00\x03":
@@ -41,6 +48,23 @@ def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
     if len(answer) < _HEADER_BYTES + 4 or answer[:4] != b"\x00\x00\x00\x81":
         return False
     return struct.unpack_from(">I", answer, _HEADER_BYTES)[0] & _CONTROL_OR_EXCLUSIVE != 0
+
+
+def wait_for_control(address: str, clock: Clock) -> None:
+    """Wait while a killed client's control privilege lasts: its heartbeat time-out of 3 s.
+
+    The camera is asked only twice, because Aravis's fake camera takes any client's question for the
+    controller's heartbeat.
+
+    Raises:
+        CameraError: a living client controls the camera.
+    """
+    if is_controlled(address):
+        clock.sleep(_HEARTBEAT_TIMEOUT_S)
+        if is_controlled(address):
+            raise CameraError(
+                f"camera {address} is controlled by another program: close that program, then try again"
+            )
 
 
 def _exchange(address: str, request: bytes, timeout_s: float) -> bytes:

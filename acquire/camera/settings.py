@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from acquire.camera.aravis_library import aravis_and_glib, reason
+from acquire.errors import CameraSettingError
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -34,7 +37,39 @@ class Setting:
         return value if isinstance(value, str) else f"{value:g} {self.unit}"
 
 
-def settings_of(camera: Any, config: CameraConfig) -> Iterator[Setting]:
+def write_settings(camera: Any, config: CameraConfig) -> None:
+    """Write every setting of `config` to an Aravis camera, read it back and compare.
+
+    Raises:
+        CameraSettingError: a setting reads back differently, or is out of the camera's range.
+        GLib.Error: the camera stopped answering.
+    """
+    Aravis, GLib = aravis_and_glib()
+    # Off by default, and then Width = 5000 is accepted (Aravis #562).
+    camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
+    camera.set_acquisition_mode(Aravis.AcquisitionMode.CONTINUOUS)
+    if camera.is_exposure_auto_available():
+        camera.set_exposure_time_auto(Aravis.Auto.OFF)
+    if camera.is_gain_auto_available():
+        camera.set_gain_auto(Aravis.Auto.OFF)
+    for setting in _settings(camera, config):
+        wanted = f"camera {config.address}: {setting.name} = {setting.text(setting.wanted)}"
+        try:
+            setting.write(setting.wanted)
+            got = setting.read()
+        except GLib.Error as error:
+            if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
+                raise  # the camera did not refuse, it stopped answering
+            raise CameraSettingError(
+                f"{wanted} was refused ({reason(error)}): correct the rig file"
+            ) from None
+        if not setting.agrees(got):
+            raise CameraSettingError(
+                f"{wanted} was written, {setting.text(got)} read back: correct the rig file"
+            )
+
+
+def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
     """Yield the settings of `config` for an Aravis camera, in an order that no camera refuses."""
     # Offsets to 0 first, then the size, then the offsets: each limits the other (Aravis #256).
     region = [

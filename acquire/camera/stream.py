@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 LATCH_S: Final = 0.5
 """interval between latches of the device clock [s]"""
 FIRST_LATCH_S: Final = 0.1
-"""interval while the readings span less than SPAN_S, because the precision of the drift grows with the span
-[s]"""
-SPAN_S: Final = 2.0
+"""interval [s] while the readings span less than LATCH_SPAN_S: the drift is the more precise, the longer the
+span"""
+LATCH_SPAN_S: Final = 2.0
+"""span of the readings from which on the clock is latched every LATCH_S [s]"""
 FIRST_LATCHES: Final = 25
 """latches before and after the camera starts, which may take long: the first frames are mapped by the
 quickest of them"""
@@ -34,6 +35,7 @@ QUICK_RATIO: Final = 1.3
 LOSS_REPORT_NS: Final = 1_000_000_000
 """shortest time between two reports of lost frames"""
 RETRY_S: Final = 0.5
+"""interval between attempts to reconnect a lost camera [s]"""
 READ_TIMEOUT_S: Final = 0.1
 
 
@@ -239,9 +241,8 @@ class CameraStream:
             # No frames were counted while the camera was away: estimate the loss from the gap in time.
             lost = max(0, round((mid - self._recent[-1]) / self._period_ns) - 1)
         self._recent.append(mid)
-        self._arrived_ns = (
-            self._clock.monotonic_ns()
-        )  # of a camera far behind the arrival counts as a sign of life
+        # The time of arrival, not of exposure: frames that arrive late still show that the camera is alive.
+        self._arrived_ns = self._clock.monotonic_ns()
         mapped = frame._replace(
             sequence=self._sequence,
             lost_before=lost,
@@ -256,7 +257,7 @@ class CameraStream:
 
     def _latch(self) -> None:
         while not self._stopping.is_set():
-            self._latch_now.wait(LATCH_S if self._mapper.span_s > SPAN_S else FIRST_LATCH_S)
+            self._latch_now.wait(LATCH_S if self._mapper.span_s > LATCH_SPAN_S else FIRST_LATCH_S)
             self._latch_now.clear()
             camera, mapper = self._camera, self._mapper
             for _ in range(LATCH_TRIES):

@@ -76,7 +76,7 @@ class HeartbeatListener:
                         return
                     started, silent_s = True, 0.0
                 elif started and not reported:
-                    # A longer turn is one in which this process did not run either.
+                    # A turn longer than that is time in which this process did not run either.
                     silent_s += min(time.monotonic() - before, 2 * _POLL_S)
                     if silent_s >= self._silence_s:
                         reported = True

@@ -47,6 +47,7 @@ class CaptureStatus:
     """bytes of images in memory that wait for the disk, in this recording"""
     fps: float
     recording: Path | None
+    """final path of the file being written; None if no recording is open"""
     first_frame_ns: int | None
     """log time of this recording's first frame; None before it"""
     bytes_written: int
@@ -56,6 +57,7 @@ class CaptureStatus:
     clock_latched: bool
     """True if frame times are mapped from the camera's clock; False: they are arrival times"""
     last_frame_age_s: float | None
+    """time since the newest frame was read [s]; None before the first frame"""
     error: str
     """most recent problem; empty if there is none"""
     warnings: tuple[str, ...]
@@ -228,8 +230,8 @@ class CaptureProcess:
             here, self._socket = self._socket, None
         if here is not None:
             here.close()
-        for ask in (lambda: None, process.terminate, process.kill):
-            ask()
+        for end in (lambda: None, process.terminate, process.kill):
+            end()
             try:
                 process.wait(15.0)
                 break

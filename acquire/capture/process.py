@@ -245,7 +245,7 @@ class Capture:
 
     def _frames(self, recording: OpenRecording) -> FrameRecorder:
         if recording.frames is None:
-            raise RecorderError(f"{recording.path}: takes no frames yet")
+            raise RecorderError(f"{recording.path}: this recording does not take frames yet")
         return recording.frames
 
     # --- from the camera's threads ---
@@ -288,12 +288,10 @@ def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(
-            number, lambda *_: None
-        )  # the wake-up descriptor carries it to the select in _serve_one
+        # The handler does nothing: the wake-up descriptor carries the signal to the select in _serve_one.
+        signal.signal(number, lambda *_: None)
     signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
-    # The camera's thread must get the GIL soon after a frame arrives, whatever else runs; the default is 5
-    # ms.
+    # The camera's thread must get the GIL soon after a frame arrives; the default interval is 5 ms.
     sys.setswitchinterval(0.0005)
     with socket.socket(fileno=fd) as connection:
         capture = Capture(connection, make_camera, SystemClock(), wake_read)

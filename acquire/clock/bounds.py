@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from acquire.clock.reading import ClockReading
 
 Point = tuple[float, float]
-SPAN_NS = 1e9
+DRIFT_UNIT_NS = 1e9
 """unit of time of the drift inside the polygon [ns]: offset and drift then have similar size"""
 _THIN_AREA = 1e-9
 """area, as a fraction of the extent squared, below which a polygon counts as a line: triangles would divide
@@ -44,19 +44,21 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
     """
     newest = readings[-1]
     width = float(max(1, newest.host_after_ns - newest.host_before_ns))
-    steepest = rate_limit * SPAN_NS
+    steepest = rate_limit * DRIFT_UNIT_NS
     polygon: list[Point] = [(0.0, -steepest), (width, -steepest), (width, steepest), (0.0, steepest)]
     # The tightest bounds first: most of the others then cut off nothing.
     for reading in sorted(readings, key=lambda reading: reading.host_after_ns - reading.host_before_ns):
         elapsed = reading.device_time_ns - newest.device_time_ns
-        u = elapsed / SPAN_NS
+        u = elapsed / DRIFT_UNIT_NS
         lower = float(reading.host_before_ns - newest.host_before_ns - elapsed)
         upper = lower + max(1, reading.host_after_ns - reading.host_before_ns)
         polygon = _clip(_clip(polygon, 1.0, u, -lower), -1.0, -u, upper)
         if not polygon:
             return None
     (offset, slope), (var_offset, cov, var_slope) = _moments(polygon)
-    return LineBounds(offset, slope / SPAN_NS, (var_offset, cov / SPAN_NS, var_slope / SPAN_NS**2))
+    return LineBounds(
+        offset, slope / DRIFT_UNIT_NS, (var_offset, cov / DRIFT_UNIT_NS, var_slope / DRIFT_UNIT_NS**2)
+    )
 
 
 def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:

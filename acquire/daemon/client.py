@@ -24,9 +24,9 @@ class DaemonClient:
     """A client of the daemon; a context manager. One request at a time: use one client per thread.
 
     Args:
-        path: the daemon's socket. patience_s: greatest silence of the daemon [s]. An answer may take any time
-            while the daemon reports that it is
-            busy.
+        path: path of the daemon's socket.
+        patience_s: greatest silence of the daemon [s]. An answer may take any time while the daemon reports
+            that it is busy.
 
     Raises (every call):
         DaemonNotRunning: no daemon listens, or it went away.
@@ -78,9 +78,8 @@ class DaemonClient:
         request = {"id": request_id, "method": method, "params": params}
         line = json.dumps(request, allow_nan=False).encode() + b"\n"
         try:
-            with contextlib.suppress(
-                BrokenPipeError, ConnectionResetError
-            ):  # a refusal comes before the hang-up
+            # A daemon that refuses this client sends the reason before it hangs up: it is read below.
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):
                 self._socket.sendall(line)
             answer = self._receive()
             while "busy_s" in answer:
@@ -147,7 +146,7 @@ class DaemonClient:
 
     def _invalid_answer(self) -> DaemonError:
         return DaemonError(
-            f"{self._path}: the program that listens there is no daemon of ours: "
+            f"{self._path}: the program that listens there is not a daemon of Percuss: "
             "see [daemon] socket in the rig file"
         )
 

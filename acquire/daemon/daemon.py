@@ -60,7 +60,11 @@ class Daemon:
         self._reviver: threading.Thread | None = None
 
     def run(self, on_ready: Any = None, goes_on: Callable[[], bool] = lambda: True) -> None:
-        """Start everything, serve until a stop request or until `goes_on()` is false, release everything.
+        """Start everything, serve until a stop request, release everything.
+
+        Args:
+            on_ready: called once with the status, when clients are served and all devices are open.
+            goes_on: checked ten times a second; False ends the daemon as a stop request does.
 
         Raises:
             AcquireError: a device or the socket is not available; everything is released.
@@ -76,9 +80,8 @@ class Daemon:
             self._camera = self._capture.start()
             cleanup.callback(self._join_reviver)
             cleanup.callback(self._end_recording)
-            cleanup.callback(
-                self._release_striker
-            )  # first of all: finishing a file may take long, releasing the torque must not
+            # Runs before the others: finishing a file may take long, releasing the torque must not.
+            cleanup.callback(self._release_striker)
             self._control.striker.open()
             if on_ready is not None:
                 on_ready(self._status(None, {}))

@@ -3,7 +3,8 @@
 A capture process that dies, or hangs and is killed, takes its file with it. The daemon starts another one,
 and the recording continues in the next numbered file with the same id and anchor. The file of the dead
 process is rebuilt beside it, and the loss in between is reported: in the log of the next file, to every
-subscriber and on standard error. Requests about what broke off (an open window) raise RecordingBroken.
+subscriber and on standard error. Requests about an
+interrupted window raise RecordingBroken.
 """
 
 from __future__ import annotations
@@ -187,7 +188,7 @@ class LiveRecording:
         """Record a strike; on return the capture process has it.
 
         Raises:
-            RecordingBroken: its images are in a file that broke off, or the capture process died with it.
+            RecordingBroken: its images are in a file that was cut short, or the capture process died with it.
         """
         opened = self._uninterrupted()
         opened.refuse_earlier_file(message.window_start_ns)
@@ -217,7 +218,7 @@ class LiveRecording:
                 waited for.
 
         Raises:
-            RecordingBroken: the window was opened in a file that broke off.
+            RecordingBroken: the window was opened in a file that was cut short.
         """
         opened = self._uninterrupted()
         part, opened.window_part = opened.window_part, None
@@ -238,7 +239,7 @@ class LiveRecording:
                 return
             opened.broken = reason
             opened.watch.stop()
-        self._complain(f"the recording broke off: the capture process {reason}")
+        self._complain(f"the recording was interrupted: the capture process {reason}")
 
     def resume(self) -> None:
         """Begin the next file: the capture process runs again."""
@@ -253,17 +254,18 @@ class LiveRecording:
             except AcquireError as error:
                 opened.part = before
                 self._ended_by = (
-                    f"the recording ended: the capture process {broken}, and it could not go on: {error}"
+                    f"the recording ended: the capture process {broken}, "
+                    f"and the recording could not continue: {error}"
                 )
                 self._forget(opened)
-                said = self._ended_by
+                report = self._ended_by
             else:
                 opened.broken = ""
                 file = part_path(opened.path, opened.part)
-                said = f"the recording goes on in {file.name}"
+                report = f"the recording continues in {file.name}"
                 self._salvage_parts(opened, before, lambda: self._wait_for_first_frame(file))
             self._changed.notify_all()
-        self._complain(said)
+        self._complain(report)
 
     def _salvage_parts(
         self, opened: RecordingState, first: int, next_frame_ns: Callable[[], int | None]
@@ -356,7 +358,7 @@ class LiveRecording:
                 raise self._not_open_error()
             if opened.broken:
                 raise RecorderError(
-                    f"the recording broke off, and does not go on: "
+                    f"the recording was interrupted and did not continue: "
                     f"the capture process {opened.broken}: see `acquire status`"
                 )
             return opened

@@ -78,9 +78,7 @@ def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
     shape = base64.b64decode(request["shape_base64"]) if request.get("shape_base64") else None
     digest = object_sha256(spec, shape)
     if plan.object_sha256 != digest:
-        raise SessionError(
-            f"the plan was made for another object than {spec.name!r}: make it anew with `analyze plan`"
-        )
+        raise SessionError(f"the plan was made for another object than {spec.name!r}: repeat `analyze plan`")
     attachments = [
         (OBJECT_ATTACHMENT, "application/toml", request["object_toml"].encode()),
         (PLAN_ATTACHMENT, "application/json", request["plan_json"].encode()),

@@ -37,18 +37,18 @@ class RecordingState:
     salvages: list[Salvage] = field(default_factory=list)
 
     def start_watching(self) -> None:
-        """Start `analyze watch`; it follows the series of files from the given one on."""
+        """Start `analyze watch` on the current file; it continues with the later files of the series."""
         self.watch.follow(self._watched_file())
 
     def restart_watching_if_ended(self) -> str:
-        """Restart an `analyze watch` that ended; returns the text of a report, or nothing."""
+        """Restart an `analyze watch` that ended. Returns a report for people; empty if none is due."""
         return self.watch.restart_if_ended(self._watched_file)
 
     def refuse_earlier_file(self, window_start_ns: int) -> None:
-        """Raise RecordingBroken if a window lies in a file that broke off."""
+        """Raise RecordingBroken if a window lies in a file that was cut short."""
         if self.part > 1 and 0 < window_start_ns < self.began_ns and self.salvages:
             name = part_path(self.path, self.part).name
-            raise RecordingBroken(f"the strike's images lie in a file that broke off, before {name}")
+            raise RecordingBroken(f"the strike's images are in a file that was cut short, before {name}")
 
     def _watched_file(self) -> Path:
         # The file before the newest surely exists, and holds the beginning of a strike in progress.

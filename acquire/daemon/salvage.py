@@ -84,7 +84,7 @@ class Salvage:
                 reports.append(f"{part.name} could not be rebuilt: {error}")
                 continue
             kept.append(whole)
-            reports.append(f"{whole.name} is whole: {times.frames} frames{more}")
+            reports.append(f"{whole.name} is complete: {times.frames} frames{more}")
             frames += times.frames
             lost += times.lost
             last_ns = times.last_ns or last_ns
@@ -92,7 +92,7 @@ class Salvage:
             gap_s = (next_ns - last_ns) * 1e-9
             missing = max(0, round(gap_s * self._rate) - 1)
             lost += missing
-            reports.append(f"after it {gap_s:.1f} s are lost, {missing} frames")
+            reports.append(f"after it {missing} frames are lost ({gap_s:.1f} s)")
         self._found = Salvaged(tuple(kept), frames, lost, "; ".join(reports) or self._found.text)
         self._on_end(self._found)
 
@@ -112,9 +112,10 @@ class Salvage:
             )
         report = json.loads(output)
         if report["anything_damaged"]:
-            damaged = (
-                f"{report['damaged_records']} damaged records and {report['skipped_bytes']} bytes of none"
+            records, outside = report["damaged_records"], report["skipped_bytes"]
+            return (
+                f", {part.name} is kept: it holds {records} damaged records and {outside} bytes outside any "
+                "record"
             )
-            return f", {part.name} is kept: it holds {damaged}"
         part.unlink()
         return ""

@@ -1,9 +1,13 @@
 """Server of the daemon's local API: JSON lines over a unix socket that only its user can open.
 
-Request  {"id": 1, "method": "striker.arm", "params": {}} Answer   {"id": 1, "result": {...}}  or  {"id": 1,
-"error": {"kind": "StrikerRefused", "message": "..."}} While a slow answer is in preparation, once a second:
-{"id": 1, "busy_s": 3.0}. A client that receives neither concludes that the daemon hangs. After the request
-`subscribe` the connection carries events only: {"event": "prompt", ...}.
+    request  {"id": 1, "method": "striker.arm", "params": {}}
+    answer   {"id": 1, "result": {...}}
+    error    {"id": 1, "error": {"kind": "StrikerRefused", "message": "..."}}
+    busy     {"id": 1, "busy_s": 3.0}
+
+While a slow answer is in preparation, the daemon sends `busy` once a second. A client that receives neither
+`busy` nor an answer concludes that the daemon hangs. After the request `subscribe` the connection carries
+events only: {"event": "prompt", ...}.
 
 The socket has mode 0600 in a folder of mode 0700 that belongs to the user, and the peer's user id is checked:
 another user is refused twice. The client checks the daemon's user in the same way.
@@ -157,9 +161,7 @@ class ApiServer:
                 return
             if (uid := read_peer(sock).uid) != self._served_uid:
                 with sock, contextlib.suppress(OSError):
-                    text = (
-                        f"{self._path}: the daemon serves user {self._served_uid} alone, and not user {uid}"
-                    )
+                    text = f"{self._path}: the daemon serves only user {self._served_uid}, not user {uid}"
                     refusal = {"id": None, **_error("DaemonError", text)}
                     sock.send(json.dumps(refusal).encode() + b"\n", socket.MSG_DONTWAIT)
                 continue
@@ -222,9 +224,8 @@ class ApiServer:
                 return request_id, {"result": handler(connection, params)}
         except AcquireError as error:
             return request_id, _error(type(error).__name__, str(error))
-        except (
-            Exception
-        ) as error:  # every request is answered, whatever its error, and the connection stays open
+        except Exception as error:
+            # Every request is answered, whatever its error, and the connection stays open.
             return request_id, _error(
                 "DaemonError", f"request not understood: {type(error).__name__}: {error}"
             )
@@ -269,11 +270,13 @@ def _require_private_folder(folder: Path) -> None:
         ) from None
     if stat.S_ISLNK(found.st_mode):
         raise DaemonError(
-            f"{folder}: is a symbolic link, the daemon's socket wants a folder: "
-            "set [daemon] socket to where it leads"
+            f"{folder}: is a symbolic link, but the daemon's socket needs a folder: "
+            "set [daemon] socket to a path in the folder that the link leads to"
         )
     if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
-        raise DaemonError(f"{folder}: must belong to you alone (chmod 700), the daemon's socket lies in it")
+        raise DaemonError(
+            f"{folder}: the folder of the daemon's socket must belong to you alone: set its mode (chmod 700)"
+        )
 
 
 def _remove_stale_socket(path: Path) -> None:
@@ -284,11 +287,12 @@ def _remove_stale_socket(path: Path) -> None:
         return
     if not stat.S_ISSOCK(found.st_mode):
         raise DaemonError(
-            f"{path}: is no socket, and is not touched: set [daemon] socket in the rig file to another path"
+            f"{path}: is not a socket, and is left as it is: "
+            "set [daemon] socket in the rig file to another path"
         )
     if found.st_uid != os.getuid():
         raise DaemonError(
-            f"{path}: belongs to user {found.st_uid}, and is not touched: "
+            f"{path}: belongs to user {found.st_uid}, and is left as it is: "
             "set [daemon] socket in the rig file to another path"
         )
     try:

@@ -50,8 +50,7 @@ class StrikerControl:
         Args:
             params: `after_stop`: True (default) if a person decided it; a program that continues by itself
                 passes False, and is refused after a stop. `stops_seen`: number of stops in `status` before
-                that person was
-                asked; a later stop refuses the motion that the person agreed to.
+                that person was asked; a later stop refuses the motion that the person agreed to.
         """
         stops = int(params.get("stops_seen", self.stops))
         with self._lock:

@@ -45,7 +45,7 @@ class WatchSupervisor:
         self._lives -= 1
         watcher.close()
         if self._lives == 0:
-            return "analyze watch keeps ending: the recording goes on without verdicts"
+            return "analyze watch keeps ending: the recording continues without verdicts"
         self.follow(file())
         return "analyze watch ended and was started again"
 

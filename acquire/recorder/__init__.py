@@ -1,1 +1,1 @@
-"""Bounded queue to MCAP: writer, pre-trigger ring, recovery."""
+"""Recording to MCAP: frame queues with a pre-trigger time, file writer, recovery."""

@@ -182,7 +182,7 @@ class FileSeries:
     # --- under the lock ---
 
     def _rotate(self) -> None:
-        """Change to the next file if it is ready; else have it opened."""
+        """Change to the next file if it is ready; else start to open it, unless that is under way."""
         if (error := self._error or self._refused) is not None:
             raise error
         if self._next is not None:

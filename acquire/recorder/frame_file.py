@@ -68,7 +68,7 @@ class FrameFile:
             topics.raw_image(frames.camera) if raw else topics.compressed_image(frames.camera)
         )
         self._metas = sink.add_topic(topics.frame_meta(frames.camera))
-        self._every_meta = pb.FrameMeta(width=frames.width, height=frames.height)
+        self._meta_template = pb.FrameMeta(width=frames.width, height=frames.height)
 
     def write_images(self, frames: Sequence[Frame]) -> None:
         """Write images together, all or none.
@@ -128,7 +128,7 @@ class FrameFile:
 
     def _meta(self, frame: Frame, recorded: bool) -> bytes:
         meta = pb.FrameMeta()
-        meta.CopyFrom(self._every_meta)  # takes half as long as naming every field
+        meta.CopyFrom(self._meta_template)  # takes half as long as naming every field
         meta.sequence = frame.sequence
         meta.device_time_ns = frame.device_time_ns
         meta.host_time_ns = frame.host_time_ns

@@ -15,7 +15,7 @@ class FramePath(Protocol):
     """
 
     error: RecorderError | None
-    """why the file takes no more images; None while it does"""
+    """reason why the file accepts no more images; None while it accepts them"""
 
     @property
     def dropped(self) -> int:
@@ -28,7 +28,7 @@ class FramePath(Protocol):
         ...
 
     def take(self, frame: Frame) -> bool:
-        """Take a frame to be written, and its meta in any case. Never waits for the disk.
+        """Take a frame to be written; its meta is written in any case. Never waits for the disk.
 
         Returns:
             False if the image was dropped.

@@ -119,7 +119,7 @@ class FrameRecorder(ABC):
 
     @property
     def error(self) -> RecorderError | None:
-        """Reason why the file takes no more images; None while it does."""
+        """Reason why the file accepts no more images; None while it accepts them."""
         return self._path.error
 
     def add(self, frame: Frame) -> None:
@@ -212,7 +212,7 @@ class FrameRecorder(ABC):
 
     @abstractmethod
     def _claim(self, start_ns: int) -> Iterable[DelayedFrame]:
-        """Empty the delay line for a window that begins at `start_ns`; its frames from there on, recorded."""
+        """Empty the delay line; record and return its frames from `start_ns` on, the window's first."""
 
     @abstractmethod
     def _end_delay(self) -> None:

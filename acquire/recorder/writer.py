@@ -11,7 +11,6 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 from acquire.errors import RecorderError
@@ -114,8 +113,8 @@ class McapWriter:
         self._full: RecorderError | None = None
         self._wake = threading.Event()
         self._records.begin()
-        self._keeper = threading.Thread(target=self._keep, name="recorder-sync", daemon=True)
-        self._keeper.start()
+        self._flusher = threading.Thread(target=self._flush_regularly, name="recorder-sync", daemon=True)
+        self._flusher.start()
 
     @property
     def size(self) -> int:
@@ -322,9 +321,7 @@ class McapWriter:
     def __enter__(self) -> McapWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Finish; after an error leave the `.part` file."""
         if kind is not None:
             self.abort()
@@ -384,7 +381,7 @@ class McapWriter:
 
     # --- helper thread ---
 
-    def _keep(self) -> None:
+    def _flush_regularly(self) -> None:
         """Flush small topics every `flush_s`, and push bytes to the disk."""
         while True:
             self._wake.wait(self._flush_s)
@@ -400,4 +397,4 @@ class McapWriter:
 
     def _join(self) -> None:
         self._wake.set()
-        self._keeper.join()
+        self._flusher.join()

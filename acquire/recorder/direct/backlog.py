@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from acquire.frames.page_memory import PAGE
+from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
 from acquire.recorder.frame_format import FrameFormat
 
@@ -15,11 +15,11 @@ BACKLOG_S: Final = 2.0
 
 def backlog_frames(frames: FrameFormat) -> int:
     """Number of camera buffers that a recording may borrow at a time; 0 for images smaller than a page."""
-    return math.ceil(BACKLOG_S * frames.frame_rate_hz) if frames.image_bytes >= PAGE else 0
+    return math.ceil(BACKLOG_S * frames.frame_rate_hz) if frames.image_bytes >= PAGE_BYTES else 0
 
 
 def backlog_memory(frames: FrameFormat, borrowable: int) -> BlockMemory:
     """Blocks for the bytes that are copied around `borrowable` borrowed images."""
     # Two pages at most are copied for each image: its end, and the records between it and the next image.
     # Eight blocks more, because the end of one file is written beside the head of the next.
-    return BlockMemory(borrowable * 2 * PAGE + 8 * BLOCK_BYTES, borrowable * frames.image_bytes)
+    return BlockMemory(borrowable * 2 * PAGE_BYTES + 8 * BLOCK_BYTES, borrowable * frames.image_bytes)

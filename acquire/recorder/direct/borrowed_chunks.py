@@ -13,7 +13,7 @@ import struct
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from acquire.frames.page_memory import PAGE
+from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.checksum import image_checksums
 from acquire.recorder.messages import BorrowedImage
 from acquire.recorder.recording_file import BorrowedRun
@@ -21,7 +21,7 @@ from schemas.mcap import records as container
 from schemas.mcap.chunks import pack_chunk_of_one
 from schemas.mcap.content_hash import HashedMessage
 
-_ZEROS: Final = bytes(2 * PAGE)
+_ZEROS: Final = bytes(2 * PAGE_BYTES)
 _HEADS: Final = container.CHUNK_HEAD + container.MESSAGE_HEAD
 _PADDING: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<BQHIQQ")
@@ -41,8 +41,8 @@ class BorrowedChunks(NamedTuple):
 
 def gap_before(at: int) -> int:
     """Size of the padding at offset `at` that ends with a page [bytes]: 0, or at least a record's head."""
-    gap = -at % PAGE
-    return gap if gap == 0 or gap >= container.RECORD_HEAD else gap + PAGE
+    gap = -at % PAGE_BYTES
+    return gap if gap == 0 or gap >= container.RECORD_HEAD else gap + PAGE_BYTES
 
 
 def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage]) -> BorrowedChunks:
@@ -73,7 +73,7 @@ def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage])
             else ()
         )
         own.append(b"".join((*loose, *padding, chunk, head, prefix)))
-        whole = count - count % PAGE
+        whole = count - count % PAGE_BYTES
         pages.append(pixels[:whole])
         loose = (pixels[whole:], index)
         at += _HEADS + size + len(index)

@@ -85,9 +85,8 @@ class BorrowedQueue:
             self._newest_ns = frame.mid_exposure_ns
             with self._lock:
                 self._write_batch()
-        if (
-            self._ending.is_set()
-        ):  # the frame arrived while the queue closed: no other thread writes it any more
+        if self._ending.is_set():
+            # The frame arrived while the queue closed: no other thread writes it any more.
             self.wait_until_written(LATE_FRAME_TIMEOUT_S)
         return borrowed
 
@@ -97,9 +96,8 @@ class BorrowedQueue:
         while True:
             with self._lock:
                 written = self._write_batch()
-                if (
-                    not self._queue
-                ):  # without the lock it may be empty while another thread still writes the meta
+                # Read under the lock: without it the queue may be empty while another thread writes the meta.
+                if not self._queue:
                     return
             if time.monotonic() >= end:
                 return

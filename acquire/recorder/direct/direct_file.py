@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
-from acquire.frames.page_memory import PAGE
+from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder import atomic
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
 from acquire.recorder.direct.waiting_bytes import WaitingBytes
@@ -69,9 +69,9 @@ def can_write_directly(folder: Path) -> bool:
     except OSError:
         return False
     try:
-        _allocate(fd, 0, 4 * PAGE)
-        with mmap.mmap(-1, PAGE) as page:
-            return os.pwrite(fd, page, PAGE) == PAGE
+        _allocate(fd, 0, 4 * PAGE_BYTES)
+        with mmap.mmap(-1, PAGE_BYTES) as page:
+            return os.pwrite(fd, page, PAGE_BYTES) == PAGE_BYTES
     except OSError:
         return False
     finally:
@@ -106,7 +106,7 @@ class DirectFile:
         """bytes in whole pages that are on the disk and final"""
         self._readable = 0
         """bytes that are in the file, including those in its padded last page"""
-        self._tail = mmap.mmap(-1, PAGE)
+        self._tail = mmap.mmap(-1, PAGE_BYTES)
         self._failed: OSError | None = None
         self._closing = False
         self._change = threading.Condition()
@@ -282,13 +282,13 @@ class DirectFile:
     def _write(self, size: int, *, tail: bool) -> None:
         """Write the file up to `size`, or without `tail` up to the last whole page before it."""
         while True:
-            whole = min(size - size % PAGE, self._written + MOST_WRITE_BYTES)
+            whole = min(size - size % PAGE_BYTES, self._written + MOST_WRITE_BYTES)
             views = self._waiting.views(self._written, whole)
-            last = whole == size - size % PAGE
-            padded = size % PAGE if last and tail and self._readable < size else 0
+            last = whole == size - size % PAGE_BYTES
+            padded = size % PAGE_BYTES if last and tail and self._readable < size else 0
             if padded:
                 self._tail[:padded] = b"".join(self._waiting.views(whole, size))
-                self._tail[padded:] = bytes(PAGE - padded)
+                self._tail[padded:] = bytes(PAGE_BYTES - padded)
                 views.append(memoryview(self._tail))
             if views:
                 _write_pages(self._fd, views, self._written)
@@ -308,7 +308,7 @@ def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
             offset += taken
             views = views[MOST_VIEWS:]
             continue
-        taken -= taken % PAGE  # a partly written page is written again
+        taken -= taken % PAGE_BYTES  # a partly written page is written again
         if taken == 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         offset += taken

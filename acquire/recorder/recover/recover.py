@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import RecorderError
-from acquire.frames.page_memory import PAGE
+from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder import atomic
 from acquire.recorder.recover.edit import copy_messages
 from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout, refuse_folder
@@ -151,7 +151,7 @@ class _Salvage:
     def run(self) -> None:
         """Copy whole records, then write the seal."""
         at = len(container.MAGIC)
-        end = self._without_padding()
+        end = self._data_end()
         while at < end and not self._report.ended_properly:
             at = self._copy_records(at)
             if not self._report.ended_properly:
@@ -176,12 +176,12 @@ class _Salvage:
             SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash}
         )
 
-    def _without_padding(self) -> int:
+    def _data_end(self) -> int:
         """Offset where the data end.
 
         A recording written past the page cache fills its last page with zeros.
         """
-        padding = bytes(self._data[-PAGE:])
+        padding = bytes(self._data[-PAGE_BYTES:])
         return len(self._data) - (len(padding) - len(padding.rstrip(b"\0")))
 
     def _copy_records(self, start: int) -> int:
@@ -190,7 +190,7 @@ class _Salvage:
         for opcode, found, body in walk(self._data, start):
             # Padding has a bounded length and holds zeros only; anything else is damage, and the next chunk
             # is searched for.
-            padding = opcode == container.PADDING and len(body) < 2 * PAGE and not any(body)
+            padding = opcode == container.PADDING and len(body) < 2 * PAGE_BYTES and not any(body)
             if not padding and not container.HEADER <= opcode <= container.DATA_END:
                 break
             at = found + container.RECORD_HEAD + len(body)
@@ -241,9 +241,10 @@ class _Salvage:
     def _salvage_cut_chunk(self, at: int) -> int:
         """Copy the whole messages of an uncompressed chunk whose end is missing.
 
-        Return how many of its bytes were used.
-
         They cannot be checked by the chunk's CRC, only by their form.
+
+        Returns:
+            The number of bytes of the chunk that were used.
         """
         head = container.CHUNK_HEAD
         if len(self._data) - at <= head or self._data[at] != container.CHUNK:

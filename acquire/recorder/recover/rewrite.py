@@ -1,6 +1,6 @@
-"""Assembles a recording from parts of another.
+"""Assembles a recording from parts of another one.
 
-Whole chunks unchanged, single messages where a chunk must change.
+Whole chunks are copied unchanged; of a chunk that must change, the messages are copied one by one.
 """
 
 from __future__ import annotations

@@ -90,9 +90,8 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
     assert max(ids) == 65535
     assert min(ids) == 1  # the ids wrapped past 0
     assert camera.incomplete_frames == 0
-    assert (
-        np.max(np.abs(sigmas)) < 3.0
-    )  # a slow machine reads the clock slowly and says so; what a quiet one does: make bench-clock
+    # In units of the stated sd, which is larger on a slow computer; on an idle one: make bench-clock.
+    assert np.max(np.abs(sigmas)) < 3.0
 
 
 def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> None:
@@ -198,7 +197,7 @@ def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     ("changes", "message"),
     [
         ({"width": 5000}, "Width = 5000 px was refused"),
-        ({"gain_db": 2.5}, "gain = 2.5 dB was asked, 2 dB read back: correct the rig file"),
+        ({"gain_db": 2.5}, "gain = 2.5 dB was written, 2 dB read back: correct the rig file"),
         (
             {"trigger": "Line7"},
             "TriggerSource = Line7 was refused .*'Line7' not an entry.*: correct the rig file",

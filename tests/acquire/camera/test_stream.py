@@ -1,5 +1,7 @@
-"""The stream of a camera whose clock drifts, while the host's wall clock is set: nothing but the wall anchor
-may read that."""
+"""Stream of a camera whose clock drifts, while the host's wall clock is set.
+
+Only the wall anchor may depend on the wall clock.
+"""
 
 from __future__ import annotations
 

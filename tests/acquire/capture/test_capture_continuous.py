@@ -1,5 +1,4 @@
-"""A continuous recording from the buffers of a real GigE Vision client: what the camera does to it, and what
-a kill does."""
+"""A continuous recording from the buffers of a real GigE Vision client: camera faults, and kill -9."""
 
 from __future__ import annotations
 

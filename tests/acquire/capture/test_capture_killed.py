@@ -1,5 +1,4 @@
-"""kill -9 of the capture process: nothing of it runs any more, and what is recovered is what it had handed to
-the system."""
+"""kill -9 of the capture process: no thread of it survives, and all that it wrote is recovered."""
 
 from __future__ import annotations
 
@@ -50,9 +49,8 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
             capture.status()
     finally:
         capture.stop()
-    parts = list(
-        tmp_path.glob("*.part")
-    )  # two where the kill came while one file was finished and the next begun
+    # Two if the kill came while one file was being finished and the next had begun.
+    parts = list(tmp_path.glob("*.part"))
     assert 1 <= len(parts) <= 2
     for number, part in enumerate(parts):
         assert recover(part, tmp_path / f"recovered-{number}.mcap").has_manifest

@@ -1,4 +1,4 @@
-"""Signs of life: who sends none is found out once, who is slow or was never heard is left alone."""
+"""Heartbeats: a process that stops sending is reported once; one that is slow, or never sent any, is not."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquire.camera.stream import FIRST_LATCH_S, FIRST_LATCHES, LATCH_S, SPAN_S
+from acquire.camera.stream import FIRST_LATCH_S, FIRST_LATCHES, LATCH_S, LATCH_SPAN_S
 from acquire.clock.bounds import lines_between
 from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.clock.reading import ClockReading
@@ -78,7 +78,7 @@ def test_every_frame_from_the_first_on_is_mapped_to_30_us_at_50_ppm(drift: float
     for frame in range(HOST0 + 20_000_000, HOST0 + 12 * 10**9, 8_333_333):
         while due <= frame:
             latch(due)
-            due += round((LATCH_S if mapper.span_s > SPAN_S else FIRST_LATCH_S) * 1e9)
+            due += round((LATCH_S if mapper.span_s > LATCH_SPAN_S else FIRST_LATCH_S) * 1e9)
         time_ns = device.at(frame)
         errors.append(mapper.to_host(time_ns) - frame)
         sigmas.append(errors[-1] / mapper.sd_at(time_ns))

@@ -189,13 +189,13 @@ def test_another_user_is_refused(open_folder):
         (open_folder / "p" / "d.sock").chmod(0o666)
         answer, _ = send_request(open_folder / "p" / "d.sock", *speaker)
         assert (
-            f"serves user {served} alone, and not user {NOBODY if root else os.getuid()}"
+            f"serves only user {served}, not user {NOBODY if root else os.getuid()}"
             in json.loads(answer)["error"]["message"]
         )
         if not root:
             with (
                 DaemonClient(open_folder / "p" / "d.sock") as client,
-                pytest.raises(DaemonError, match="serves user"),
+                pytest.raises(DaemonError, match="serves only user"),
             ):
                 client.call("echo")
     finally:
@@ -233,12 +233,12 @@ def test_what_lies_at_the_sockets_path_is_not_touched_unless_it_is_our_dead_sock
     folder.mkdir(mode=0o700)
     path = folder / "d.sock"
     path.symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(DaemonError, match="is no socket, and is not touched"):
+    with pytest.raises(DaemonError, match="is not a socket, and is left as it is"):
         ApiServer(path, {})
     assert path.is_symlink()
     path.unlink()
     path.write_text("mine")
-    with pytest.raises(DaemonError, match="is no socket, and is not touched"):
+    with pytest.raises(DaemonError, match="is not a socket, and is left as it is"):
         ApiServer(path, {})
     assert path.read_text() == "mine"
 
@@ -251,7 +251,7 @@ def test_another_users_socket_is_not_touched(tmp_path, monkeypatch):
     found = os.stat_result((*path.lstat()[:4], os.getuid() + 1, *path.lstat()[5:10]))
     lstat = Path.lstat
     monkeypatch.setattr(Path, "lstat", lambda self: found if self == path else lstat(self))
-    with pytest.raises(DaemonError, match=f"belongs to user {os.getuid() + 1}, and is not touched"):
+    with pytest.raises(DaemonError, match=f"belongs to user {os.getuid() + 1}, and is left as it is"):
         ApiServer(path, {})
     assert path.is_socket()
 

@@ -1,4 +1,4 @@
-"""Whose orders the daemon takes."""
+"""Clients from which the daemon takes orders."""
 
 from __future__ import annotations
 

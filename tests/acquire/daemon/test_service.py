@@ -1,4 +1,4 @@
-"""The few words of sd_notify: a datagram socket in the manager's place."""
+"""sd_notify datagrams, received by a socket in place of the service manager."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""A recording in several files: whole each, nothing lost between them; and what is refused where the disk is
-full."""
+"""A recording in several complete files without a loss between them; refusals on a full disk."""
 
 from __future__ import annotations
 

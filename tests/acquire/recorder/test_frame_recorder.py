@@ -1,5 +1,4 @@
-"""What is kept of a stream of frames: previews, windows with their pre-trigger, and what a slow or full disk
-costs."""
+"""Recorded frames: previews, windows with their pre-trigger time, and losses on a slow or full disk."""
 
 from __future__ import annotations
 

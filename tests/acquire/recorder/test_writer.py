@@ -1,4 +1,4 @@
-"""A recording is whole, says what it holds, and reads in another implementation of the format."""
+"""A finished recording is complete, and another implementation of the format reads it."""
 
 from __future__ import annotations
 

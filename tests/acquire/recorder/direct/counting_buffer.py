@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.frames.frame import Frame
-from acquire.frames.page_memory import PAGE, page_memory
+from acquire.frames.page_memory import PAGE_BYTES, page_memory
 from acquire.recorder.checksum import crc_of
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import BorrowedImage
@@ -25,7 +25,7 @@ class CountingBuffer:
         memory: mmap.mmap = page_memory(image.size)
         self.image = np.frombuffer(memory, np.uint8)[: image.size].reshape(image.shape)
         self.image[:] = image
-        assert self.image.ctypes.data % PAGE == 0
+        assert self.image.ctypes.data % PAGE_BYTES == 0
         self.replaceable = replaceable
         self.borrows = self.released = 0
 

@@ -23,7 +23,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
 from acquire.errors import RecorderError
-from acquire.frames.page_memory import PAGE
+from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.borrowed_chunks import gap_before
@@ -108,14 +108,14 @@ def _check_images(found: dict[int, np.ndarray], count: int, width: int = WIDTH, 
 def _on_pages(path: Path, width: int, height: int, count: int) -> None:
     data = path.read_bytes()
     at = [data.find(image_of(width, height, number).tobytes()) for number in range(count)]
-    assert all(place > 0 and place % PAGE == 0 for place in at)
+    assert all(place > 0 and place % PAGE_BYTES == 0 for place in at)
 
 
 @given(at=st.integers(0, 1 << 40))
 def test_padding_is_a_whole_record_or_none(at: int) -> None:
     gap = gap_before(at)
-    assert (at + gap) % PAGE == 0
-    assert gap == 0 or container.RECORD_HEAD <= gap < PAGE + container.RECORD_HEAD
+    assert (at + gap) % PAGE_BYTES == 0
+    assert gap == 0 or container.RECORD_HEAD <= gap < PAGE_BYTES + container.RECORD_HEAD
     if gap:
         [(opcode, found, body)] = walk(
             memoryview(container.pack_record(container.PADDING, bytes(gap - container.RECORD_HEAD)))
@@ -125,7 +125,7 @@ def test_padding_is_a_whole_record_or_none(at: int) -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(
-    size=st.integers(PAGE, 3 * PAGE + 100),
+    size=st.integers(PAGE_BYTES, 3 * PAGE_BYTES + 100),
     batches=st.lists(st.integers(1, 5), min_size=1, max_size=4),
     between=st.lists(st.integers(0, 5000), min_size=4, max_size=4),
     direct=st.booleans(),
@@ -342,7 +342,7 @@ def test_nothing_is_given_back_before_the_disk_has_it(
         writer.flush()
         monkeypatch.setattr(direct_file, "_write_pages", stuck)
         buffers = _write_borrowed(writer, 0, 5) + _write_borrowed(writer, 5, 7)
-        assert memory.used_bytes >= 12 * 5 * PAGE
+        assert memory.used_bytes >= 12 * 5 * PAGE_BYTES
         assert not any(buffer.released for buffer in buffers)
         go.set()
         writer.flush()

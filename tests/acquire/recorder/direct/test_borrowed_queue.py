@@ -1,5 +1,7 @@
-"""A recorder that borrows the frames' buffers: dropped frames are counted, taken ones are in the file,
-buffers go back once."""
+"""A recorder that borrows the frames' buffers.
+
+Dropped frames are counted, accepted ones are in the file, and every buffer is released once.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""A recording past the page cache: the same file, readable while it grows, whole pages only, and never a wait
-for the disk."""
+"""A recording that bypasses the page cache: the same file, readable while it grows, written in whole pages.
+
+Appending never waits for the disk.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ import pytest
 from mcap.reader import make_reader
 
 from acquire.errors import RecorderError
-from acquire.frames.page_memory import PAGE
+from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
 from acquire.recorder.direct.direct_file import RESERVE_BYTES, DirectFile, can_write_directly
@@ -59,7 +61,7 @@ def test_any_sizes_come_out_as_they_went_in(tmp_path: Path, memory: BlockMemory)
     expected = bytearray()
     for _ in range(60):
         pieces = [
-            source[start : start + generator.choice([0, 1, 30, PAGE, 100_000, 900_000])]
+            source[start : start + generator.choice([0, 1, 30, PAGE_BYTES, 100_000, 900_000])]
             for start in generator.sample(range(1000), 3)
         ]
         while not file.has_room(sum(map(len, pieces)), image=False):
@@ -69,11 +71,11 @@ def test_any_sizes_come_out_as_they_went_in(tmp_path: Path, memory: BlockMemory)
         if generator.random() < 0.2:
             file.wait_until(file.size)
             found = (tmp_path / "a.part").read_bytes()
-            assert len(found) - len(expected) < PAGE
+            assert len(found) - len(expected) < PAGE_BYTES
             assert found == expected.ljust(len(found), b"\0")
     file.finish()
     assert (tmp_path / "a.part").read_bytes() == expected
-    assert (tmp_path / "a.part").stat().st_blocks * 512 < len(expected) + 64 * PAGE, (
+    assert (tmp_path / "a.part").stat().st_blocks * 512 < len(expected) + 64 * PAGE_BYTES, (
         "what was allocated and not used is free again"
     )
 
@@ -187,7 +189,7 @@ def test_a_file_cut_anywhere_gives_every_message_before_the_cut(tmp_path: Path, 
         ends.append(writer.size)
     writer.flush()
     data = writer.part_path.read_bytes()
-    assert len(data) % PAGE == 0, "as a killed process leaves it"
+    assert len(data) % PAGE_BYTES == 0, "as a killed process leaves it"
     writer.abort()
     assert writer.part_path.stat().st_size == ends[-1]
     generator = random.Random(3)

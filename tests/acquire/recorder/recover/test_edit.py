@@ -1,4 +1,4 @@
-"""Topics are added to and taken from finished recordings; the original is whole at every moment."""
+"""Topics are added to and removed from finished recordings; the original is complete at every moment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cut and damaged recordings are rebuilt with everything that is whole, and say what is not."""
+"""Recovery of cut and damaged recordings: every whole record is saved, and the losses are reported."""
 
 from __future__ import annotations
 
