@@ -1,4 +1,4 @@
-"""The rig that `-m hardware` runs the contracts against: PERCUSS_RIG names its file."""
+"""The rig of the contract tests with `-m hardware`: PERCUSS_RIG names its file."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""What every Camera promises (acquire/camera/base.py), run against the virtual camera and, with `-m
-hardware`, the one of PERCUSS_RIG."""
+"""The contract of Camera (acquire/camera/base.py), checked on the virtual camera.
+
+With `-m hardware` it is checked on the camera of the rig file that PERCUSS_RIG names.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What every striker must do, against the virtual servo and, with `-m hardware`, against the one of
-PERCUSS_RIG.
+"""The contract of Striker, checked on the virtual servo.
 
-The arm moves: nothing but air may be in its way.
+With `-m hardware` it is checked on the servo of the rig file that PERCUSS_RIG names. The arm moves: keep its
+path clear.
 """
 
 from __future__ import annotations

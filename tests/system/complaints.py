@@ -1,4 +1,4 @@
-"""What is expected of every complaint: one line, exit code 1, nothing left behind."""
+"""Check of an error message: one line, exit code 1, no file left behind."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""One short session on the virtual rig for all system tests, over real GigE Vision and real Dynamixel
-wires."""
+"""One short session on the virtual rig for all system tests.
+
+It uses the GigE Vision and Dynamixel protocols on loopback and a pseudo-terminal.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""A rig to break: a camera in a process, a servo with its arm in this one, the daemon with its children; and
-rows for a table."""
+"""A rig for fault tests, and rows for the table of faults.
+
+The camera is a process, the servo with its arm is in this process, and the daemon has its child processes.
+"""
 
 from __future__ import annotations
 

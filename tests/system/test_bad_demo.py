@@ -1,4 +1,4 @@
-"""A demo that cannot begin, is interrupted or killed: one line, nothing left behind; wrong usage."""
+"""A demo that cannot begin, is interrupted or is killed; wrong usage: one line, nothing left behind."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
         (
             acquire,
             ["strike", "--speed", "1", "--plan", "p"],
-            r"acquire: give --speed, or --plan .* \(see acquire strike --help\)",
+            r"acquire: give either --speed, or --plan with --strike.* \(see acquire strike --help\)",
         ),
         (analyze, ["estimate"], r"analyze: Missing argument 'FILE\.\.\.' \(see analyze estimate --help\)"),
         (

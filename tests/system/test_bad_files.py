@@ -1,5 +1,4 @@
-"""A file that is put in wrongly gives one line that names the thing and the remedy, exit code 1, and leaves
-nothing behind."""
+"""Errors in input files: one line that names the problem and the remedy, exit code 1, no file left behind."""
 
 from __future__ import annotations
 
@@ -54,7 +53,7 @@ JUICE_STL = (OBJECTS / "juice.stl").read_bytes()
         ("0.0025", "2.5", r"shell_thickness_m: 2.5 m .* \(2.5 mm would be 0.0025\)"),
         ("edge_radius_m = 0.001", "edge_radius_m = 1.0", r"edge_radius_m: 1 m .* in metres"),
         ("0.04]", "40]", r"T_object_marker: its translation is 40 m: translations are in metres"),
-        ("[1, 0, 0, 0]", "[2, 0, 0, 0]", r"T_object_marker: .* no rotation"),
+        ("[1, 0, 0, 0]", "[2, 0, 0, 0]", r"T_object_marker: .* not a rotation"),
         ("[1, 0, 0, 0]", "[-1, 0, 0, 0]", r"T_object_marker: .* right-handed"),
         ("[0, 0, 0, 1]", "[0, 0, 0, 2]", r"T_object_marker: its last row"),
         ("id = 3", "id = 900", r"marker.0.id: .* 586"),
@@ -81,7 +80,7 @@ def test_an_object_file_with_a_mistake(tmp_path: Path, old: str, new: str, says:
             r"body.stl: not a closed body \(\d+ open edges.*: close",
         ),
         (MESH, JUICE_STL[:2000], r"body.stl: cannot be read as STL: .*export it anew"),
-        (MESH, b"", r"body.stl: holds no faces"),
+        (MESH, b"", r"body.stl: has no faces"),
         (MESH, None, r"body.stl: no such shape file: object.toml names it"),
         (MESH.replace("body.stl", "body.step"), JUICE_STL, r"body.step: no such shape file"),
     ],
@@ -321,7 +320,9 @@ def test_an_object_file_of_another_shape_given_afterwards(tmp_path: Path) -> Non
     other = write(tmp_path / "other.toml", CARTON.replace("0.15]", "0.08]"))
     line = complaint(analyze, "estimate", path, "--object", other)
     assert re.search(
-        r"other.toml: is of another shape than .*r.mcap: .* mm off its surface: give a corrected file", line
+        r"other.toml: is of another shape than .*r.mcap: .* mm off its surface, more than .* mm: "
+        r"give a corrected file",
+        line,
     )
     corrected = write(
         tmp_path / "corrected.toml", CARTON.replace("0.044", "0.045").replace("0.15]", "0.151]")
@@ -333,7 +334,7 @@ def test_an_object_file_of_another_shape_given_afterwards(tmp_path: Path) -> Non
 
 
 def test_no_truth_to_score_against(tmp_path: Path) -> None:
-    assert "holds no truth: only recordings of the virtual rig" in complaint(
+    assert "holds no ground truth: only recordings of the virtual rig" in complaint(
         analyze, "score", record(tmp_path / "r.mcap", BLANK)
     )
 

@@ -1,5 +1,4 @@
-"""Devices that are not there, sockets that are taken, orders that make no sense: one line each, exit code 1,
-nothing left behind."""
+"""Missing devices, sockets in use, invalid orders: one line each, exit code 1, nothing left behind."""
 
 from __future__ import annotations
 
@@ -146,11 +145,13 @@ def test_a_socket_that_cannot_be_ours(rig: Rig) -> None:
     precious = rig.socket("file")
     precious.parent.mkdir(mode=0o700)
     write(precious, "precious")
-    assert "is no socket, and is not touched" in complaint(acquire, "run", rig.file("a", socket_name="file"))
+    assert "is not a socket, and is left as it is" in complaint(
+        acquire, "run", rig.file("a", socket_name="file")
+    )
     assert precious.read_text() == "precious"
     (rig.folder / "open").mkdir()
     (rig.folder / "open").chmod(0o755)
-    assert "must belong to you alone (chmod 700)" in complaint(
+    assert "must belong to you alone: set its mode (chmod 700)" in complaint(
         acquire, "run", rig.file("b", socket_name="open")
     )
     write(rig.folder / "plain", "")

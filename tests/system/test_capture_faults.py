@@ -1,7 +1,7 @@
-"""The capture process dies, hangs, or its camera's thread does: the recording goes on in the next file, and
-what is lost is said.
+"""The capture process, or its camera thread, dies or hangs while the daemon records.
 
-Rows of docs/reference/faults.md (`make bench-faults`).
+The recording continues in the next file, and the loss is reported. Rows of docs/reference/faults.md (`make
+bench-faults`).
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def check_files(rig: FaultRig, report: dict, gap_from_ns: int, gap_to_ns: int) -
     assert gap_from_ns - 0.6e9 - RecorderConfig().pre_trigger_s * 1e9 < first.last_ns
     assert then.first_ns < gap_to_ns + 1.0e9
     said = [log.message for _, log in messages(second(rig), topics.LOG)]
-    assert any(f"{gap_s:.1f} s are lost, {round(gap_s * RATE_HZ) - 1} frames" in text for text in said), said
+    assert any(f"{round(gap_s * RATE_HZ) - 1} frames are lost ({gap_s:.1f} s)" in text for text in said), said
     return gap_s
 
 
@@ -96,13 +96,13 @@ def test_capture_process_fails_between_strikes(rig: FaultRig, how: signal.Signal
     failed_ns = time.monotonic_ns()
     said = "gave no sign of life for 3 s and was ended" if how is signal.SIGSTOP else "ended (exit code -9)"
     told_s = wait_until(
-        lambda: f"the recording broke off: the capture process {said}" in daemon.complaints,
+        lambda: f"the recording was interrupted: the capture process {said}" in daemon.complaints,
         SILENCE_S + 5.0,
         0.01,
     )
     client.call("recording.state", state=1, strike_id="s2", attempt=1, text="")  # waits
     back_s = (time.monotonic_ns() - failed_ns) * 1e-9
-    assert "the recording goes on in r-0002.mcap" in daemon.complaints
+    assert "the recording continues in r-0002.mcap" in daemon.complaints
     after = strike(rig, client, "s2.1")
     report = client.call("recording.close")
     gap_s = check_files(rig, report, anchor + failed_ns, anchor + failed_ns + round(back_s * 1e9))
@@ -118,9 +118,9 @@ def test_capture_process_fails_between_strikes(rig: FaultRig, how: signal.Signal
     what = "hangs (SIGSTOP)" if how is signal.SIGSTOP else "killed (kill -9)"
     add_row(
         f"capture process {what} between two strikes",
-        f"{round(gap_s * RATE_HZ) - 1} frames in {gap_s:.1f} s, stated; said after {milliseconds(told_s)}; "
-        "its file is rebuilt",
-        f"{back_s:.1f} s: the recording goes on in the next numbered file",
+        f"{round(gap_s * RATE_HZ) - 1} frames in {gap_s:.1f} s, counted in the file; reported after"
+        f" {milliseconds(told_s)}; its file is rebuilt",
+        f"{back_s:.1f} s: the recording continues in the next numbered file",
     )
 
 
@@ -153,9 +153,9 @@ def test_capture_process_fails_in_a_window(rig: FaultRig, how: signal.Signals) -
     add_row(
         f"capture process {'hangs (SIGSTOP)' if how is signal.SIGSTOP else 'killed (kill -9)'} in a "
         "strike's window",
-        f"that strike, which is made again; its file keeps all but the last {milliseconds(lost_s)} before "
-        f"it; then {gap_s:.1f} s, stated",
-        f"{back_s:.1f} s, the strike's repetition included",
+        f"that strike, which is repeated; its file keeps all but the last {milliseconds(lost_s)} before the "
+        f"fault; then {gap_s:.1f} s, counted in the file",
+        f"{back_s:.1f} s, including the repeated strike",
     )
 
 
@@ -164,7 +164,7 @@ def test_a_recording_that_is_closed_while_the_capture_process_is_away_is_rebuilt
     strike(rig, client, "s1.1")
     camera.kill()
     os.kill(daemon.capture, signal.SIGKILL)
-    wait_until(lambda: "the recording broke off" in daemon.complaints, 5.0, 0.01)
+    wait_until(lambda: "the recording was interrupted" in daemon.complaints, 5.0, 0.01)
     start = time.monotonic()
     report = client.call("recording.close")
     took_s = time.monotonic() - start
@@ -175,7 +175,7 @@ def test_a_recording_that_is_closed_while_the_capture_process_is_away_is_rebuilt
     works_again(rig, daemon)
     add_row(
         "camera and capture process killed, then the session ends",
-        "what came after the kill; the file is rebuilt before the answer to `recording.close`",
+        "everything after the kill; the file is rebuilt before the answer to `recording.close`",
         f"closed after {took_s:.1f} s",
     )
 
@@ -206,7 +206,7 @@ def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
     assert daemon.process.wait(30) == 0, daemon.complaints
     add_row(
         "camera and capture process killed, the camera later started again",
-        f"what each of the two loses; SIGTERM meanwhile takes the torque off after {milliseconds(off_s)}",
+        f"as for each of the two alone; SIGTERM meanwhile takes the torque off after {milliseconds(off_s)}",
         f"{back_s:.1f} s after the camera's start",
     )
 
@@ -224,7 +224,7 @@ def test_sigterm_while_the_capture_process_hangs(rig: FaultRig) -> None:
     assert Frames.of(rig.recording).arrived > 100
     add_row(
         "capture process hangs (SIGSTOP), then SIGTERM",
-        f"what came after it hung: torque off after {milliseconds(off_s)}, its file is rebuilt",
+        f"everything after the hang: torque off after {milliseconds(off_s)}, its file is rebuilt",
         f"ended after {end_s:.1f} s",
     )
 
@@ -249,7 +249,8 @@ def test_the_daemon_hangs(rig: FaultRig) -> None:
     assert abs(Frames.of(rig.recording).unaccounted) < 1.0
     works_again(rig, daemon)
     add_row(
-        "the daemon hangs (SIGSTOP), later goes on",
-        f"nothing: the capture process records on; a client says after {told_s:.1f} s whom to end",
-        "at once when it goes on",
+        "the daemon hangs (SIGSTOP), later continues",
+        f"nothing: the capture process keeps recording; after {told_s:.1f} s a client reports which process "
+        "to end",
+        "as soon as it continues",
     )

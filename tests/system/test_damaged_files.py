@@ -1,5 +1,7 @@
-"""`acquire recover` on recordings that were cut anywhere, or have a wrong byte anywhere. Its rows stand in
-docs/reference/faults.md."""
+"""`acquire recover` on recordings that are cut, or have one wrong byte, at any place.
+
+Rows of docs/reference/faults.md (`make bench-faults`).
+"""
 
 from __future__ import annotations
 
@@ -89,10 +91,9 @@ def test_a_file_cut_anywhere(whole: bytes, tmp_path: Path) -> None:
             assert place < image_ends[0] + CHUNK_END
     add_row(
         f"a recording cut at any of {CASES} places, into `acquire recover`",
-        "the record at the cut and what came later, said with the time at which the file breaks off; every "
-        "image before it comes "
-        f"out byte for byte; {harmless} cuts lay behind the data (index, summary): nothing; {refused} left "
-        "nothing: refused in one line",
+        "the record at the cut and everything later; the report gives the time at which the file ends; every "
+        f"image before it is recovered byte for byte; {harmless} cuts were after the data (index, summary): "
+        f"nothing lost; {refused} left nothing to save: refused in one line",
         "at once; exit code 3, 0 where nothing is lost",
     )
 
@@ -117,7 +118,7 @@ def test_a_wrong_byte_anywhere(whole: bytes, tmp_path: Path) -> None:
             assert report["topics"]["/striker/sample"] == small.SAMPLES
     add_row(
         f"one byte wrong at any of {CASES} places, into `acquire recover`",
-        f"the record it lies in, at most {most} image; {unnoticed} lay in what is written anew (index, "
-        "summary): nothing",
+        f"the record that holds it, at most {most} image; {unnoticed} were in parts that are rebuilt (index, "
+        "summary): nothing lost",
         "at once; exit code 3 where something is lost",
     )

@@ -98,7 +98,7 @@ def test_a_second_daemon(rig: FaultRig) -> None:
     for what, seconds in (("socket", socket_s), ("serial port", port_s), ("camera", camera_s)):
         add_row(
             f"second daemon on the same {what}",
-            f"nothing: refused in one line after {seconds:.1f} s; the first records on",
+            f"nothing: refused in one line after {seconds:.1f} s; the first keeps recording",
             "at once",
         )
 
@@ -139,9 +139,9 @@ def test_camera_killed_and_restarted(rig: FaultRig) -> None:
     works_again(rig, daemon)
     add_row(
         "camera killed, 1 s later started again",
-        f"the frames meanwhile, {frames.lost} in {frames.longest_gap_s:.1f} s, stated to the frame; "
+        f"the frames meanwhile, {frames.lost} in {frames.longest_gap_s:.1f} s, counted exactly; "
         f"reported after {told_s:.1f} s",
-        f"{back_s:.1f} s after the camera's start; the recording goes on",
+        f"{back_s:.1f} s after the camera's start; the recording continues",
     )
 
 
@@ -159,9 +159,9 @@ def test_camera_paused_for_3_s(rig: FaultRig) -> None:
     works_again(rig, daemon)
     add_row(
         "camera stands still for 3 s",
-        f"{frames.lost} frames in {frames.longest_gap_s:.1f} s, stated to the frame; reported after "
+        f"{frames.lost} frames in {frames.longest_gap_s:.1f} s, counted exactly; reported after "
         f"{told_s:.1f} s",
-        f"{back_s:.1f} s after it goes on; the recording goes on",
+        f"{back_s:.1f} s after it continues; the recording continues",
     )
 
 
@@ -210,8 +210,8 @@ def test_watcher_killed(rig: FaultRig) -> None:
     works_again(rig, daemon)
     add_row(
         "`analyze watch` killed",
-        "no frame; a verdict that was being made. Killed three times in one recording, it stays away and "
-        "strikes are kept without verdict",
+        "no frame; a verdict in preparation. Killed three times in one recording, it is not started "
+        "again, and strikes are recorded without verdict",
         f"{back_s:.1f} s: started again by the daemon",
     )
 
@@ -254,7 +254,7 @@ def test_session_client_killed(rig: FaultRig, where: str) -> None:
     assert moved_s < 0.3
     assert Frames.of(rig.recording).lost == 0
     works_again(rig, daemon)
-    what = "the strike under way" if where == "strike" else "nothing"
+    what = "the strike in progress" if where == "strike" else "nothing"
     add_row(
         f"session client killed, striker {'in mid-swing' if where == 'strike' else 'cocked'}",
         f"{what}: the arm stands after {milliseconds(moved_s)}, the file is finished after {closed_s:.1f} s",
@@ -322,8 +322,8 @@ def test_disk_full_in_a_window(rig: FaultRig) -> None:
     client.call("recording.close")
     add_row(
         "disk full in mid-window",
-        f"{report['lost']} images of the window, counted and said; the file is whole: {images} images, "
-        "every servo sample and event",
+        f"{report['lost']} images of the window, counted and reported; the file is complete: {images} images,"
+        " every servo sample and event",
         "with the next recording, once there is space",
     )
 

@@ -1,5 +1,7 @@
-"""What a service manager hears from a real daemon, and finds after its death. The manager is played: systemd
-itself does not run."""
+"""Notifications of a real daemon to its service manager, and a restart after its death.
+
+The test takes the place of systemd, which is not run.
+"""
 
 from __future__ import annotations
 
@@ -92,11 +94,10 @@ def test_a_daemon_that_hangs_gives_no_sign_of_life(rig: FaultRig) -> None:
     finally:
         manager.close()
     add_row(
-        "the daemon hangs (SIGSTOP), a socket in systemd's place that wants a sign of life every "
-        f"{PATIENCE_S:g} s",
-        "it hears none while the daemon hangs, so that systemd would end the daemon: then as kill -9 of the "
-        "daemon",
-        f"signs of life again {back_s:.1f} s after it goes on",
+        "the daemon hangs (SIGSTOP), a test socket in place of systemd that expects a keep-alive "
+        f"every {PATIENCE_S:g} s",
+        "none is sent while the daemon hangs, so that systemd would end it: then as kill -9 of the daemon",
+        f"keep-alives again {back_s:.1f} s after it continues",
     )
 
 
@@ -131,9 +132,9 @@ def test_a_killed_daemon_that_is_started_again_as_the_unit_says(rig: FaultRig) -
     assert Frames.of(rig.recording).lost == 0
     works_again(rig, again)
     add_row(
-        f"kill -9 of the daemon, started again {restart_s:g} s later as docs/percuss.service says (a test "
-        "in systemd's place)",
-        f"the capture process finishes the file; torque off after {1e3 * off_s:.0f} ms; what comes before "
+        f"kill -9 of the daemon, started again {restart_s:g} s later as docs/percuss.service says (by "
+        "the test, in place of systemd)",
+        f"the capture process finishes the file; torque off after {1e3 * off_s:.0f} ms; everything until "
         "the next `recording.open`",
         f"{back_s:.1f} s after the kill, at start {starts}",
     )

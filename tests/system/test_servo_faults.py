@@ -1,5 +1,7 @@
-"""Faults of the servo and its wire, on the striker alone: quick enough for every run. Rows of
-docs/reference/faults.md."""
+"""Faults of the servo and its cable, on the striker alone: quick enough for every run.
+
+Rows of docs/reference/faults.md.
+"""
 
 from __future__ import annotations
 
@@ -155,7 +157,7 @@ def test_a_second_program_on_the_serial_port(plant: Plant, striker: DynamixelStr
     assert striker.strike("s", 0.3).contacts == 1  # the first did not notice
     add_row(
         "second program on the serial port",
-        f"nothing: refused in one line after {told_s:.2f} s; the first goes on",
+        f"nothing: refused in one line after {told_s:.2f} s; the first keeps running",
         "at once",
     )
 

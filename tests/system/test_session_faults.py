@@ -1,5 +1,7 @@
-"""Whole sessions on the virtual rig whose camera and watcher die on the way. Rows of
-docs/reference/faults.md."""
+"""Sessions on the virtual rig during which the camera and `analyze watch` are killed.
+
+Rows of docs/reference/faults.md.
+"""
 
 from __future__ import annotations
 
@@ -73,8 +75,7 @@ def test_a_session_outlives_camera_and_watcher(rig: SessionRig) -> None:
     ]
     add_row(
         "`analyze watch` killed in a session's first strike, the camera in its second (back after 1 s)",
-        f"{frames.lost} frames, stated; {len(strikes) - len(good)} of {len(strikes)} attempts without a "
-        "good verdict, "
-        f"{len(good)} of {len(planned)} planned strikes good",
+        f"{frames.lost} frames, counted in the file; {len(strikes) - len(good)} of {len(strikes)} attempts"
+        f" without a good verdict, {len(good)} of {len(planned)} planned strikes good",
         f"the session ends by itself after {took_s:.0f} s",
     )

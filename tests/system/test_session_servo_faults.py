@@ -1,5 +1,7 @@
-"""Whole sessions on the virtual rig whose servo is unplugged or lets go on the way. A row of
-docs/reference/faults.md each."""
+"""Sessions on the virtual rig during which the servo is unplugged or switches its torque off.
+
+Each is a row of docs/reference/faults.md.
+"""
 
 from __future__ import annotations
 
@@ -113,7 +115,7 @@ def test_a_session_outlives_its_servo(
     ]
     add_row(
         what,
-        f"this attempt, said in one line; {frames.lost} of {frames.arrived} frames; {len(good)} of "
+        f"this attempt, reported in one line; {frames.lost} of {frames.arrived} frames; {len(good)} of "
         f"{len(planned)} planned strikes good",
-        f"{back_s:.1f} s later the session goes on by itself with the same strike",
+        f"{back_s:.1f} s later the session continues by itself with the same strike",
     )

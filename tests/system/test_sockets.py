@@ -1,5 +1,4 @@
-"""What the daemon and its processes open to the network while they record: nothing but the addresses that the
-rig file names."""
+"""Network sockets of the daemon and its processes: only to the addresses that the rig file names."""
 
 from __future__ import annotations
 
@@ -50,8 +49,7 @@ def test_nothing_is_open_to_the_network_but_what_the_rig_file_names() -> None:
     assert open_to.pop(daemon.pid) == []
     (capture, watcher) = sorted(open_to.values(), key=len, reverse=True)
     assert watcher == []
-    assert {protocol for protocol, *_ in capture} == {"udp"}, (
-        capture
-    )  # GVCP and GVSP, to the camera that the rig file names
+    # GVCP and GVSP, to the camera that the rig file names
+    assert {protocol for protocol, *_ in capture} == {"udp"}, capture
     assert all(address.is_loopback for _, address, _, _ in capture), capture
     assert LISTENS not in {state for protocol, _, _, state in capture if protocol.startswith("tcp")}

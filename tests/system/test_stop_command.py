@@ -1,5 +1,7 @@
-"""`acquire stop`, whatever striker and session are doing: it answers in time, nothing moves any more, and
-homing goes on from there."""
+"""`acquire stop` in every state of striker and session.
+
+It answers in time, nothing moves afterwards, and homing permits motion again.
+"""
 
 from __future__ import annotations
 

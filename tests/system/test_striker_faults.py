@@ -1,5 +1,7 @@
-"""The daemon ends, asked to or killed, whatever the striker does at that moment. Rows of
-docs/reference/faults.md (`make bench-faults`)."""
+"""The daemon is terminated or killed in every state of the striker.
+
+Rows of docs/reference/faults.md (`make bench-faults`).
+"""
 
 from __future__ import annotations
 
