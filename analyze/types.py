@@ -1,4 +1,4 @@
-"""The values that the stages pass on, each a frozen dataclass.
+"""Frozen dataclasses that the stages of the analysis pass to each other.
 
 Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
 SI units, angles in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O
@@ -63,7 +63,7 @@ class ImageFrame:
     """One image of a recording."""
 
     time_ns: int
-    """log_time [ns] of mid-exposure: wall-clock anchor + host monotonic time"""
+    """log_time [ns] of the middle of the exposure: wall-clock anchor + host monotonic time"""
     sequence: int
     """frame number in the recording"""
     image: NDArray[np.uint8]
@@ -77,7 +77,8 @@ class MarkerTrack:
     marker_id: int | str
     """name of the marker"""
     time_ns: IntArray
-    """(n,) log_time [ns] at which the corners were where `corners_px` has them"""
+    """(n,) log_time [ns] at which the corners were at `corners_px`; with a rolling shutter it differs from the
+    frame's own time by `late_ns`"""
     corners_px: Array
     """(n, 4, 2) raw pixels, OpenCV order: top-left, top-right, bottom-right, bottom-left of the marker"""
     corner_sd_px: Array
@@ -89,7 +90,7 @@ class MarkerTrack:
     frames_total: int
     """number of frames in the window, with or without the marker"""
     late_ns: IntArray | None = None
-    """(n,) delay [ns] of `time_ns` after the frame's own time, by a rolling shutter; None if it is 0"""
+    """(n,) delay [ns] of `time_ns` after the frame's own time, caused by a rolling shutter; None if it is 0"""
 
     @property
     def frame_ns(self) -> IntArray:
@@ -112,8 +113,8 @@ class TipAngle:
     slip: Array
     """(n,) displacement of the pivot point along the table [m], 0 if the full pose is unknown"""
     zero_sd: float = 0.0
-    """standard deviation [rad] of theta's zero, shared by all frames, so that no number of them averages it
-    out"""
+    """standard deviation [rad] of theta's zero; all frames share this error, so averaging frames does not
+    reduce it"""
 
 
 @dataclass(frozen=True)
@@ -127,26 +128,30 @@ class Phases:
     landing: tuple[int, int] | None
 
 
+PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
+"""names of the phases in their order in time, as fields of `Phases`"""
+
+
 @dataclass(frozen=True)
 class RollingContact:
     """Circle of curvature of the object's cross-section at the point that touches the table at phi."""
 
     forward: float
-    """offset [m] of the circle's centre from the plan's pivot point in the rest pose, towards where the
-    object tips"""
+    """offset [m] of the circle's centre from the plan's pivot point in the rest pose, horizontal, in the
+    direction of tipping"""
     up: float
     """offset [m] of that centre upwards"""
     radius: float
     """radius of curvature [m]"""
     sd: float
-    """standard deviation [m] of the centre across the axis: all of it for a curve of the shape itself,
+    """standard deviation [m] of the centre across the axis: the total for a curve of the shape itself,
     otherwise in addition to the pivot's"""
     energy_ratio: float
     """energy of the strike over the energy needed to stand up on this section"""
     of_shape: bool = False
     """True if the radius belongs to the shape itself, not to the rounding that the object file states"""
     radius_sd: float = 0.0
-    """standard deviation [m] of the radius; a larger radius puts the centre nearer to c by as much"""
+    """standard deviation [m] of the radius; a larger radius moves the centre towards c by the same amount"""
 
 
 @dataclass(frozen=True)
@@ -160,8 +165,8 @@ class MotionFit:
     k: float | None
     """m g R / (I_c,l + m (R + rho)^2) [rad/s^2]; None if the estimator does not report it"""
     covariance: Array
-    """(2, 2) covariance of (phi, k), with the errors that all frames of the strike share; k's row is 0 if k
-    is None"""
+    """(2, 2) covariance of (phi, k), including errors shared by all frames of the strike; the row of k is 0 if
+    k is None"""
     theta0: float
     """theta [rad] at `time0_ns`"""
     omega0: float
@@ -204,13 +209,16 @@ class TipMotion:
     energy_ratio: float | None
     """energy of the strike over the energy needed to tip; None if nothing fits"""
     frame_rate_ratio: float | None = None
-    """true frame rate over the stated one at which the motion would be a tip; None if it is a tip as stated,
-    or at no ratio"""
+    """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the stated
+    rate, or at none of the ratios tried"""
 
 
 @dataclass(frozen=True)
 class EquiPlane:
-    """Plane in O through the pivot's centre line and c: normal . (c - point) = 0."""
+    """Equi-plane of one strike in O: the plane through the pivot's centre line that contains c.
+
+    normal . (c - point) = 0
+    """
 
     strike_id: str
     """id of the strike"""
@@ -239,22 +247,22 @@ class EquiPlane:
     edge_sd: float
     """standard deviation [m] of the centre line across itself, shared by the strikes on the axis"""
     heading: float = 0.0
-    """heading [rad] of the strike on the table: selects the component of gravity's tilt that acts"""
+    """heading [rad] of the strike on the table; it selects the component of the table tilt that acts"""
     face: str = ""
-    """id of the resting face, whose position error all its edges share; "" if unknown"""
+    """id of the resting face; its edges share its position error; "" if unknown"""
     rounded: bool = True
     """True if `edge_radius` is the edges' rounding, whose error all edges share; False if it is a curvature
     of the section"""
     level: int = 0
-    """number of the levelling of the table, whose tilt of gravity the strikes on it share"""
+    """number of the levelling of the table; strikes on one levelling share its tilt"""
     radius_sd: float = 0.0
-    """standard deviation [m] of a section's radius of curvature; a larger radius puts the line nearer to c by
-    as much"""
+    """standard deviation [m] of a section's radius of curvature; a larger radius moves the line towards c by
+    the same amount"""
 
 
 @dataclass(frozen=True)
 class TableTilt:
-    """Tilt of the vertical against the table's normal, on one levelling."""
+    """Table tilt: angle of the vertical against the table's normal, for one levelling."""
 
     lean: Array
     """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
@@ -281,7 +289,7 @@ class CentreOfMass:
     observed: bool
     """True if the strikes determine all three coordinates"""
     unobserved_direction: Array | None
-    """(3,) unit vector of the direction that is known worst; None if c is observed"""
+    """(3,) unit vector in O of the least certain direction; None if c is observed"""
     residuals: Array
     """(strikes,) signed distance of c from each of `planes` [m]"""
     weights: Array
@@ -352,7 +360,7 @@ class ShellThickness:
     interval: tuple[float, float]
     """95 % interval [m]"""
     swept: tuple[float, float]
-    """range of thicknesses that were tried [m]"""
+    """least and greatest thickness that were tried [m]"""
 
 
 @dataclass(frozen=True)
@@ -369,15 +377,15 @@ class MassDistribution:
     covariance: Array
     """(n, n) covariance [kg^2]"""
     intervals: Array
-    """(n, 2) 95 % intervals [kg] for such a body, or `limits` if the body is not `explained` as one"""
+    """(n, 2) 95 % intervals [kg] for a body divided by one plane, or `limits` if `explained` is False"""
     limits: Array
     """(n, 2) bounds [kg] that hold for any filling of the interior of a uniform shell"""
     misfit: float
-    """chi^2 of the moments at the best dividing plane"""
+    """chi^2 of the measured moments of inertia at the best dividing plane"""
     explained: bool
-    """True if that misfit is within the errors of measurement"""
+    """True if `misfit` is within the errors of measurement"""
     dividing_plane_normal: Array
-    """(3,) unit normal in O; the plane lies across the body's middle if none explains the moments"""
+    """(3,) unit normal in O; if no plane explains the moments, the plane through the body's middle"""
     dividing_plane_offset: float
     """offset of the dividing plane along its normal [m]"""
     dividing_plane_offset_interval: tuple[float, float]

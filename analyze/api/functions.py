@@ -1,4 +1,4 @@
-"""The functions of the public API: load a recording, estimate an object, plan strikes."""
+"""Functions of the public API: load a recording, estimate an object, plan strikes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def estimate(
     Args:
         recordings: one or several recordings of the object, loaded or as paths; their order does not matter.
         object_file: object file (TOML) that replaces the recordings'; only for recordings given as paths.
-        exclude: ids of strikes to leave out; of several recordings as `2:s3.1`.
+        exclude: ids of strikes to leave out, such as `s3.1`; of several recordings `2:s3.1`, strike s3.1 of
+            the second by start time.
         estimator: estimator of phi and k: pivot_fit, rolling_fit, moment_balance or sign_change; None for the
             one that suits each motion.
         seed: seed of the random draws behind intervals of region masses.
@@ -56,9 +57,10 @@ def estimate(
     Raises:
         ValueError: no recording is given.
         RecordingError: a file cannot be read.
-        JoinError: the recordings are not of one object, or one is given twice.
+        MergeError: the recordings are not of one object, or one is given twice.
         ShapeError: the object's shape cannot be used.
         PlanError: a plan is of another object.
+        TrackingError: no marker of any strike can be tracked.
         EstimationError: fewer than three strikes can be used.
     """
     if not recordings:
@@ -87,10 +89,11 @@ def plan(
 
     Args:
         object_file: object file (TOML).
-        rig: rig file (TOML) of striker and camera; None for a usual one.
-        strikes: number of strikes; None for the usual nine.
-        target_com_mm: plan as few strikes as determine the centre of mass to this distance (rms) instead.
-        given: recordings and results of strikes already made, to continue from.
+        rig: rig file (TOML) of striker and camera; None for a typical rig.
+        strikes: number of strikes; None for nine.
+        target_com_mm: rms error of the centre of mass [mm] to reach with as few strikes as possible; None
+            for a fixed number of strikes.
+        given: recordings (.mcap) and results (JSON) of strikes already made, from which the plan continues.
 
     Raises:
         DocumentError, ShapeError: the object file or its shape cannot be used.

@@ -1,4 +1,4 @@
-"""The estimate of one object, as `analyze.estimate` returns it."""
+"""Estimate of one object, the result of `analyze.estimate`."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ class CentreOfMass:
     """Centre of mass of the object without its markers, in the shape file's frame O."""
 
     position: Array
-    """(3,) [m]"""
+    """(3,) centre of mass [m] in O"""
     covariance: Array
-    """(3, 3) [m²]"""
+    """(3, 3) covariance of `position` [m²]"""
     observed: bool
     """True if the strikes determine all three directions"""
     unobserved_direction: Array | None
-    """(3,) unit vector along which only the shape's prior stands; None if there is none"""
+    """(3,) unit vector in O along which c comes only from the shape's prior; None if there is none"""
 
     @property
     def sd(self) -> Array:
-        """Standard deviations (3,) [m]."""
+        """Standard deviations (3,) [m] of x, y and z."""
         return np.sqrt(np.diag(self.covariance)).astype(np.float64)
 
     @property
     def interval95(self) -> Array:
-        """Ends (3, 2) of the 95 % intervals [m]."""
+        """Ends (3, 2) of the 95 % intervals of x, y and z [m]."""
         half = SIGMAS_95 * self.sd
         return np.stack([self.position - half, self.position + half], axis=-1)
 
@@ -65,11 +65,11 @@ class InertiaTensor:
     """Inertia tensor about the centre of mass in the axes of O, with the origin of each entry."""
 
     tensor: Array
-    """(3, 3) [kg m²]"""
+    """(3, 3) inertia tensor [kg m²]"""
     sd: Array
     """(3, 3) standard deviations [kg m²]"""
     measured: np.ndarray[Any, np.dtype[np.bool_]]
-    """(3, 3) True where strikes measured the entry, False where the shape's prior stands"""
+    """(3, 3) True for entries that strikes measured, False for those from the shape's prior"""
 
     @property
     def principal_moments(self) -> Array:
@@ -91,7 +91,7 @@ class InertiaTensor:
 
     @property
     def power_of_ten(self) -> int:
-        """Power of ten [kg m²] common to the entries as they are printed."""
+        """Exponent n of the unit 10^n kg m² in which the entries are printed."""
         return int(np.floor(np.log10(np.abs(self.tensor).max())))
 
     def rows(self) -> list[tuple[str, str, str]]:
@@ -113,17 +113,17 @@ class PartMass:
 
     name: str
     mass: float
-    """[kg]"""
+    """mass [kg]"""
     interval95: tuple[float, float]
     """ends of the 95 % interval [kg]; may be asymmetric"""
     observed: bool
-    """False where the moments leave the mass open within the interval"""
+    """False if the moments do not determine the mass; the interval then holds all possible masses"""
 
 
 class ObjectEstimate:
     """Everything estimated about one object: centre of mass, inertia tensor, region masses, verdict.
 
-    Made by `analyze.estimate`. Print it for a screen's summary; in a notebook it shows as tables.
+    Returned by `analyze.estimate`. Printed, it is a summary of one screen; in a notebook it shows as tables.
     """
 
     def __init__(self, answer: Answer) -> None:
@@ -146,13 +146,13 @@ class ObjectEstimate:
 
     @property
     def centre_of_mass(self) -> CentreOfMass:
-        """Centre of mass with its covariance."""
+        """Centre of mass without markers, in O, with its covariance."""
         com = self._answer.estimate.com
         return CentreOfMass(com.position, com.covariance, com.observed, com.unobserved_direction)
 
     @property
     def inertia(self) -> InertiaTensor:
-        """Inertia tensor with its standard deviations and the origin of each entry."""
+        """Inertia tensor about c in the axes of O, with standard deviations and the origin of each entry."""
         inertial = self._answer.estimate.inertial
         return InertiaTensor(inertial.inertia, inertial.inertia_sd, inertial.measured)
 
@@ -169,7 +169,7 @@ class ObjectEstimate:
 
     @property
     def parts(self) -> tuple[PartMass, ...]:
-        """Masses of the parts that the object file labels; empty where it labels none."""
+        """Masses of the parts that the object file labels; empty if it labels none."""
         parts = self._answer.result.parts
         return () if parts is None else tuple(_part(each.name, each.mass) for each in parts.parts)
 
@@ -274,7 +274,7 @@ class ObjectEstimate:
         return self._answer.json()
 
     def to_dataframe(self) -> pd.DataFrame:
-        """All quantities, a row each: quantity, value, sd, low95, high95, unit, source, observed; SI units.
+        """All quantities, one per row: quantity, value, sd, low95, high95, unit, source, observed; SI units.
 
         Raises:
             ImportError: pandas is not installed.
@@ -285,7 +285,7 @@ class ObjectEstimate:
         return data_frame([dict(zip(columns, row, strict=True)) for row in answer_rows(self._answer.result)])
 
     def __repr__(self) -> str:
-        """Summary of at most a screen: mass, centre of mass, tensor, region masses, verdict."""
+        """Summary of at most one screen: mass, centre of mass, tensor, region masses, verdict."""
         lines = [
             f"{self.name}, {1e3 * self.mass:.1f} g",
             repr(self.centre_of_mass),

@@ -1,4 +1,4 @@
-"""A recording with its strikes, as `analyze.load` returns it."""
+"""Recording with its strikes, the result of `analyze.load`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+from analyze.types import PHASE_NAMES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from analyze.progress import Progress
     from analyze.types import Array, MotionFit, TipMotion
     from schemas.object_spec import ObjectSpec
-
-PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
-"""phases of a strike in their order"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +37,9 @@ class StrikeFit:
     k_sd: float | None
     """standard deviation of k [rad/s²]; None if k is"""
     covariance: Array
-    """(2, 2) covariance of (phi, k)"""
+    """(2, 2) covariance of (phi, k); rad, rad/s²"""
     time: Array
-    """(m,) time since the strike's first frame [s] of the fitted frames"""
+    """(m,) times of the fitted frames [s], from the strike's first frame"""
     theta: Array
     """(m,) fitted tipping angle [rad]"""
     residual: Array
@@ -60,20 +58,20 @@ class Strike:
     reason: str
     """explanation of the verdict with its numbers; "" for a good strike"""
     time: Array
-    """(n,) time since the strike's first frame [s]"""
+    """(n,) times of the frames [s], from the strike's first frame"""
     theta: Array
     """(n,) tipping angle since rest [rad]"""
     theta_sd: Array
-    """(n,) random standard deviation of theta [rad]"""
+    """(n,) standard deviation of theta [rad], independent from frame to frame"""
     phases: dict[str, slice]
     """range of frames of each phase that occurred: rest, strike, stage_one, stage_two, landing"""
     fit: StrikeFit | None
-    """fit in use; None if nothing fits"""
+    """fit that the estimate uses; None if the motion could not be fitted"""
     energy_ratio: float | None
-    """energy of the strike over the energy needed to tip; None if nothing fits"""
+    """energy of the strike over the energy needed to tip; None if the motion could not be fitted"""
 
     def __repr__(self) -> str:
-        """One line: id, edge, verdict, phi."""
+        """One line: id, edge, verdict, number of frames, phi."""
         fit = "no fit" if self.fit is None else f"phi {np.degrees(self.fit.phi):.2f}°"
         return f"Strike({self.id!r}, axis {self.axis_id}, {self.verdict}, {len(self.time)} frames, {fit})"
 
@@ -97,7 +95,7 @@ class Strike:
         }
 
     def to_dataframe(self) -> pd.DataFrame:
-        """theta(t), a row per frame: time_s, theta_rad, theta_sd_rad, phase.
+        """theta(t), one frame per row: time_s, theta_rad, theta_sd_rad, phase.
 
         Raises:
             ImportError: pandas is not installed.
@@ -112,7 +110,7 @@ class Strike:
 
 
 class Recording:
-    """A recording of one object's strikes; markers are tracked when its strikes are first used.
+    """Recording of one object's strikes; markers are tracked when the strikes are first used.
 
     Args:
         path: the file (MCAP), or one file of a series.
@@ -174,7 +172,7 @@ class Recording:
         )
 
     def __repr__(self) -> str:
-        """Object, file and ids of the strikes; nothing is tracked for it."""
+        """File, object and ids of the strikes; does not track any marker."""
         ids = ", ".join(self.strike_ids[:12]) + (", ..." if len(self.strike_ids) > 12 else "")
         mass = f"{1e3 * self.object.mass_kg:.1f} g"
         strikes = f"{len(self.strike_ids)} strikes: {ids}"
@@ -211,7 +209,7 @@ class Recording:
         }
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Strikes, a row each: id, axis_id, verdict, phi, k with standard deviations, energy ratio.
+        """Strikes, one per row: id, axis_id, verdict, phi, k with standard deviations, energy ratio.
 
         Raises:
             ImportError: pandas is not installed.

@@ -1,4 +1,4 @@
-"""A strike plan, as `analyze.plan` returns it."""
+"""Strike plan, the result of `analyze.plan`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Plan:
-    """Planned strikes of one object, with the accuracy that they are expected to give."""
+    """Planned strikes of one object, with the accuracy expected from them."""
 
     def __init__(self, planned: PlannedObject) -> None:
         self._planned = planned
@@ -43,7 +43,7 @@ class Plan:
         return self.document.model_dump(mode="json")
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Strikes, a row each: id, axis, plane, heading [°], impulse [N s], predicted phi [°].
+        """Strikes, one per row: id, axis, plane, heading [°], impulse [N s], predicted phi [°].
 
         Raises:
             ImportError: pandas is not installed.

@@ -1,4 +1,4 @@
-"""Tables of the public API: as pandas frames, and as HTML for notebooks."""
+"""Tables of the public API: as pandas DataFrame, as HTML for notebooks, and as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawing of the object: lit faces from back to front, its edges, and its tags with their true cells."""
+"""Drawing of the object: shaded faces from back to front, edges, and tags with their true cells."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ DARK, LIGHT = np.array([150.0, 160.0, 172.0]), np.array([243.0, 245.0, 248.0])
 LAMP = np.array([0.25, -0.55, 0.8]) / np.linalg.norm([0.25, -0.55, 0.8])
 """Unit vector towards the light in W."""
 SHADES = 28
+"""Steps of brightness between `DARK` and `LIGHT`."""
 CARD_CELLS = 10
 """Cells across a tag including its white rim."""
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedObject:
     """Object with its shape and tags, placed in W."""
 
     shape: DrawnShape
@@ -45,10 +46,10 @@ class Placed:
         """Corners (n, 3) [m] of the convex hull in W."""
         return self.world(self.shape.hull)
 
-    def turned(self, theta: float) -> Placed:
+    def tipped(self, theta: float) -> PlacedObject:
         """The object tipped by `theta` [rad] about W's y axis."""
         turn = np.array([[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]])
-        return Placed(self.shape, self.spec, turn @ self.R, turn @ self.p)
+        return PlacedObject(self.shape, self.spec, turn @ self.R, turn @ self.p)
 
     def tag_corners(self, marker: MarkerSpec, half: float) -> Array:
         """Corners (4, 3) [m] in W of a square about the tag's centre with half edge length `half` [m].
@@ -67,7 +68,7 @@ class Placed:
 
 
 def draw_body(
-    view: View, body: Placed, highlighted: tuple[int | str, ...] = (), ring: str = INK
+    view: View, body: PlacedObject, highlighted: tuple[int | str, ...] = (), ring: str = INK
 ) -> list[str]:
     """SVG elements of the object, farthest first; tags in `highlighted` get a frame of the colour `ring`."""
     items: list[tuple[float, str, str]] = [
@@ -85,8 +86,8 @@ def draw_body(
     return elements
 
 
-def _faces(view: View, body: Placed) -> list[tuple[float, str, str]]:
-    """Faces towards the eye, each as (nearness, tone, path)."""
+def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
+    """Faces turned towards the eye, each as (nearness [m], colour, SVG path)."""
     triangles, normals = body.world(body.shape.triangles), body.shape.normals @ body.R.T
     middles = triangles.mean(axis=1)
     seen = np.einsum("ti,ti->t", normals, view.towards_eye(middles)) > 0
@@ -102,7 +103,7 @@ def _faces(view: View, body: Placed) -> list[tuple[float, str, str]]:
     return found
 
 
-def _edges(view: View, body: Placed) -> list[tuple[float, str, str]]:
+def _edges(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
     shape = body.shape
     ends, sides = body.world(shape.edges), shape.edge_normals @ body.R.T
     towards = view.towards_eye(ends.mean(axis=1))
@@ -121,7 +122,7 @@ def _edges(view: View, body: Placed) -> list[tuple[float, str, str]]:
 
 
 def _tags(
-    view: View, body: Placed, highlighted: tuple[int | str, ...], ring: str
+    view: View, body: PlacedObject, highlighted: tuple[int | str, ...], ring: str
 ) -> list[tuple[float, str, str]]:
     found: list[tuple[float, str, str]] = []
     for marker in body.spec.marker:
@@ -141,7 +142,7 @@ def _tags(
     return found
 
 
-def _black(view: View, body: Placed, marker: MarkerSpec, code: BoolArray) -> str:
+def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) -> str:
     """SVG path of the tag's black cells, as one rectangle per run of cells."""
     many = len(code)
     upper_left, upper_right, _, lower_left = body.tag_corners(marker, marker.size_m / 2)
@@ -168,7 +169,7 @@ def _black(view: View, body: Placed, marker: MarkerSpec, code: BoolArray) -> str
 
 
 def _decoration_lead(shape: DrawnShape) -> float:
-    """Distance [m] by which edges and tags are moved ahead in the drawing order.
+    """Nearness [m] added to edges and tags in the drawing order.
 
     They are drawn after the triangles of their face, whose centres may be nearer to the eye.
     """

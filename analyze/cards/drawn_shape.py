@@ -12,13 +12,15 @@ from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
 MAX_FACES = 4000
+"""Number of faces above which a mesh is simplified."""
 GRID_CELLS = 30
 """Cells along the longest extent of the grid in which a fine mesh's vertices are merged."""
 SHARP_EDGE_COSINE = np.cos(np.radians(25.0))
 """Cosine of the angle between face normals above which the common edge is drawn."""
 HOLLOW_PIECES = 8
-"""Fraction of the longest extent, as its inverse, which no triangle of a hollow body exceeds in length."""
+"""Longest extent of a body that is not convex, over the longest side of its triangles as drawn."""
 MAX_CUTS = 12
+"""Greatest number of times that triangles are halved."""
 CONVEX_VOLUME_TOLERANCE = 1e-3
 """Relative excess of the hull's volume up to which a body counts as convex."""
 
@@ -40,12 +42,13 @@ class DrawnShape:
     hull: Array
     """(h, 3) corners of the convex hull of the original model."""
     convex: bool
+    """True if faces towards the eye are visible in any drawing order."""
     size: float
     """Longest extent [m]."""
 
 
 def drawn_shape(model: ObjectModel) -> DrawnShape:
-    """Drawn shape of a model; a fine mesh is simplified."""
+    """Faces and edges for drawing a model; a fine mesh is simplified."""
     vertices, faces = model.vertices, model.faces
     hull = ConvexHull(model.hull_vertices)
     # A fine convex mesh is drawn as its hull: the same body, with few triangles per flat face.

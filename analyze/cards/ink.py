@@ -81,7 +81,7 @@ def text(
 
 
 def pill(where: Array | tuple[float, float], words: str, size: float, colour: str) -> str:
-    """White text on a rounded field of a colour, centred on a point."""
+    """White text on a rounded rectangle of one colour, centred on `where` (2,)."""
     wide, high = 0.62 * size * len(words) + 0.9 * size, 1.5 * size
     return (
         f'<rect x="{where[0] - wide / 2:.1f}" y="{where[1] - high / 2:.1f}" width="{wide:.1f}" '
@@ -94,7 +94,7 @@ def pill(where: Array | tuple[float, float], words: str, size: float, colour: st
 def measure(
     start: Array, end: Array, words: str, size: float, colour: str, side: float, anchor: str = "middle"
 ) -> list[str]:
-    """Dimension line from `start` to `end` with ticks, and its number `side` px to the right of the line.
+    """Dimension line from `start` to `end` with ticks, and the text `words` `side` px to its right.
 
     Right is relative to the direction from start to end, with y down.
     """

@@ -1,4 +1,4 @@
-"""The two small dimensioned pictures of a card: as seen by the camera, and from above."""
+"""Two small dimensioned pictures of a card: as seen by the camera, and from above."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from analyze.cards.view import Frame, View, from_above, from_the_camera
 from analyze.types import Array
 
 WIDTH, HEIGHT = 400.0, 390.0
+"""Size of a picture [px]."""
 NUMBER_PX, NAME_PX = 27, 18
 """Font sizes of numbers and of names."""
 
 
 def side_picture(place: Setting) -> str:
-    """Picture as seen by the camera: height of the strike, line, and angle at which the object balances."""
+    """SVG as seen by the camera: height of the strike, pivot line, and angle at which the object balances."""
     size = place.size
     tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
     ground = tail * np.array([1.0, 1.0, 0.0])
-    tipped = place.body.turned(place.tip_angle).corners
+    tipped = place.body.tipped(place.tip_angle).corners
     below = np.array([[place.low[0], 0.0, -0.1 * size]])
     view = from_the_camera().fitted(
         np.vstack([place.body.corners, tipped, [tail, ground], below]), Frame(76, 46, WIDTH - 30, HEIGHT - 30)
@@ -52,7 +53,7 @@ def side_picture(place: Setting) -> str:
 
 
 def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
-    """Arc of the balance angle, drawn outside the object from the vertical on."""
+    """Arc of the balance angle, drawn outside the object and starting at the vertical."""
     radius = 0.62 * float(place.high[2])
     angles = np.linspace(0.0, place.tip_angle, 20)
     arc = view.project(np.stack([radius * np.sin(angles), np.zeros(20), radius * np.cos(angles)], axis=1))
@@ -65,7 +66,7 @@ def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
 
 
 def plan_picture(place: Setting) -> str:
-    """Picture from above: the line, the position of the edge along it, and the striker's path."""
+    """SVG as seen from above: pivot line, position of the edge along it, and the striker's path."""
     size = place.size
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
     left, right = place.low[0] - 0.7 * place.reach, max(place.high[0], 0.0) + 0.55 * size

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from analyze.cards import placing
-from analyze.cards.body import Placed
+from analyze.cards.body import PlacedObject
 from analyze.cards.drawn_shape import drawn_shape
 from analyze.cards.measures import plan_picture, side_picture
 from analyze.cards.placing import Sides
@@ -24,12 +24,12 @@ from schemas.output_file import write_text
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MIN_OFFSET_M = 0.0005
-"""Distance from the mark above which a strike's place is stated; our own plans strike at the mark."""
+"""Offset of the impact from the mark above which a card states it; our own plans strike at the mark."""
 
 
 @dataclass(frozen=True)
 class Card:
-    """Contents of one card."""
+    """Contents of the placement card of one strike."""
 
     number: int
     strike: PlannedStrike
@@ -40,8 +40,11 @@ class Card:
     repeated: bool
     """True if the placement is that of the previous card."""
     scene: Markup
+    """Large picture."""
     side: Markup
+    """Picture as seen by the camera."""
     above: Markup
+    """Picture as seen from above."""
 
     @property
     def turned(self) -> bool:
@@ -91,7 +94,7 @@ class Card:
 
 
 def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: Path) -> None:
-    """Write the cards; the file appears complete or not at all.
+    """Write the cards as an HTML file; it appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.
@@ -137,7 +140,8 @@ def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
         )
         if key not in drawn:
             place = setting(
-                Placed(shape, spec, np.array(strike.R_world_object), np.array(strike.p_world_object)), strike
+                PlacedObject(shape, spec, np.array(strike.R_world_object), np.array(strike.p_world_object)),
+                strike,
             )
             # The SVG is generated here, with its texts escaped.
             draw = (scene_picture, side_picture, plan_picture)

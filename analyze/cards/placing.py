@@ -1,4 +1,4 @@
-"""Instructions for an object's placement, and for the change from the previous placement.
+"""Instructions for placing an object on the table, and for the change from the previous placement.
 
 Directions are named by the striker (at -x of W) and the camera (at -y), because right and left depend on the
 reader's place.
@@ -40,7 +40,7 @@ class Turn:
         return matrix_from_vector(np.array([0.0, 0.0, self.angle]))
 
     def instruction(self) -> str:
-        """Text of the instruction."""
+        """Instruction in words, for a turn on the table."""
         degrees = round(abs(np.degrees(self.angle)))
         if degrees == 180:
             return "turn it by 180° on the table"
@@ -59,7 +59,7 @@ class Tilt:
         return matrix_from_vector(np.cross(np.array([0.0, 0.0, 1.0]), TOWARDS[self.towards]) * self.angle)
 
     def instruction(self) -> str:
-        """Text of the instruction."""
+        """Instruction in words, for a tilt about a horizontal axis."""
         degrees = round(np.degrees(self.angle))
         if degrees == 180:
             return f"turn it upside down, moving its top {self.towards}"
@@ -116,14 +116,18 @@ def placement_change(R_before: Array, R_now: Array) -> str:
 
 @dataclass(frozen=True)
 class Sides:
-    """Names of the object's six sides: the tag on that side if there is one, else the axis of O."""
+    """Names of the object's six sides as it lies: the tag on that side if there is one, else an axis of O."""
 
     under: str
     top: str
     camera: str
+    """Side that faces the camera."""
     striker: str
+    """Side that faces the striker."""
     away: str
+    """Side opposite the striker."""
     behind: str
+    """Side opposite the camera."""
 
 
 def sides(spec: ObjectSpec, R_world_object: Array) -> Sides:

@@ -12,7 +12,9 @@ from analyze.cards.view import Frame, View, from_the_front_right
 from analyze.types import Array
 
 WIDTH, HEIGHT = 1000.0, 800.0
+"""Size of the picture [px]."""
 AZIMUTH, ELEVATION = np.radians(30.0), np.radians(20.0)
+"""Direction of the eye [rad]: from -y of W towards +x, and upwards."""
 EYE_DISTANCE = 5.0
 """Distance of the eye, in sizes of the object."""
 TABLE, SQUARES, SHADOW = "#f5f3ef", "#e7e3dc", "#d6d2ca"
@@ -30,7 +32,7 @@ its right."""
 
 
 def scene_picture(place: Setting) -> str:
-    """SVG of the strike as seen from the camera's side, and a little from the right."""
+    """SVG of the strike as seen from the camera's side, 30° to the right and 20° above."""
     size = place.size
     middle = (place.low + place.high) / 2
     tail = np.array([place.low[0] - 0.62 * place.reach, place.hit[1], place.strike_height])
@@ -82,7 +84,7 @@ def _line(view: View, place: Setting, ends: Array) -> list[str]:
 
 
 def _pivot(view: View, place: Setting) -> list[str]:
-    """Edge on the line, drawn on top because its placement matters most."""
+    """Pivot edge on the line, drawn on top because its placement matters most."""
     if place.edge is None:
         point = view.project(np.zeros((1, 3)))[0]
         return [ink.disc(point, 11, ink.PIVOT, "#fff", 2.5)]

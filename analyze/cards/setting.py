@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.cards.body import Placed
+from analyze.cards.body import PlacedObject
 from analyze.types import Array
 from schemas.strike_plan import PlannedStrike
 
@@ -24,17 +24,18 @@ class Setting:
     In our own plans the striker's path is at y = 0.
     """
 
-    body: Placed
+    body: PlacedObject
     low: Array
     """(3,) least coordinates of the object."""
     high: Array
     """(3,) greatest coordinates of the object."""
     edge: tuple[float, float] | None
-    """Begin (nearest to the camera) and end of the pivot edge along W's y; None for a rim, which touches in a
+    """Start (nearest to the camera) and end of the pivot edge along W's y; None for a rim, which touches in a
     point."""
     hit: Array
     """(3,) impact point."""
     strike_height: float
+    """Height [m] of the impact over the table."""
     camera: Array
     """(3,) centre of the camera."""
     tag: int | str | None
@@ -42,6 +43,7 @@ class Setting:
     tip_angle: float
     """Angle [rad] at which the object balances on the edge."""
     rolls: bool
+    """True if the object tips over a round rim."""
     turned: bool = False
     """True if the striker is on the other side of the line: drawn as seen from opposite the camera, without
     the camera."""
@@ -63,8 +65,8 @@ class Setting:
         return -(self.low[1] if self.edge is None else self.edge[0])
 
 
-def setting(body: Placed, strike: PlannedStrike) -> Setting:
-    """Positions of one strike, for a body placed as planned."""
+def setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
+    """Positions in W [m] of everything in one strike's pictures, for a body placed as planned."""
     corners = body.corners
     near = EDGE_TOLERANCE * body.shape.size
     line = np.array(strike.pivot.point) @ body.R.T + body.p
@@ -89,7 +91,7 @@ def setting(body: Placed, strike: PlannedStrike) -> Setting:
 
 
 def tip_arc(place: Setting) -> Array:
-    """Arc (n, 3) [m] about the pivot line, in front of the object and outside its farthest corner."""
+    """Arc (n, 3) [m] in W of the tipping arrow, in front of the object and outside its farthest corner."""
     corners = place.body.corners
     radius = 1.12 * float(np.hypot(corners[:, 0], corners[:, 2]).max())
     angles = np.linspace(-0.06, max(place.tip_angle, MIN_ARC) + ARC_PAST_BALANCE, 24)

@@ -62,7 +62,7 @@ class View:
         return self.target + self.distance * self.axes[2] - points
 
     def fitted(self, points: Array, frame: Frame) -> View:
-        """The view scaled and shifted so that points (n, 3) fill the frame in width or height."""
+        """View scaled and shifted so that points (n, 3) [m] fill the frame in width or height."""
         bare = replace(self, scale=1.0, centre=(0.0, 0.0)).project(points)
         low, high = bare.min(axis=0), bare.max(axis=0)
         scale = float(
@@ -83,7 +83,7 @@ class View:
 
 
 def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:
-    """Central projection from -y of W, turned by `azimuth` to +x and raised by `elevation` [rad]."""
+    """Central projection from -y of W, turned by `azimuth` [rad] to +x and raised by `elevation` [rad]."""
     eye = np.array(
         [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
     )

@@ -1,1 +1,1 @@
-"""From recordings to numbers: evidence of each strike, merged recordings, one estimate."""
+"""Estimation pipeline: evidence of each strike, merging of recordings, one joint estimate."""

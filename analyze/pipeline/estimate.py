@@ -1,4 +1,4 @@
-"""From recordings to numbers about the object: merged evidence, then one joint estimate."""
+"""Joint estimate of one object from one or several recordings."""
 
 from __future__ import annotations
 
@@ -77,6 +77,7 @@ if TYPE_CHECKING:
 CELLS = 4000
 """approximate number of cells that the body's volume is divided into"""
 MIN_STRIKES = 3
+"""fewest usable strikes for an estimate"""
 USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
 """a strike that rocked back still gives phi and k if its motion could be fitted"""
 
@@ -98,12 +99,12 @@ class EstimateOptions:
 
 @dataclass(frozen=True)
 class Agreements:
-    """Consistency of answers that should agree."""
+    """Agreement between recordings, with the paper's centre of mass, and between estimators."""
 
     recordings: Agreement
-    """centres of mass of the recordings against each other"""
+    """agreement of the recordings' centres of mass with each other"""
     centres: CentreDifference
-    """the paper's centre of mass against ours"""
+    """difference between the paper's centre of mass and ours"""
     estimators: tuple[EstimatorDisagreement, ...]
     """strikes whose estimators disagree; empty if none do"""
 
@@ -120,12 +121,12 @@ class PaperEstimate:
 
 @dataclass(frozen=True)
 class Estimate:
-    """All numbers about one object, with the evidence that they rest on."""
+    """Joint estimate of one object with its checks, and the evidence that it was computed from."""
 
     evidence: Evidence
     options: EstimateOptions
     fitted_planes: tuple[EquiPlane, ...]
-    """equi-planes of the strikes used as fitted, in the order of the recordings, vertical with respect to the
+    """equi-planes of the strikes used, as fitted, in recording order; at phi they are perpendicular to the
     table"""
     inertial: InertialParameters
     """mass, centre of mass, inertia tensor and moments of the object without its markers"""
@@ -137,7 +138,9 @@ class Estimate:
     """mass and gravity behind moments about edges: `scale`, with gravity as estimated where it was a free
     parameter"""
     cells: Cells
+    """the body divided into cells, with the given or assumed shell"""
     distribution: MassDistribution
+    """masses of shell and interior regions"""
     parts: PartMasses | None
     """masses of labelled parts; None where the object file labels none"""
     filling: FillLevel | None
@@ -145,10 +148,10 @@ class Estimate:
     paper: PaperEstimate
     checks: Checks
     predictions: tuple[StrikePrediction, ...]
-    """leave-one-out prediction of each strike used"""
+    """leave-one-out predictions of the strikes used"""
     agreements: Agreements
     frame_rates: tuple[FrameRate, ...]
-    """one per recording whose frame times come from a file's time stamps"""
+    """checked frame rates, one per recording whose frame times come from a video file's time stamps"""
     voxels: VoxelMap
     sensitivity: Sensitivity
 
@@ -159,7 +162,7 @@ class Estimate:
 
     @property
     def planes(self) -> tuple[EquiPlane, ...]:
-        """Equi-planes of the strikes used, in recording order, vertical in gravity as estimated."""
+        """Equi-planes of the strikes used, in recording order; at phi they contain the estimated gravity."""
         return self.com.planes
 
 
@@ -182,10 +185,10 @@ def estimate_recordings(
 
     Raises:
         RecordingError: a file cannot be read.
-        JoinError: the recordings are not of one object, or one is named twice.
+        MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
         PlanError: a plan is of another object.
-        EstimationError: too few good strikes.
+        EstimationError: fewer than three strikes can be used.
     """
     options = options or EstimateOptions()
     heads = by_start_time([read_head(path) for path in paths])
@@ -318,7 +321,8 @@ def equiplanes(
     Args:
         evidence: plan and recordings of the motions.
         motions: fitted motions.
-        estimator: whose phi and k to use where a motion has them; None for the one chosen per motion.
+        estimator: estimator whose phi and k are used where a motion has them; None for the one chosen for
+            each motion.
     """
     levels = levelling_indices(evidence.recordings)
     found: list[EquiPlane] = []
@@ -335,7 +339,7 @@ def equiplanes(
 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Errors shared by strikes: the object's, and the tilt of gravity per levelling of the table."""
+    """Errors shared by strikes: scale and edge radius of the object, tilt of gravity per levelling."""
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
     return SystematicErrors(
@@ -370,13 +374,13 @@ def _paper_estimate(
     evidence: Evidence, used: Sequence[TipMotion], cells: Cells, scale: Scale
 ) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
     """The paper's centre of mass and region masses, markers included, with their equi-planes."""
-    # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no
-    # others.
-    over = [motion for motion in used if motion.verdict is Verdict.GOOD]
-    followed = over if len(over) >= MIN_STRIKES else list(used)
-    planes = tuple(_paper_equiplane(evidence.planned(motion), motion) for motion in followed)
+    # The sign change exists only where c passes over the balance; strikes that rocked back are used only if
+    # too few others exist.
+    tipped_over = [motion for motion in used if motion.verdict is Verdict.GOOD]
+    chosen = tipped_over if len(tipped_over) >= MIN_STRIKES else list(used)
+    planes = tuple(_paper_equiplane(evidence.planned(motion), motion) for motion in chosen)
     com = paper_centre_of_mass(planes, cells)
-    return PaperEstimate(com, _paper_regions(planes, followed, com.position, scale, cells)), planes
+    return PaperEstimate(com, _paper_regions(planes, chosen, com.position, scale, cells)), planes
 
 
 def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:

@@ -1,4 +1,4 @@
-"""Evidence of a recording: tracked markers and fitted motions. Never reads /truth/."""
+"""Evidence of a recording: tracked markers and fitted motions. The topics under /truth/ are never read."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ class RecordingHead:
     path: Path
     manifest: SessionManifest
     content_id: str
+    """hash of the recording's contents, independent of its path; "" if unknown"""
     strike_ids: tuple[str, ...] = ()
     """strike ids in the recording's order"""
     shape_sha256: str = ""
@@ -125,7 +126,7 @@ class StrikeReading:
     record: pb.StrikeRecord
     motion: TipMotion
     report: TrackingReport | None
-    """None if no marker could be tracked"""
+    """markers as tracked; None if none could be"""
     problem: TrackingError | None
     """reason why no marker could be tracked; None otherwise"""
     frames_lost: int
@@ -378,8 +379,8 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Strike
     if off[worst] > tolerance:
         raise PlanError(
             f"{object_path}: is of another shape than {recording.path}: the edge of strike"
-            f" {strikes[worst].id} lies {1000 * off[worst]:.0f} mm off its surface: give a corrected file of"
-            " the object that was struck"
+            f" {strikes[worst].id} lies {1000 * off[worst]:.0f} mm off its surface, more than"
+            f" {1000 * tolerance:.0f} mm: give a corrected file of the object that was struck"
         )
 
 
@@ -390,7 +391,7 @@ def _strike(
     if planned is None:
         raise PlanError(
             f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r},"
-            " which its plan does not hold"
+            " which its plan does not hold: record the strikes again with one plan"
         )
     camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
@@ -412,12 +413,12 @@ def _strike(
     manifest = recording.manifest
     if manifest.time_source is not TimeSource.CONTAINER_PTS:
         return motion, report
-    faster = slow_motion_ratio(
-        motion, report.tracks, markers, camera, task, _k_foretold(struck, planned, manifest.g_m_s2)
+    rate_ratio = slow_motion_ratio(
+        motion, report.tracks, markers, camera, task, _rough_k(struck, planned, manifest.g_m_s2)
     )
-    if faster is None:
+    if rate_ratio is None:
         return motion, report
-    text = slow_motion_text(faster, manifest.cameras[0].frame_rate_hz)
+    text = slow_motion_text(rate_ratio, manifest.cameras[0].frame_rate_hz)
     return (
         replace(
             motion,
@@ -425,14 +426,14 @@ def _strike(
             reason=text,
             fit=None,
             alternatives=(),
-            frame_rate_ratio=faster,
+            frame_rate_ratio=rate_ratio,
         ),
         report,
     )
 
 
-def _k_foretold(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
-    """Rough k [rad/s²], with the plan's moment and the centre of mass in the middle of the shape."""
+def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
+    """Rough k [rad/s²] from the planned I_edge, with the centre of mass in the middle of the shape."""
     arm = struck.model.centroid - np.array(planned.pivot.point)
     R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
     return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

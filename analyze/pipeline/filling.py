@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from schemas.object_spec import PartLabel
 
 RELATIVE_DENSITY_SD = 0.05
-"""relative 1 sigma of a filling's density given without one"""
+"""relative 1 sigma assumed for a filling's density that is given without one"""
 
 
 def estimate_filling(
@@ -41,8 +41,8 @@ def estimate_filling(
         shells = [Container(given, cells, model.hull_vertices)]
     else:
         shells = [
-            Container(wall.thickness, wall.cells, model.hull_vertices)
-            for wall in possible_shells(model, cells.pitch)
+            Container(shell.thickness, shell.cells, model.hull_vertices)
+            for shell in possible_shells(model, cells.pitch)
         ]
     density = None
     if label.density_kg_m3 is not None:

@@ -1,4 +1,4 @@
-"""Frame rate that only a file states: its check by the strikes, its effect on the estimate."""
+"""Check of a video file's stated frame rate against the strikes, and its effect on the estimate."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 STATED_RATE_SD = 0.002
 """relative 1 sigma of a frame rate that only a file states: 240 may be 239.76, and a phone's quartz drifts"""
 MAX_SHAPE_POINTS = 800
-"""points of the shape at which mass is tried; more do not move the limits"""
+"""approximate number of candidate mass points from the cells, and from the hull; more do not change the
+limits"""
 SLOW_MOTION_RATIOS = (8.0, 4.0, 2.0, 0.5, 0.25, 0.125)
 """true rate over stated rate in slow-motion files: 240 Hz played at 120, 60 or 30, or the reverse"""
 USUAL_RATES_HZ = (24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 200.0, 240.0, 480.0, 960.0)
@@ -44,15 +45,15 @@ class FrameRate:
     """1 sigma of a frame's time against the other frames' [s]"""
     stated_hz: float
     stated_sd_hz: float | None
-    """1 sigma as a drop measured it; None where the rate is only stated"""
+    """1 sigma [Hz] measured with a filmed drop; None where the rate is only stated"""
     contact_sd_s: float | None
     """median 1 sigma of the strikes' contact times, from the onset of motion [s]; None where no strike has
     one"""
     check: RateCheck | None
     """None where no strike of the recording is used"""
     likely_hz: float | None
-    """the one usual rate that the strikes allow where the stated one is impossible; None where several or
-    none are"""
+    """the only usual rate [Hz] that is consistent with the strikes, where the stated one is impossible; None
+    if several or none are"""
 
     @property
     def possible(self) -> bool:
@@ -63,8 +64,9 @@ class FrameRate:
 def stated_scale(evidence: Evidence) -> Scale:
     """Mass and gravity with standard deviations.
 
-    Of several places the worst known g counts, since sharing it is safe and averaging it is not. k is
-    proportional to g and to the frame rate squared, so that the uncertainty of a stated rate is part of g's.
+    If the recordings state g with different sd, the largest counts and is shared by all strikes: that is
+    safe, whereas averaging it over places would make intervals too narrow. k is proportional to g and to the
+    frame rate squared, so that the uncertainty of a stated rate is part of g's.
     """
     spec, g = evidence.spec, evidence.manifest.g_m_s2
     own = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
@@ -125,7 +127,16 @@ def check_frame_rates(
     moments: MomentModel,
     cells: Cells,
 ) -> list[FrameRate]:
-    """Check the stated frame rate of each recording whose times come from a file's time stamps."""
+    """Check the stated frame rate of each recording whose times come from a file's time stamps.
+
+    Args:
+        evidence: recordings, their strikes and the shape.
+        planes: equi-planes of all strikes used, with k at the stated rates.
+        systematic: errors shared by strikes.
+        prior: prior of the centre of mass.
+        moments: model of k, with mass, gravity and the shape's inertia prior.
+        cells: the body divided into cells, where its mass may be.
+    """
     found: list[FrameRate] = []
     for index, recording in enumerate(evidence.recordings):
         manifest = recording.manifest
@@ -164,14 +175,14 @@ def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
 
 
 def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
-    """Slow-motion or usual rate [Hz] that the strikes allow; None where several or none are."""
+    """The only slow-motion or usual rate [Hz] consistent with the strikes; None if several or none are."""
     low, high = check.low, check.high
     if check.estimate is not None:
         reach = 3 * check.estimate.sd
         low, high = max(low, check.estimate.ratio - reach), min(high, check.estimate.ratio + reach)
     slow = [ratio * rate for ratio in SLOW_MOTION_RATIOS if low <= ratio <= high]
     usual = [each for each in USUAL_RATES_HZ if low * rate <= each <= high * rate]
-    for some in (slow, usual):
-        if len(some) == 1:
-            return some[0]
+    for candidates in (slow, usual):
+        if len(candidates) == 1:
+            return candidates[0]
     return None

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from analyze.errors import EstimationError, JoinError
+from analyze.errors import EstimationError, MergeError
 from analyze.geometry.edge_line import SAME_LINE, EdgeLine
 from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.types import TipMotion
@@ -21,18 +21,18 @@ from schemas.strike_plan import PlannedStrike, StrikePlan
 
 def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
     """Sort recordings by start time."""
-    return sorted(heads, key=_began)
+    return sorted(heads, key=_start_key)
 
 
 def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False) -> None:
-    """Raise JoinError where recordings cannot be evidence of one object.
+    """Raise MergeError where recordings cannot be evidence of one object.
 
     Args:
         heads: two or more recordings.
         overridden: True if an object file given afterwards replaces the recordings' own.
 
     Raises:
-        JoinError: a strike would count twice, or the recordings are of different objects or shapes.
+        MergeError: a strike would count twice, or the recordings are of different objects or shapes.
     """
     for one, other in combinations(heads, 2):
         same = one.manifest.recording_id == other.manifest.recording_id
@@ -43,20 +43,20 @@ def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False)
                 if one.content_id == other.content_id
                 else f"of one recording, and both hold strike {twice[0]}"
             )
-            raise JoinError(
-                f"{one.path} and {other.path} are {held}: no strike may count twice, name it once"
+            raise MergeError(
+                f"{one.path} and {other.path} are {held}: no strike may count twice: give it once"
             )
         if _geometry(one) != _geometry(other):
             names = (one.manifest.object.name, other.manifest.object.name)
             between = "of different objects" if names[0] != names[1] else "of different shapes"
-            raise JoinError(
+            raise MergeError(
                 f"{one.path} ({names[0]}) and {other.path} ({names[1]}) are {between}: estimate each by"
                 " itself"
             )
         if one.manifest.object_sha256 != other.manifest.object_sha256 and not overridden:
-            raise JoinError(
+            raise MergeError(
                 f"{one.path} and {other.path} describe their object differently ({_difference(one, other)}): "
-                "if it is one, give what holds for both with --object"
+                "if it is the same object, give one object file for both with --object"
             )
 
 
@@ -83,7 +83,7 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
             )
         if len(meant) > 1:
             raise EstimationError(
-                f"{paths_text(heads)}: more than one strike {name!r} to exclude: say which of"
+                f"{paths_text(heads)}: more than one strike {name!r} to exclude: give one of"
                 f" {', '.join(meant)}"
             )
         found.update(meant)
@@ -91,7 +91,7 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
 
 
 def merged_id(heads: Sequence[RecordingHead], index: int, own: str) -> str:
-    """Id of a strike in merged evidence: with the recording's number where there are several."""
+    """Id of a strike in merged evidence: prefixed with the recording's number if there are several."""
     return own if len(heads) == 1 else f"{index + 1}:{own}"
 
 
@@ -110,17 +110,17 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         evidence: one per recording.
 
     Raises:
-        JoinError: see `refuse_unmergeable`.
+        MergeError: see `refuse_unmergeable`.
     """
     if len(evidence) == 1:
         return evidence[0]
-    ordered = sorted(evidence, key=lambda each: _began(each.recordings[0]))
+    ordered = sorted(evidence, key=lambda each: _start_key(each.recordings[0]))
     heads = [each.recordings[0] for each in ordered]
     refuse_unmergeable(heads, all(each.object_path_used for each in ordered))
     first = ordered[0]
     strikes: list[PlannedStrike] = []
     motions: list[TipMotion] = []
-    where: dict[str, int] = {}
+    recorded_in: dict[str, int] = {}
     for i, (each, ids) in enumerate(zip(ordered, merged_axis_ids(ordered), strict=True)):
         strikes += [
             strike.model_copy(update={"id": merged_id(heads, i, strike.id), "axis_id": ids[strike.axis_id]})
@@ -131,7 +131,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
             motions.append(
                 replace(motion, strike_id=name, plan_strike_id=merged_id(heads, i, motion.plan_strike_id))
             )
-            where[name] = i
+            recorded_in[name] = i
     return replace(
         first,
         recordings=tuple(heads),
@@ -154,21 +154,26 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
             for i, each in enumerate(ordered)
             for name, value in each.impacts.items()
         },
-        recorded_in=where,
+        recorded_in=recorded_in,
     )
 
 
 def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
-    """Per recording: merged axis id by the plan's own axis id; one edge has one id in all recordings."""
+    """Merged axis ids, one mapping from the plan's own ids per recording; an edge has one id in all.
+
+    Args:
+        ordered: evidence of each recording, by start time.
+    """
     known: dict[str, EdgeLine] = {}
     return [_axis_ids(each.plan, number, known) for number, each in enumerate(ordered, 1)]
 
 
 def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
-    """Index of the table levelling that each recording was made on, in order of first appearance.
+    """Index of each recording's table levelling, numbered from 0 by first appearance.
 
-    Recordings of one rig with one level reading, or one tilt sd, share a levelling. Two rigs without a name
-    count as one too: that errs on the safe side, since a shared error is not averaged away.
+    A levelling is a set-up of the table with one unknown tilt. Recordings of one rig with the same level
+    reading and tilt sd share it. Rigs without a name count as one rig: that errs on the safe side, since a
+    shared error is not averaged away.
     """
     found: list[tuple[str, float, LevelReading | None]] = []
     for recording in recordings:
@@ -182,12 +187,12 @@ def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
     return str(manifest.rig.get("name", "")), manifest.gravity_tilt_sd_rad, manifest.level
 
 
-def _began(head: RecordingHead) -> tuple[str, str]:
+def _start_key(head: RecordingHead) -> tuple[str, str]:
     return head.manifest.created, head.content_id
 
 
 def _geometry(head: RecordingHead) -> tuple[object, ...]:
-    """Shape as planned on; no object file given afterwards can change it."""
+    """Shape that the plan was made for; no object file given afterwards can change it."""
     shape = head.manifest.object.shape
     return head.shape_sha256, shape.unit, shape.box, shape.cylinder
 
@@ -206,12 +211,12 @@ def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict
     before = dict(known)
     found: dict[str, str] = {}
     for name, edge in own.items():
-        rivals = [
+        candidates = [
             (other != name, edge.distance(line), other)
             for other, line in before.items()
             if other not in found.values()
         ]
-        nearest = min((rival for rival in rivals if rival[1] < SAME_LINE), default=None)
+        nearest = min((each for each in candidates if each[1] < SAME_LINE), default=None)
         if nearest is not None:
             found[name] = nearest[2]
             continue
@@ -221,7 +226,7 @@ def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict
 
 
 def edge_line(strike: PlannedStrike) -> EdgeLine:
-    """Pivot edge of a planned strike, in O."""
+    """Pivot edge of a planned strike: direction, upward direction at rest, point and radius, in O."""
     direction, up = np.array(strike.pivot.direction), np.array(strike.R_world_object)[2]
     return EdgeLine(
         direction / np.linalg.norm(direction), up, np.array(strike.pivot.point), strike.pivot.radius_m

@@ -28,8 +28,8 @@ class StrikePrediction:
 
     @property
     def motion_sigmas(self) -> float:
-        """Standardised difference between measured and predicted theta(t)."""
-        return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.squared)
+        """Difference between measured and predicted theta(t), in standard deviations of one normal error."""
+        return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.chi2)
 
     @property
     def consistent(self) -> bool:

@@ -1,4 +1,4 @@
-"""Section, outline and next landing face of an object for one strike, from its shape."""
+"""Rolling outline of an object for one strike, and the angle at which its next face lands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 
 def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Curved outline about the strike's pivot point; None at a corner or bevel, which the rounding describes.
+    """Support function of a curved flank about the strike's pivot point; None at a corner or bevel.
+
+    A corner or bevel needs none: its edge radius describes it.
 
     The table touches the lowest point of the whole hull, wherever along the axis it lies, so that the
     outline seen along the axis counts, not a cut.
@@ -39,12 +41,12 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
     if section is None or not is_curved(section, planned):
         return None
     # A mesh's outline is as accurate as the mesh, a cloud's as the edge that was fitted to it.
-    place = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
-    return replace(section, sd=math.hypot(section.sd, place))
+    outline_sd = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
+    return replace(section, sd=math.hypot(section.sd, outline_sd))
 
 
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Least angle [rad] at which the next face may touch; None on a flank or if no face is known.
+    """Least theta [rad] at which the next face may touch the table; None on a flank or if no face is known.
 
     Args:
         model: the object's exterior, in O.
@@ -65,10 +67,10 @@ def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | Non
 
 
 class MeshSections:
-    """Outlines of an object whose shape file may not have been recorded yet, for judging a strike at once.
+    """Outlines and landing angles of an object, for judging a strike while the session is running.
 
-    The shape is loaded on first use. A primitive has none; a point cloud gets none here, since fitting its
-    surface takes seconds; the estimate fits it later.
+    The shape is loaded on first use, when its file may not have been recorded yet. A primitive has none; a
+    point cloud gets none here, since fitting its surface takes seconds; the estimate fits it later.
     """
 
     def __init__(self, spec: ObjectSpec, shape_bytes: Callable[[], bytes | None]) -> None:
@@ -77,13 +79,13 @@ class MeshSections:
         self._model: ObjectModel | None = None
         self._load_tried = False
 
-    def of(self, planned: PlannedStrike) -> SupportFunction | None:
-        """Outline as `rolling_outline`; also None if the shape is not available."""
+    def outline(self, planned: PlannedStrike) -> SupportFunction | None:
+        """Support function as of `rolling_outline`; also None if the shape is not available."""
         model = self._loaded()
         return None if model is None else rolling_outline(model, planned)
 
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
-        """Angle as `next_face_angle`; also None if the shape is not available."""
+        """Angle [rad] as of `next_face_angle`; also None if the shape is not available."""
         model = self._loaded()
         return None if model is None else next_face_angle(model, planned)
 

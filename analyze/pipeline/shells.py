@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
-    """The body in cells of side `pitch` [m], per shell thickness that leaves an interior."""
-    walls = [
+    """The body divided into cells of side `pitch` [m], for each shell thickness that leaves an interior."""
+    shells = [
         ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))
         for t in candidate_shell_thicknesses(model)
     ]
-    return [wall for wall in walls if wall.cells.interior.any()]
+    return [shell for shell in shells if shell.cells.interior.any()]
 
 
 def region_masses(
@@ -41,9 +41,9 @@ def region_masses(
         parameters: mass, centre of mass and moments.
         rng: generator of the draws behind the intervals.
     """
-    walls = [] if spec.shell_thickness_m is not None else possible_shells(model, cells.pitch)
+    shells = [] if spec.shell_thickness_m is not None else possible_shells(model, cells.pitch)
     return (
-        mass_distribution_over(parameters, walls, rng)
-        if len(walls) > 1
+        mass_distribution_over(parameters, shells, rng)
+        if len(shells) > 1
         else mass_distribution(parameters, cells, rng)
     )

@@ -1,4 +1,4 @@
-"""One-line message for too few usable strikes: which were left out, why, and the remedy."""
+"""Message for too few usable strikes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def too_few_text(
     remedy = (
         "exclude fewer"
         if len(usable) >= needed
-        else f"of {slow[0].strike_id}: {slow[0].reason}"
+        else f"strike {slow[0].strike_id}: {slow[0].reason}"
         if slow
         else "strike again"
     )

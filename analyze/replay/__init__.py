@@ -1,10 +1,11 @@
 """`analyze replay`: visualise a recording in rerun, strike by strike as it is read.
 
-    run.py              order in which the parts of a recording are sent
-    target.py destinations: a viewer, a browser, a file, a picture; viewer.py runs rerun's own processes
-    source.py, live.py sources: a recording, whole or damaged, or one that is still being written *_scene.py,
-    pictures.py, layout.py contents and layout of the pages views.py, overlay.py, words.py their data as plain
-    arrays and text, independent of a viewer
+    run.py                              order in which the parts of a recording are sent
+    target.py                           destinations: a viewer, a browser, a file, a picture
+    viewer.py                           rerun's own processes
+    source.py, live.py                  sources: a recording, whole or damaged, or still being written
+    *_scene.py, pictures.py, layout.py  contents and layout of the pages
+    views.py, overlay.py, words.py      their data as plain arrays and text, independent of a viewer
 
 Only this package imports rerun. The images of the first strike are sent before any numerical module is
 imported, so that they appear within seconds.

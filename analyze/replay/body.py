@@ -29,6 +29,7 @@ _MIN_HALF_AXIS, _CROSS_HALF_LENGTH = 0.035, 0.12
 """Least half axis of the drawn ellipsoid and half length of the cross through it, as fractions of the longest
 extent."""
 _MAX_VOXELS = 4000
+"""Approximate number of cells drawn; of more, a sample is drawn."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def flat_mesh(model: ObjectModel, colour: tuple[int, int, int, int]) -> rr.Mesh3
 
 
 def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None:
-    """Log the object's half transparent surface and its sharp edges."""
+    """Log the object's half transparent faces and its sharp edges."""
     mesh = flat_mesh(model, (190, 200, 215, 45))
     stream.log(f"{root}/shape", mesh, static=True)
     edges = rr.LineStrips3D(
@@ -80,7 +81,7 @@ def log_inside(
     colours: Mapping[str, Colour],
     strike_id: str | None = None,
 ) -> None:
-    """Log equi-planes, centre of mass with its 95 % ellipsoid, and regions.
+    """Log the inside of the object: equi-planes, centre of mass with its 95 % ellipsoid, and regions.
 
     Args:
         stream: destination.
@@ -133,7 +134,7 @@ def _centre(
 
 
 def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> None:
-    """Log the cells coloured by density, from dark (low) to bright (high)."""
+    """Log the cells of the voxel map, coloured by density from dark (low) to bright (high)."""
     voxels = answer.voxels
     if voxels is None:
         return

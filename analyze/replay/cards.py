@@ -1,4 +1,4 @@
-"""Placement cards in rerun: one timeline step per strike, with object, line, striker and camera in W."""
+"""Placement cards as a rerun recording: one step per strike, with object, line, striker and camera in W."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply
 from analyze.replay.body import flat_mesh
 from analyze.tags import families
-from analyze.tags.sheet import black_fields
+from analyze.tags.sheet import black_rectangles
 from analyze.types import Array, CameraModel
 from schemas.object_spec import MarkerSpec, ObjectSpec
 from schemas.output_file import OutputError, refuse_unwritable
@@ -29,9 +29,9 @@ _STRIKER, _PIVOT, _CAMERA = (86, 160, 230), (240, 120, 50), (60, 190, 140)
 """Colours of the printed cards, lightened for a dark background."""
 _BODY, _EDGE, _TABLE = (196, 203, 213), (60, 66, 74), (84, 73, 60)
 _LIFT = 2e-4
-"""Gap [m] between surface and tag, and between the tag's card and its black cells, which prevents flicker."""
+"""Gap [m] between face and tag, and between the tag's card and its black cells; it prevents flicker."""
 _IMAGE_PLANE_DISTANCE_M = 0.05
-"""Distance from the camera's centre to its drawn image plane."""
+"""Distance from the camera's centre to the image plane, as drawn."""
 
 
 def write_card_scenes(
@@ -98,7 +98,9 @@ def _tag(stream: rr.RecordingStream, path: str, marker: MarkerSpec) -> None:
     rim = half * CARD_CELLS / len(code)
     white = _quads(np.array([[-rim, -rim, 2 * rim, 2 * rim]]), _LIFT)
     black = _quads(
-        np.array([[f.x, f.y, f.width, f.height] for f in black_fields(code, -half, -half, marker.size_m)]),
+        np.array(
+            [[f.x, f.y, f.width, f.height] for f in black_rectangles(code, -half, -half, marker.size_m)]
+        ),
         2 * _LIFT,
     )
     for name, quads, tone in (("card", white, 255), ("cells", black, 12)):

@@ -24,7 +24,7 @@ _DEFAULT_SIZE_M = 0.15
 
 @dataclass(frozen=True)
 class StrikePage:
-    """Name of a strike's page: the strike's id and its verdict."""
+    """Page of one strike, named by the strike's id and its verdict."""
 
     strike_id: str
     verdict: str = ""
@@ -32,7 +32,7 @@ class StrikePage:
 
 
 def timeline_of(page: str | None) -> str:
-    """Timeline that a page uses."""
+    """Name of the timeline that a page uses."""
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 
 

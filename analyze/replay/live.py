@@ -21,7 +21,10 @@ _IMAGE_RETENTION_NS = 120_000_000_000
 
 
 class LiveRecording:
-    """Growing recording: `poll` reads what was added, `forget_until` releases images no longer needed."""
+    """Recording that is still being written, with the images that are still needed.
+
+    `poll` reads the messages added; `forget_until` releases images.
+    """
 
     def __init__(self, path: Path) -> None:
         self._series = FollowedSeries(path)
@@ -60,7 +63,7 @@ class LiveRecording:
             RecordingError: the manifest has not been written yet.
         """
         if self._series.manifest is None:
-            raise RecordingError(f"{self.path}: ends before its manifest")
+            raise RecordingError(f"{self.path}: ends before its manifest: wait until the session has begun")
         return self._series.manifest
 
     @property
@@ -72,7 +75,7 @@ class LiveRecording:
         """
         plan = self._series.plan
         if plan is None:
-            raise RecordingError(f"{self.path}: ends before its plan")
+            raise RecordingError(f"{self.path}: ends before its plan: wait until the session has begun")
         return plan
 
     @property

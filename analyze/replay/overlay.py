@@ -1,4 +1,4 @@
-"""Overlay on the camera's image, in raw pixels: the object at the fitted angle, and the pivot axis."""
+"""Overlay on the camera's image in raw (distorted) pixels: object at the fitted angle, and pivot axis."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from analyze.motion.rest_pose import rest_pose
-from analyze.motion.strike import rest_end
+from analyze.motion.strike import end_of_rest_ns
 from analyze.tracking.camera_model import project, undistort, world_to_camera
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 _MAX_WIREFRAME_EDGES = 60
-"""Of a body with more sharp edges the outline is drawn: its wireframe would be unreadable."""
+"""Sharp edges above which the outline is drawn instead: a denser wireframe would be unreadable."""
 _MIN_REST_FRAMES = 3
 """Least number of frames at rest from which a rest pose is computed."""
 _MIN_DEPTH_M = 0.02
@@ -35,15 +35,15 @@ def pose_at_rest(
 ) -> tuple[Array, Array]:
     """R_world_object (3, 3) and p_world_object (3,) [m] at rest, measured from the markers.
 
-    It is the rest pose from which theta is measured (motion/tip_angle.py). Without a marker of known place on
-    the object, it is the planned pose.
+    Theta is measured from this pose (motion/tip_angle.py). Without a marker whose place on the object is
+    known, it is the planned pose.
     """
     R_planned, p_planned = (
         np.array(planned.R_world_object, dtype=float),
         np.array(planned.p_world_object, dtype=float),
     )
     by_id = {marker.id: marker for marker in markers}
-    ends = rest_end(tracks, contact_ns) if tracks else 0
+    ends = end_of_rest_ns(tracks, contact_ns) if tracks else 0
     found: list[tuple[int, Array, Array]] = []
     for track in tracks:
         marker, still = by_id.get(track.marker_id), track.time_ns < ends

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from analyze.types import ImageFrame
 
 FRAME_RATE = 60.0
-"""Rate [Hz] to which faster cameras are reduced."""
+"""Greatest rate [Hz] at which images are sent by default."""
 _JPEG_QUALITY = 82
 _MAX_PLAIN_IMAGES = 10
 """Most plain images before the contact, where the object rests: each has the full size of the camera's
 image."""
 _BATCH = 24
-"""Images sent at once: few, so that the first ones arrive soon."""
+"""Images sent together: few, so that the first ones arrive soon."""
 _DRAW_ORDER_BENEATH = -11.0
-"""rerun draws images at order -10."""
+"""Draw order below that of rerun's images, -10."""
 _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 
 
@@ -58,6 +58,13 @@ def send_pictures(
     choice: ImageChoice | None = None,
 ) -> int:
     """Send images as they are read, and return their number.
+
+    Args:
+        timelines: timelines of the stream.
+        path: entity of the images.
+        frames: images in order of time.
+        contact_ns: time of the strike's contact [ns]; None outside a strike.
+        choice: selection and encoding; None for the default.
 
     Raises:
         RecordingError: reading `frames` failed; the images before the failure are sent.

@@ -1,4 +1,4 @@
-"""Lookup of the recording's file, before any module is imported that takes time to load."""
+"""Lookup of a recording's file, without imports that take time to load."""
 
 from __future__ import annotations
 

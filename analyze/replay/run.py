@@ -20,7 +20,7 @@ from analyze.replay.live import LiveRecording
 from analyze.replay.pictures import send_pictures, thinned
 from analyze.replay.recording_file import STILL_S, RecordingFile, is_fresh
 from analyze.replay.sender import ReplayOptions, Sender
-from analyze.replay.session_scene import LOGGED_TOPICS, send_health, send_note
+from analyze.replay.session_scene import LOGGED_TOPICS, send_event, send_health
 from analyze.replay.source import open_readable_part
 from analyze.replay.timelines import Timelines
 from analyze.replay.viewer import ReplayError
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Outcome of a replay."""
+    """Outcome of a replay: problems, and the time to show first."""
 
     problems: list[str]
     """Problems, one line each: damage of the recording, else the reason why there is no answer."""
@@ -50,8 +50,8 @@ APPLICATION = "percuss"
 _POLL_S = 0.1
 _NEXT_FILE_S = 2.0
 """Time within which the next file of a continuous recording appears."""
-_LOOSE_RATE_HZ, _MAX_LOOSE_IMAGES = 5.0, 600
-"""Rate and greatest number of images sent of a recording without strikes."""
+_NO_STRIKE_RATE_HZ, _MAX_NO_STRIKE_IMAGES = 5.0, 600
+"""Rate [Hz] and greatest number of images sent if the recording holds no strike."""
 
 
 def replay_recording(
@@ -60,7 +60,7 @@ def replay_recording(
     """Send a recording to a target; if it is still being written, follow it strike by strike.
 
     Args:
-        place: file of the recording.
+        place: file of the recording, and whether it is still growing.
         target: destination.
         options: options given by the user.
         progress: called with (text, done, total).
@@ -73,11 +73,11 @@ def replay_recording(
         return _follow(place.path, target, options, progress)
     recording, damage = open_readable_part(place.path)
     with recording:
-        return _whole(recording, damage, target, options, progress)
+        return _replay_complete(recording, damage, target, options, progress)
 
 
 @dataclass(frozen=True)
-class _Show:
+class _RunningReplay:
     """Running replay: its stream, timelines and sender."""
 
     stream: rr.RecordingStream
@@ -87,16 +87,16 @@ class _Show:
 
 def _begin(
     manifest: SessionManifest, path: Path, origin_ns: int, target: Target, options: ReplayOptions
-) -> _Show:
+) -> _RunningReplay:
     stream = rr.RecordingStream(APPLICATION, recording_id=manifest.recording_id)
     target.connect(stream)
     name = path.name.removesuffix(PART_SUFFIX).removesuffix(".mcap")
     stream.send_recording_name(name)
     timelines = Timelines(stream, origin_ns)
-    return _Show(stream, timelines, Sender(timelines, name, options))
+    return _RunningReplay(stream, timelines, Sender(timelines, name, options))
 
 
-def _whole(
+def _replay_complete(
     recording: Recording, damage: str | None, target: Target, options: ReplayOptions, progress: Progress
 ) -> ReplayResult:
     records = recording.strikes
@@ -110,20 +110,20 @@ def _whole(
         progress(f"strike {record.strike_id}", done, len(records) + 1)
         show.sender.send_images(recording, record)
         if done == 0:
-            _notes(recording, show)
+            _send_events(recording, show)
             target.first_strike_sent(show.stream)
         target.check()
         show.sender.analyse_strike(recording, record, more=False)
         recording.release_memory()
     if not records:
-        _loose_pictures(recording, show, options)
-        _notes(recording, show)
+        _send_images_without_strikes(recording, show, options)
+        _send_events(recording, show)
     target.check()
-    return _end(recording, show, target, progress)
+    return _finish(recording, show, target, progress)
 
 
 def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progress) -> ReplayResult:
-    show: _Show | None = None
+    show: _RunningReplay | None = None
     damage: str | None = None
     grown = time.monotonic()
     with LiveRecording(path) as live:
@@ -154,24 +154,24 @@ def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progre
     recording, wrong = open_readable_part(whole if whole.exists() else last)
     with recording:
         if show is None:
-            return _whole(recording, damage or wrong, target, options, progress)
+            return _replay_complete(recording, damage or wrong, target, options, progress)
         if (problem := damage or wrong) is not None:
             show.sender.damage.append(problem)
-        return _end(recording, show, target, progress)
+        return _finish(recording, show, target, progress)
 
 
 def _send_live(
     live: LiveRecording,
     small: Sequence[RecordedMessage],
     strikes: Sequence[pb.StrikeRecord],
-    show: _Show,
+    show: _RunningReplay,
     target: Target,
     progress: Progress,
 ) -> None:
     for message in small:
         if message.topic in LOGGED_TOPICS:
             try:
-                send_note(show.timelines, message, live.strikes)
+                send_event(show.timelines, message, live.strikes)
             except RecordingError as error:
                 show.sender.damage.append(f"{live.path}: {error}")
     for record in strikes:
@@ -185,7 +185,7 @@ def _send_live(
         target.first_strike_sent(show.stream)
 
 
-def _end(recording: Recording, show: _Show, target: Target, progress: Progress) -> ReplayResult:
+def _finish(recording: Recording, show: _RunningReplay, target: Target, progress: Progress) -> ReplayResult:
     from analyze.pipeline.evidence import read_open_head
 
     count = len(recording.strikes)
@@ -218,19 +218,19 @@ def _first_time(recording: Recording) -> int:
     return min((topic.first_ns for topic in recording.topics() if topic.first_ns), default=0)
 
 
-def _notes(recording: Recording, show: _Show) -> None:
+def _send_events(recording: Recording, show: _RunningReplay) -> None:
     try:
         for topic in LOGGED_TOPICS:
             for message in recording.messages(topic):
-                send_note(show.timelines, message, recording.strikes)
+                send_event(show.timelines, message, recording.strikes)
     except RecordingError as error:
         show.sender.damage.append(str(error))
 
 
-def _loose_pictures(recording: Recording, show: _Show, options: ReplayOptions) -> None:
+def _send_images_without_strikes(recording: Recording, show: _RunningReplay, options: ReplayOptions) -> None:
     """Send images of a recording that was cut before the record of its first strike."""
     try:
-        frames = islice(thinned(recording.images(), _LOOSE_RATE_HZ), _MAX_LOOSE_IMAGES)
+        frames = islice(thinned(recording.images(), _NO_STRIKE_RATE_HZ), _MAX_NO_STRIKE_IMAGES)
         send_pictures(show.timelines, "/session/camera", frames, None, options.images)
     except RecordingError as error:
         show.sender.damage.append(str(error))

@@ -11,7 +11,7 @@ from analyze.errors import AnalyzeError, PlanError, RecordingError
 from analyze.replay.layout import ANSWER, StrikePage, layout
 from analyze.replay.palette import CYCLE, Colour
 from analyze.replay.pictures import ImageChoice, send_pictures
-from analyze.replay.session_scene import name_lane_states
+from analyze.replay.session_scene import send_state_names
 from analyze.replay.timelines import Timelines, contact_of, strike_path
 from analyze.replay.words import answer_text, no_answer_text, unread_text, waiting_text
 
@@ -31,10 +31,12 @@ class ReplayOptions:
     """Options of a replay, given by the user."""
 
     object_path: Path | None = None
+    """Object file that replaces the recording's."""
     exclude: frozenset[str] = frozenset()
+    """Ids of strikes that the answer leaves out."""
     images: ImageChoice = field(default_factory=ImageChoice)
     page: str | None = None
-    """Page in front; None for the newest strike and, at the end, the answer."""
+    """Page shown in front; None for the newest strike and, at the end, the answer."""
 
 
 class Sender:
@@ -60,13 +62,12 @@ class Sender:
         """Reasons why there is no answer, one line each; empty if there is one."""
 
     # --- pages
-    # ----------------------------------------------------------------------------------------------------
 
     def add_pages(self, records: Sequence[pb.StrikeRecord], *, more: bool) -> None:
         """Add pages for these strikes; `more` is True if further strikes may follow."""
         self._pages += [StrikePage(record.strike_id) for record in records]
-        name_lane_states(self._timelines, [record.strike_id for record in records])
-        self._wait(more=more)
+        send_state_names(self._timelines, [record.strike_id for record in records])
+        self._send_progress(more=more)
         newest = (self._pages[-1] if more else self._pages[0]).strike_id if self._pages else ANSWER
         self.send_layout(newest)
 
@@ -80,31 +81,30 @@ class Sender:
     def _colours(self) -> dict[str, Colour]:
         return {page.strike_id: CYCLE[number % len(CYCLE)] for number, page in enumerate(self._pages)}
 
-    def _wait(self, *, more: bool) -> None:
-        self._text(
+    def _send_progress(self, *, more: bool) -> None:
+        self._send_text(
             "/summary", waiting_text(self._name, len(self._readings), None if more else len(self._pages))
         )
 
-    def _text(self, path: str, text: str) -> None:
+    def _send_text(self, path: str, text: str) -> None:
         self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
     def shown_moment_s(self) -> float:
         """Time since contact [s] at which the page in front shows a tipping object."""
-        from analyze.replay.views import shown_moment
+        from analyze.replay.views import balance_moment
         from schemas.result import Verdict
 
         motions = [reading.motion for reading in self._readings]
         requested = [motion for motion in motions if motion.strike_id == self._options.page]
         good = [motion for motion in motions if motion.verdict is Verdict.GOOD]
-        return shown_moment(next(iter([*requested, *good]), None))
+        return balance_moment(next(iter([*requested, *good]), None))
 
     # --- strikes
-    # --------------------------------------------------------------------------------------------------
 
     def send_images(self, source: StrikeSource, record: pb.StrikeRecord) -> None:
         """Send a strike's images, up to the first damaged one."""
         root = strike_path(record.strike_id)
-        self._text(
+        self._send_text(
             f"{root}/text",
             unread_text(record.strike_id, record.verdict_code, "Its motion is being measured."),
         )
@@ -124,7 +124,7 @@ class Sender:
         struck, body = self._object(source)
         if struck is None or body is None:
             why = f"Its motion cannot be measured: {self.no_answer[0]}"
-            self._text(
+            self._send_text(
                 f"{strike_path(record.strike_id)}/text",
                 unread_text(record.strike_id, record.verdict_code, why),
             )
@@ -133,7 +133,7 @@ class Sender:
             reading = read_strike(source, struck, list(body.markers), record)
         except (RecordingError, PlanError) as error:
             (self.damage if isinstance(error, RecordingError) else self.no_answer).append(str(error))
-            self._text(
+            self._send_text(
                 f"{strike_path(record.strike_id)}/text",
                 unread_text(record.strike_id, record.verdict_code, str(error)),
             )
@@ -147,7 +147,7 @@ class Sender:
         ]
         tracks = () if reading.report is None else reading.report.tracks
         send_strike(self._timelines, record, reading.motion, tracks, body, self._colours()[record.strike_id])
-        self._wait(more=more)
+        self._send_progress(more=more)
 
     def _object(self, source: StrikeSource) -> tuple[StruckObject | None, SceneInputs | None]:
         if not self._object_requested:
@@ -169,7 +169,6 @@ class Sender:
         return self._struck, self._body
 
     # --- the answer
-    # -----------------------------------------------------------------------------------------------
 
     def send_answer(self, head: RecordingHead) -> None:
         """Send the joint estimate, or the reason why there is none, and put the answer in front."""
@@ -188,7 +187,7 @@ class Sender:
         except AnalyzeError as error:
             text = str(error) if str(error).startswith(str(head.path)) else f"{head.path}: {error}"
             self.no_answer = [text]
-            self._text("/summary", no_answer_text(self._name, [*self.damage[:1], text]))
+            self._send_text("/summary", no_answer_text(self._name, [*self.damage[:1], text]))
         self.send_layout(ANSWER)
 
     def _send_estimate(self, estimate: Estimate) -> None:
@@ -208,4 +207,4 @@ class Sender:
         text = answer_text(estimate.evidence.spec.name, answer.result)
         if self.damage:
             text += f"\n- **The recording is damaged; the answer uses the readable part: {self.damage[0]}**"
-        self._text("/summary", text)
+        self._send_text("/summary", text)

@@ -28,21 +28,21 @@ _CLOCK_STEP_NS = 500_000_000
 _WARNING_KINDS = {pb.StrikerEvent.FAULT, pb.StrikerEvent.MISSED, pb.StrikerEvent.STOPPED}
 
 
-def send_note(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
+def send_event(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
     """Send one message of a topic in `LOGGED_TOPICS`, as a line of text or as a change of state.
 
     Raises:
         RecordingError: the message does not have its topic's type.
     """
     try:
-        _note(timelines, message, records)
+        _send_event(timelines, message, records)
     except (DecodeError, ValueError) as error:
         raise RecordingError(
             f"message on {message.topic} at {message.log_time_ns} is damaged: {error}"
         ) from None
 
 
-def _note(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
+def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
     inside = next(
         (
             record
@@ -80,8 +80,8 @@ def _note(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.S
     timelines.stream.log(path, rr.TextLog(text, level=level))
 
 
-def name_lane_states(timelines: Timelines, strike_ids: Iterable[str] = ()) -> None:
-    """Send names and colours of the states of session and strikers."""
+def send_state_names(timelines: Timelines, strike_ids: Iterable[str] = ()) -> None:
+    """Send names and colours for the states of the session and of the striker in these strikes."""
     timelines.name_states("/session/state", SESSION)
     timelines.name_states("/session/striker", STRIKER)
     for strike_id in strike_ids:
@@ -89,7 +89,7 @@ def name_lane_states(timelines: Timelines, strike_ids: Iterable[str] = ()) -> No
 
 
 def send_health(timelines: Timelines, recording: Recording) -> None:
-    """Send lost frames and clock quality over the session.
+    """Send lost frames and clock quality over the time of the session.
 
     Raises:
         RecordingError: the file is damaged; the part before the damage is sent.

@@ -1,4 +1,4 @@
-"""Opening of a recording for replay, including damaged ones."""
+"""Opening of recordings for a replay, damaged ones included."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ if TYPE_CHECKING:
 
 
 def open_readable_part(path: Path) -> tuple[Recording, str | None]:
-    """Open a recording as far as it can be read; the text names its damage in one line, or is None.
+    """Open a recording as far as it can be read.
+
+    Returns:
+        The recording, and its damage in one line; None if it is whole.
 
     Raises:
         RecordingError: nothing can be read, or the file has another major schema version.

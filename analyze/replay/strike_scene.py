@@ -1,4 +1,4 @@
-"""Page of one strike: detected tags and fitted pose over its images, curves, phases, and the 3D scene."""
+"""Page of one strike: tags and fitted pose drawn over its images, curves, phases, and the 3D scene."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 _MAX_TABLE_THICKNESS_M = 0.02
+"""Half thickness of the drawn table, at most."""
 
 
 def send_strike(
@@ -36,7 +37,16 @@ def send_strike(
     body: SceneInputs,
     colour: Colour,
 ) -> None:
-    """Send the measured motion of a strike: tags, curves, phases, overlay and scene, but not its images."""
+    """Send the measured motion of a strike: tags, curves, phases, overlay and scene, but not its images.
+
+    Args:
+        timelines: timelines of the stream.
+        record: the strike as recorded.
+        motion: its measured motion.
+        tracks: its tracked markers.
+        body: object, plan and camera.
+        colour: colour of the strike on pages of all strikes.
+    """
     root, contact = strike_path(record.strike_id), contact_of(record)
     timelines.stream.log(
         f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"), static=True
@@ -83,7 +93,6 @@ def send_strike_inside(
 
 
 # --- over the image
-# ---------------------------------------------------------------------------------------------------
 
 
 def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[MarkerTrack]) -> None:
@@ -155,7 +164,6 @@ def _over_image(
 
 
 # --- curves
-# -----------------------------------------------------------------------------------------------------------
 
 
 def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
@@ -215,18 +223,17 @@ def _mark(
     timelines.stream.log(path, style, static=True)
 
 
-def _phases(timelines: Timelines, lane: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
+def _phases(timelines: Timelines, path: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
     if motion.phases is None:
         return
-    timelines.name_states(lane, PHASES)
+    timelines.name_states(path, PHASES)
     for name, first, last in views.phase_spans(motion.phases):
-        timelines.change_state(lane, name, int(angle.time_ns[first]), contact_ns)
+        timelines.change_state(path, name, int(angle.time_ns[first]), contact_ns)
         if last < len(angle.time_ns):
-            timelines.change_state(lane, None, int(angle.time_ns[last]), contact_ns)
+            timelines.change_state(path, None, int(angle.time_ns[last]), contact_ns)
 
 
 # --- space
-# ------------------------------------------------------------------------------------------------------------
 
 
 def _space(

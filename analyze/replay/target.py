@@ -32,7 +32,7 @@ class Target(Protocol):
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Deliver the images of a strike, which are in the stream."""
+        """Deliver what is in the stream: the images of at least one strike."""
         ...
 
     def check(self) -> None:
@@ -40,7 +40,7 @@ class Target(Protocol):
         ...
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Finish: everything is in the stream."""
+        """Finish the replay; everything is in the stream."""
         ...
 
 

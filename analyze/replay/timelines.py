@@ -20,12 +20,12 @@ def contact_of(record: pb.StrikeRecord) -> int:
 
 
 def strike_path(strike_id: str) -> str:
-    """Path of the parent entity of a strike."""
+    """Entity path under which everything of a strike is logged."""
     return rr.new_entity_path(["strike", strike_id])
 
 
 class Timelines:
-    """Stream with the two timelines.
+    """Stream of a replay with its two timelines.
 
     Args:
         stream: destination.
@@ -63,7 +63,7 @@ class Timelines:
             )
 
     def name_states(self, path: str, states: dict[str, int]) -> None:
-        """Set names and colours (RGBA) of a state's values."""
+        """Set names and colours (0xRRGGBBAA) of a state's values."""
         names = [name.replace("_", " ") for name in states]
         self.stream.log(
             path,
@@ -72,7 +72,7 @@ class Timelines:
         )
 
     def change_state(self, path: str, state: str | None, time_ns: int, contact_ns: int | None) -> None:
-        """Set a state from `time_ns` on; None ends it."""
+        """Change a state at `time_ns` [ns]; None ends it."""
         self.set_time(time_ns, contact_ns)
         self.stream.log(
             path,

@@ -38,7 +38,7 @@ class ReplayError(AnalyzeError):
 
 @dataclass(frozen=True)
 class Viewer:
-    """Running process of rerun."""
+    """Running process of rerun: the native viewer, or the server of the web viewer."""
 
     process: subprocess.Popen[bytes]
     port: int
@@ -48,7 +48,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Address that accepts data."""
+        """Address at which the viewer accepts data."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
     @property

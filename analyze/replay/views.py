@@ -1,4 +1,4 @@
-"""Data of a replay as plain arrays, independent of a viewer: poses, curves, polygons."""
+"""Data that a replay draws, as plain arrays independent of a viewer: poses, curves, polygons."""
 
 from __future__ import annotations
 
@@ -11,8 +11,18 @@ from scipy.spatial import ConvexHull
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import angular_acceleration
-from analyze.result.document import build
-from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MotionFit, Phases, TipAngle, TipMotion
+from analyze.result.document import result_document
+from analyze.types import (
+    PHASE_NAMES,
+    Array,
+    CentreOfMass,
+    EquiPlane,
+    IntArray,
+    MotionFit,
+    Phases,
+    TipAngle,
+    TipMotion,
+)
 from schemas.result import Result
 from schemas.strike_plan import PlannedStrike
 
@@ -23,7 +33,7 @@ if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
 
 _MAX_REGION_POINTS = 700
-_PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
+"""Greatest number of cells drawn per region."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +59,8 @@ class DrawnAnswer:
 
 
 @dataclass(frozen=True)
-class Curves:
-    """Measured motion of a strike."""
+class MeasuredCurves:
+    """Measured motion of a strike: angle, rate and acceleration over time."""
 
     time_ns: IntArray
     """(n,) log times [ns]."""
@@ -88,11 +98,11 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
         DrawnRegion(name, float(mass), _thinned(cells.points[member]))
         for name, mass, member in zip(distribution.names, distribution.masses, members, strict=False)
     )
-    return DrawnAnswer(build(estimate), estimate.planes, estimate.com, regions, estimate.voxels)
+    return DrawnAnswer(result_document(estimate), estimate.planes, estimate.com, regions, estimate.voxels)
 
 
-def shown_moment(motion: TipMotion | None) -> float:
-    """Time since contact [s] at which the object stands on its edge; 0.2 s if it is not known."""
+def balance_moment(motion: TipMotion | None) -> float:
+    """Time since contact [s] at which the object balances on its edge; 0.2 s if it is not known."""
     if (
         motion is not None
         and motion.angle is not None
@@ -105,13 +115,15 @@ def shown_moment(motion: TipMotion | None) -> float:
     return 0.2
 
 
-def measured_curves(angle: TipAngle) -> Curves:
+def measured_curves(angle: TipAngle) -> MeasuredCurves:
     """Measured angle, rate and acceleration of a strike."""
     if len(angle.time_ns) < 2:
-        return Curves(angle.time_ns, angle.theta, np.zeros_like(angle.theta), np.zeros_like(angle.theta))
+        return MeasuredCurves(
+            angle.time_ns, angle.theta, np.zeros_like(angle.theta), np.zeros_like(angle.theta)
+        )
     time = (angle.time_ns - angle.time_ns[0]).astype(np.float64) * 1e-9
     _, alpha = angular_acceleration(angle, MotionSettings().smoothing_points)
-    return Curves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
+    return MeasuredCurves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
 
 
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
@@ -162,14 +174,14 @@ def object_poses(
     if flank is None:  # The object rolls on the edge's rounding; slip is measured relative to this.
         moved[:, 0] += planned.pivot.radius_m * angle.theta
     else:
-        along, over = flank.rolled(angle.theta)
+        along, over = flank.rolling_displacement(angle.theta)
         moved = moved + np.stack([along, np.zeros_like(along), over], axis=-1)
     return turn @ R_rest, turn @ (p_rest - pivot) + pivot + moved
 
 
 def phase_spans(phases: Phases) -> list[tuple[str, int, int]]:
     """Phases that occurred, as (name, start, stop) with frame indices."""
-    found = [(name, getattr(phases, name)) for name in _PHASE_NAMES]
+    found = [(name, getattr(phases, name)) for name in PHASE_NAMES]
     return [(name, window[0], window[1]) for name, window in found if window is not None]
 
 
@@ -216,5 +228,5 @@ def ellipsoid(covariance: Array, least: float) -> tuple[Array, Array]:
 
 
 def _thinned(points: Array) -> Array:
-    """Random sample of points, at most as many as a viewer draws easily; a regular grid would shimmer."""
+    """Random sample of at most `_MAX_REGION_POINTS` points; a regular grid would shimmer."""
     return np.random.default_rng(0).permutation(points)[:_MAX_REGION_POINTS]

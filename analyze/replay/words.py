@@ -1,4 +1,4 @@
-"""Texts of a replay, as Markdown."""
+"""Texts of a replay as Markdown."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def answer_text(name: str, result: Result) -> str:
-    """Answer in a few lines: the result, its uncertainty, and warnings."""
+    """Text of the answer's page: centre of mass, table of quantities, verdict and warnings."""
     used = sum(strike.used for strike in result.strikes)
     lines = [
         f"# {name}",
@@ -40,7 +40,13 @@ def answer_text(name: str, result: Result) -> str:
 
 
 def waiting_text(name: str, done: int, total: int | None) -> str:
-    """Text of the answer's page before there is an answer."""
+    """Text of the answer's page before there is an answer.
+
+    Args:
+        name: name of the recording.
+        done: number of strikes measured so far.
+        total: number of strikes; None while the session is running.
+    """
     far = (
         f"{done} of {total} strikes measured."
         if total is not None
@@ -55,7 +61,7 @@ def no_answer_text(name: str, problems: Sequence[str]) -> str:
 
 
 def strike_text(motion: TipMotion) -> str:
-    """Verdict and fits of one strike in a few lines."""
+    """Text of a strike's page: verdict, fits, residual and energy ratio."""
     lines = [f"**{motion.strike_id}: {motion.verdict.value.replace('_', ' ')}.** {motion.reason}", ""]
     for fit, used in ((motion.fit, "used"), *((other, "for comparison") for other in motion.alternatives)):
         if fit is not None:
@@ -78,7 +84,13 @@ def strike_text(motion: TipMotion) -> str:
 
 
 def unread_text(strike_id: str, verdict: str, why: str) -> str:
-    """Text of a strike whose motion was not measured, with the session's verdict on it, if any."""
+    """Text of the page of a strike whose motion was not measured.
+
+    Args:
+        strike_id: id of the strike.
+        verdict: verdict of the session on the strike; "" if there is none.
+        why: reason why the motion was not measured.
+    """
     session_verdict = f" Verdict of the session: {verdict}." if verdict else ""
     return f"**{strike_id}.**{session_verdict} {why}".strip()
 

@@ -1,1 +1,1 @@
-"""What the user sees: report, plots, exports."""
+"""Report of an answer: HTML pages, plots, JSON, CSV tables, and the summary on the terminal."""

@@ -1,4 +1,4 @@
-"""The Comparison document of repeated sessions: answers, precision, agreement, verdict."""
+"""Comparison document of repeated sessions: answers, precision by ISO 5725, agreement, verdict."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from analyze.estimation.precision import MIN_GROUPS, mandel_h, mandel_h_limit, precision
 from analyze.report.report_document import report_recording
-from analyze.result.comparison import chance_of
+from analyze.result.comparison import chi_squared_p_value
 from analyze.result.document import rounded
 from schemas.comparison import Comparison, QuantityPrecision, SessionAnswer, SessionsAgreement, SessionValue
 from schemas.result import Quantity, RegionResult, Verdict
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from analyze.result.answer import Answer
     from analyze.result.comparison import SessionComparison
 
-SIDES = {"upper": "lower", "lower": "upper"}
+OPPOSITE_REGION = {"upper": "lower", "lower": "upper"}
 MIN_FREEDOM = 5
-"""degrees of freedom below which the verdict doubts a standard deviation"""
+"""degrees of freedom below which the verdict doubts a standard deviation of the comparison"""
 Kind = Literal["centre_of_mass", "moment", "region", "phi"]
 
 
 def comparison_document(compared: SessionComparison) -> Comparison:
-    """All numbers that the comparison page shows."""
+    """Comparison document: all numbers that the comparison page shows."""
     first = compared.sessions[0].answer
     precisions = [*_answers(compared), *_angles(compared)]
     evidence = compared.joint.estimate.evidence
@@ -39,8 +39,8 @@ def comparison_document(compared: SessionComparison) -> Comparison:
             object_sha256=evidence.object_sha256,
             software=evidence.software,
             verdict=list(_verdict(compared, precisions)),
-            agreement=_agreement(compared.together, compared.freedom),
-            may_join=compared.may_join,
+            agreement=_agreement(compared.together, compared.degrees_of_freedom),
+            may_join=compared.may_merge,
             sessions=[
                 SessionAnswer(
                     recording=report_recording(number, session.head),
@@ -49,9 +49,9 @@ def comparison_document(compared: SessionComparison) -> Comparison:
                     strikes_used=len(session.answer.estimate.planes),
                     centre_of_mass=session.answer.result.centre_of_mass,
                     moments=session.answer.result.moments,
-                    regions=regions_by(session.answer, first),
-                    against_others=_agreement(session.apart, 3),
-                    stands_out=compared.stands_out == number - 1,
+                    regions=regions_named_as(session.answer, first),
+                    against_others=_agreement(session.against_others, 3),
+                    stands_out=compared.outlier == number - 1,
                 )
                 for number, session in enumerate(compared.sessions, 1)
             ],
@@ -64,25 +64,31 @@ def comparison_document(compared: SessionComparison) -> Comparison:
     )
 
 
-def regions_by(answer: Answer, first: Answer) -> list[RegionResult]:
-    """Regions under the first session's names; upper and lower swap with the plane's direction."""
+def regions_named_as(answer: Answer, first: Answer) -> list[RegionResult]:
+    """Regions of an answer, named upper and lower as in the first session.
+
+    The names are swapped if the normals of the two dividing planes point to opposite sides.
+    """
     found = answer.result.regions
     regions = {} if found is None else {region.name: region for region in found.regions}
     normal, first_normal = (each.estimate.distribution.dividing_plane_normal for each in (answer, first))
     if float(normal @ first_normal) >= 0:
         return list(regions.values())
-    return [regions[SIDES.get(name, name)].model_copy(update={"name": name}) for name in regions]
+    return [regions[OPPOSITE_REGION.get(name, name)].model_copy(update={"name": name}) for name in regions]
 
 
 def _agreement(found: Agreement, freedom: int) -> SessionsAgreement:
     squared = max(found.chi_squared, 0.0)
     return SessionsAgreement(
-        chi_squared=squared, freedom=freedom, chance=chance_of(squared, freedom), apart_m=found.largest_shift
+        chi_squared=squared,
+        freedom=freedom,
+        chance=chi_squared_p_value(squared, freedom),
+        apart_m=found.largest_shift,
     )
 
 
 def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of the sessions' answers; answers of one set-up form a group."""
+    """Yield the precision of c, moments and region masses; sessions of one set-up form a group."""
     first, setups = compared.sessions[0].answer, [session.setup for session in compared.sessions]
     alone = [session.answer.result for session in compared.sessions]
     together = compared.joint.result
@@ -102,9 +108,9 @@ def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
             for result in alone
         ]
         yield from _if_compared(f"I {name}", "moment", by_session, setups, whole)
-    joint_regions = {region.name: region.mass for region in regions_by(compared.joint, first)}
+    joint_regions = {region.name: region.mass for region in regions_named_as(compared.joint, first)}
     masses = [
-        {region.name: region.mass for region in regions_by(session.answer, first)}
+        {region.name: region.mass for region in regions_named_as(session.answer, first)}
         for session in compared.sessions
     ]
     for name, whole in joint_regions.items():
@@ -135,7 +141,7 @@ def _compared(
 
 
 def _angles(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of phi per edge and heading, repeats within a session as a group.
+    """Yield the precision of phi per edge and heading; repeated strikes within a session are a group.
 
     Only strikes that tipped over count.
     """
@@ -199,25 +205,26 @@ def _ends(quantity: Quantity) -> list[float] | None:
 
 
 def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision]) -> Iterator[str]:
-    count, odd = len(compared.sessions), compared.stands_out
-    chance = (
-        f"χ² {compared.together.chi_squared:.1f} with {compared.freedom} degrees of freedom,"
-        f" {chance_text(compared.chance)}"
+    count, odd = len(compared.sessions), compared.outlier
+    significance = (
+        f"χ² {compared.together.chi_squared:.1f} with {compared.degrees_of_freedom} degrees of freedom,"
+        f" {p_value_text(compared.p_value)}"
     )
-    if compared.may_join:
-        yield f"trust that all {count} sessions have one centre of mass ({chance}): they may be merged"
+    if compared.may_merge:
+        yield f"trust that all {count} sessions have one centre of mass ({significance}): they may be merged"
     else:
         apart = f"centres of mass lie up to {1e3 * compared.together.largest_shift:.2g} mm apart"
         yield (
-            f"doubt that the sessions are of one body: {apart}, more than their errors allow ({chance}); do"
-            " not merge them"
+            f"doubt that the sessions are of one body: {apart}, more than their errors allow"
+            f" ({significance}); do not merge them"
         )
     if odd is not None:
         session = compared.sessions[odd]
-        off = f"{1e3 * session.apart.largest_shift:.2g} mm from all others' ({chance_text(session.chance)})"
+        shift = session.against_others.largest_shift
+        off = f"{1e3 * shift:.2g} mm from all others' ({p_value_text(session.p_value)})"
         yield (
-            f"repeat session {odd + 1}, {session.head.path.name}: it stands out, its centre of mass is"
-            f" {off}{_without(compared, odd)}"
+            f"repeat session {odd + 1}, {session.head.path.name}: it stands out: its centre of mass is"
+            f" {off}{_repeatability_without(compared, odd)}"
         )
     open_ones = [
         str(i) for i, session in enumerate(compared.sessions, 1) if not session.answer.estimate.com.observed
@@ -225,12 +232,12 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
     if open_ones:
         yield f"doubt the centre of mass of session {', '.join(open_ones)}: one direction is not observed"
     of_c = [each for each in precisions if each.kind == "centre_of_mass"]
-    yield from _few("s_r", "sessions of one set-up", [each.freedom_r for each in of_c], of_c[0].s_r)
-    yield from _few("s_R", "set-ups", [each.freedom_R for each in of_c], of_c[0].s_R)
+    yield from _doubt_few("s_r", "sessions of one set-up", [each.freedom_r for each in of_c], of_c[0].s_r)
+    yield from _doubt_few("s_R", "set-ups", [each.freedom_R for each in of_c], of_c[0].s_R)
 
 
-def _without(compared: SessionComparison, odd: int) -> str:
-    """Clause on how well the centres of mass of all other sessions repeat; "" where that is not known."""
+def _repeatability_without(compared: SessionComparison, odd: int) -> str:
+    """Clause on the repeatability of c over all sessions but session `odd`; "" if it is not known."""
     groups: dict[int, list[np.ndarray]] = defaultdict(list)
     for number, session in enumerate(compared.sessions):
         if number != odd:
@@ -243,7 +250,7 @@ def _without(compared: SessionComparison, odd: int) -> str:
     return ""
 
 
-def _few(name: str, groups: str, freedoms: Sequence[int], value: float | None) -> Iterator[str]:
+def _doubt_few(name: str, groups: str, freedoms: Sequence[int], value: float | None) -> Iterator[str]:
     freedom = min(freedoms)
     if value is not None and 0 < freedom < MIN_FREEDOM:
         yield (
@@ -253,10 +260,14 @@ def _few(name: str, groups: str, freedoms: Sequence[int], value: float | None) -
 
 
 def upper_factor(freedom: int) -> float:
-    """Factor by which the true standard deviation may exceed its estimate (95 %)."""
+    """Factor by which the true standard deviation may exceed its estimate (95 %).
+
+    Args:
+        freedom: degrees of freedom of the estimate.
+    """
     return math.sqrt(freedom / float(chdtri(freedom, 0.95)))
 
 
-def chance_text(chance: float) -> str:
-    """Probability in words: p = 0.02, or p < 0.0001."""
-    return "p < 0.0001" if chance < 1e-4 else f"p = {chance:.2g}"
+def p_value_text(p_value: float) -> str:
+    """Text of a p-value: `p = 0.02`, or `p < 0.0001`."""
+    return "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"

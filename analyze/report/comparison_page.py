@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Shown:
-    """Title, unit, factor from SI and decimals of one kind of quantity."""
+    """Display of one kind of quantity: title, unit, factor from SI, digits after the point."""
 
     title: str
     unit: str
@@ -56,9 +56,9 @@ def write_comparison(compared: SessionComparison, output: Path) -> None:
 
 
 def render_comparison(compared: SessionComparison) -> str:
-    """The page as HTML text."""
+    """Comparison page as HTML text."""
     document = comparison_document(compared)
-    odd = compared.stands_out
+    odd = compared.outlier
     names = [f"session {number}" for number in range(1, len(document.sessions) + 1)]
     by_kind = {kind: [each for each in document.precision if each.kind == kind] for kind in SHOWN}
     forests = {
@@ -85,7 +85,7 @@ def render_comparison(compared: SessionComparison) -> str:
 
 
 def lead(document: Comparison) -> str:
-    """Agreement and repeatability in two sentences."""
+    """Summary of a comparison in two sentences: agreement and repeatability."""
     of_c = [each for each in document.precision if each.kind == "centre_of_mass"]
     s_r, s_R = _distance([each.s_r for each in of_c]), _distance([each.s_R for each in of_c])
     parts = [
@@ -102,7 +102,7 @@ def lead(document: Comparison) -> str:
 
 
 def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
-    """Tables for other programs, in SI units: sessions, precision, and the results behind it."""
+    """Tables of a comparison in SI units: sessions, precision, and the results behind it."""
     document = comparison_document(compared)
     sessions: list[Sequence[Cell]] = []
     for session in document.sessions:
@@ -191,6 +191,6 @@ def _results(quantity: QuantityPrecision) -> list[Sequence[Cell]]:
 
 
 def _distance(parts: Sequence[float | None]) -> float | None:
-    """Root of the sum of squares of three components; None where one is not known."""
+    """Root of the sum of squares of components along x, y and z; None if one of them is not known."""
     known = [part for part in parts if part is not None]
     return float(np.linalg.norm(known)) if len(known) == len(parts) else None

@@ -1,4 +1,4 @@
-"""Comparison of sessions: estimates with their intervals, and the strikes' angles edge by edge."""
+"""Plots that compare sessions: estimates with their intervals, and balance angles edge by edge."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from schemas.comparison import QuantityPrecision
 
 COLUMNS = 3
+"""panels side by side"""
 
 
 def forest_figure(
@@ -27,7 +28,7 @@ def forest_figure(
     unit: str,
     odd: int | None = None,
 ) -> Figure:
-    """Each session's estimate with its 95 % interval, one panel per quantity.
+    """Figure of each session's estimate with its 95 % interval, one panel per quantity.
 
     Line and band are the joint estimate of all strikes and its interval.
 
@@ -85,7 +86,13 @@ def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | N
 def angles_figure(
     quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None
 ) -> Figure:
-    """Phi of every strike that tipped over minus the mean of its edge, one panel per planned strike."""
+    """Figure of phi of strikes that tipped over, minus the mean of their edge; a panel per planned strike.
+
+    Args:
+        quantities: precision of phi, at least one.
+        names: names of the sessions, in order.
+        odd: index of the session that is marked as deviating; None if there is none.
+    """
     rows = math.ceil(len(quantities) / COLUMNS)
     columns = min(COLUMNS, len(quantities))
     count = len(names)

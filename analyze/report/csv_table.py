@@ -1,4 +1,4 @@
-"""Tables as CSV: UTF-8, commas, headings with units, an empty field for a missing value."""
+"""CSV tables: UTF-8, separated by commas, headings with units, an empty field for a missing value."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Cell = str | int | float | bool | None
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Table that is written as one file."""
+    """Table that is written as one CSV file."""
 
     name: str
     """File name without .csv."""
@@ -45,7 +45,7 @@ def make_folder(folder: Path) -> None:
             f"{folder}: cannot be made: there is no folder {folder.parent}: create it first"
         ) from None
     except FileExistsError:
-        raise OutputError(f"{folder}: is a file: name a folder for the tables") from None
+        raise OutputError(f"{folder}: is a file: give a folder for the tables") from None
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made: {error.strerror}: choose another place") from None
 

@@ -1,4 +1,4 @@
-"""What all HTML pages share: one template and style, numbers set as people write them, plots in place."""
+"""Parts that all HTML pages share: template environment, number formats, embedded plots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @cache
 def page_environment() -> Environment:
-    """Templates with the filters that they use; one for all pages, so that each template is compiled once."""
+    """Template environment with its filters; one for all pages, so that each template is compiled once."""
     environment = Environment(
         loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -41,35 +41,35 @@ def page_environment() -> Environment:
 
 
 def drawn(figure: Figure) -> Markup:
-    """A figure as an element of the page."""
+    """Figure as an SVG element of a page."""
     return Markup(svg(figure))  # noqa: S704 - matplotlib's own SVG; text in it is drawn as outlines
 
 
 def number(value: float, digits: int) -> str:
-    """With so many decimals and a typographic minus; what rounds to 0 has no sign."""
+    """Number with `digits` decimals and a typographic minus; a value that rounds to 0 has no sign."""
     text = f"{value:.{digits}f}"
     return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
 
 
 def typeset(sentence: str) -> Markup:
-    """With typographic minus signs, and commands, which stand between backticks, as code."""
-    told = str(escape(re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)))
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", told))  # noqa: S704 - escaped above
+    """Sentence as HTML with typographic minus signs; commands between backticks become code."""
+    escaped = str(escape(re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)))
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped))  # noqa: S704 - escaped above
 
 
 def sentence(text: str) -> str:
-    """Begun with a capital, but where it begins with the name of an entry."""
+    """Text with a capital first letter, unless it begins with the name of an entry (edge_radius_m)."""
     return text if "_" in text.split(" ", 1)[0] else text[:1].upper() + text[1:]
 
 
 def signed(value: float, digits: int) -> str:
-    """As `number`, with a plus where it is positive."""
+    """Number as of `number`, with a plus sign if it is positive."""
     text = number(value, digits)
     return f"+{text}" if value > 0 and float(text) != 0 else text
 
 
 def manifest_time(created: str) -> str:
-    """ISO 8601 as people read it, to the minute; as it stands where it is none."""
+    """ISO 8601 time as date and minute in UTC; unchanged if it cannot be parsed or has no time zone."""
     try:
         moment = datetime.fromisoformat(created)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Plots of a result, each as a figure of its own, without matplotlib's global state."""
+"""Plots of a result, each a separate figure, without matplotlib's global state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from analyze.estimation.equiplane import balance_direction
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
-from analyze.types import Array, EquiPlane, TipMotion
+from analyze.types import PHASE_NAMES, Array, EquiPlane, TipMotion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 VIEWS = ((0, 2, "front"), (1, 2, "side"), (0, 1, "top"))
 """Horizontal and vertical axis of O, and name, of each projection."""
 SIGMAS_95_2D = 2.4477
-PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
+"""Half axis of a 95 % ellipse in two dimensions, in sd: root of chi squared with 2 degrees of freedom."""
 
 
 def strike_figure(motion: TipMotion, title: str) -> Figure:
-    """Measured and fitted angle theta with the phases as bands, and the residuals below.
+    """Figure of measured and fitted theta with the phases as bands, and the residuals below.
 
     Raises:
         ValueError: the motion has no angle.
@@ -96,7 +96,7 @@ def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
 
 
 def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
-    """Figures of three views, each a silhouette with equi-planes and centre of mass, and a close-up below.
+    """Front, side and top view, each a silhouette with equi-planes and centre of mass, and a close-up below.
 
     Args:
         estimate: estimate with model and planes.
@@ -212,7 +212,7 @@ def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) ->
 
 
 def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
-    """Region masses with 95 % intervals and naive answers; `truth` has the true masses [kg] by region."""
+    """Figure of region masses, 95 % intervals and naive answers; `truth`: true masses [kg] by region."""
     distribution = estimate.distribution
     masses, (low, high) = 1e3 * distribution.masses, 1e3 * distribution.intervals.T
     place = np.arange(len(masses))
@@ -261,7 +261,7 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
 
 
 def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
-    """Moments about parallel axes through c with 95 % intervals; `truth` has true ones [kg m^2] by axis."""
+    """Figure of moments about parallel axes through c, 95 % intervals; `truth`: true ones [kg m²] by axis."""
     axes_of = estimate.inertial.axes
     place = np.arange(len(axes_of))
     with style():

@@ -1,4 +1,4 @@
-"""Theta(t) of every strike minus its leave-one-out prediction, as small multiples."""
+"""Plot of theta(t) of every strike minus its leave-one-out prediction."""
 
 from __future__ import annotations
 
@@ -20,14 +20,17 @@ if TYPE_CHECKING:
     from analyze.pipeline.prediction import StrikePrediction
 
 COLUMNS = 3
+"""Panels side by side."""
 LINEAR_DEG = 0.2
-"""Angle up to which the scale is linear; beyond, it is logarithmic, because a band of 0.1 deg widens to 6
-deg."""
+"""Angle [°] up to which the scale is linear; logarithmic beyond, because a band of 0.1° widens to 6°."""
 TICKS = (0.2, 1.0, 5.0, 20.0)
+"""Labelled angles [°]."""
 
 
 def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
-    """Measured minus predicted angle with its 95 % band, one panel per strike; deviating strikes in red.
+    """Figure of measured minus predicted theta with its 95 % band (1.96 sd), one panel per strike.
+
+    Strikes that are not consistent with their prediction are red.
 
     Raises:
         ValueError: there is no strike.

@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML file with the answer, its reasons and plots, ready to print."""
+"""Report of an answer: one self-contained HTML file with result, reasons and plots, ready to print."""
 
 from __future__ import annotations
 
@@ -37,11 +37,12 @@ JPEG_QUALITY = 88
 
 @dataclass(frozen=True)
 class Still:
-    """One image of a strike with the marker outlined."""
+    """Camera image of a strike with the markers outlined."""
 
     axis_id: str
     caption: str
     data_url: str
+    """JPEG as a data URL"""
 
 
 def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None = None) -> None:
@@ -60,7 +61,7 @@ def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None =
 
 
 def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
-    """The report as HTML text."""
+    """Report as HTML text; arguments as of `write_report`, with the stills as `images`."""
     estimate, result = answer.estimate, answer.result
     truth = None if score is None else shown_truth(score, answer)
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
@@ -144,7 +145,7 @@ def verdict_in_words(answer: Answer) -> str:
 
 
 def _heaviest_in_words(distribution: MassDistribution) -> str:
-    """Sentence on the heaviest region, as far as the intervals determine it."""
+    """Sentence on the heaviest region, or that the intervals do not determine it."""
     mass = distribution.masses.sum()
     heaviest = int(np.argmax(distribution.masses))
     least, others = distribution.intervals[heaviest, 0], np.delete(distribution.intervals[:, 1], heaviest)
@@ -157,11 +158,11 @@ def _heaviest_in_words(distribution: MassDistribution) -> str:
     }
     place = where.get(distribution.names[heaviest], distribution.names[heaviest])
     part = "Most" if least > mass / 2 else "The largest part"
-    return f"{part} of the mass ({100 * distribution.masses[heaviest] / mass:.0f}\u00a0%) sits {place}."
+    return f"{part} of the mass ({100 * distribution.masses[heaviest] / mass:.0f}\u00a0%) is {place}."
 
 
 def stills(estimate: Estimate) -> list[Still]:
-    """One image per pivot axis, near the balance point, with the marker outlined."""
+    """Camera images with the markers outlined, one per pivot axis, nearest to the balance angle."""
     found: list[Still] = []
     seen: set[str] = set()
     evidence = estimate.evidence
@@ -196,7 +197,7 @@ def stills(estimate: Estimate) -> list[Still]:
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Time of the image that shows markers at `time_ns`; they differ with a rolling shutter."""
+    """Time [ns] of the image that shows markers at `time_ns`; with a rolling shutter the two differ."""
     return next(
         (
             int(track.frame_ns[where[0]])

@@ -1,4 +1,4 @@
-"""The report as one JSON document."""
+"""Report as a JSON document."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def report_json(answer: Answer, verdict: str, score: Mapping[str, Any] | None = None) -> str:
-    """The Report document as one line of JSON.
+    """Report document as one line of JSON.
 
     Args:
         answer: estimate and its result.
@@ -40,7 +40,12 @@ def report_json(answer: Answer, verdict: str, score: Mapping[str, Any] | None = 
 
 
 def report_recording(number: int, head: RecordingHead) -> ReportRecording:
-    """Origin of one recording: files, ids, program, camera."""
+    """Entry of one recording in a report: files, ids, program, camera.
+
+    Args:
+        number: number of the recording by start time, from 1.
+        head: the recording.
+    """
     manifest = head.manifest
     camera = manifest.cameras[0]
     return ReportRecording(

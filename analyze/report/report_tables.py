@@ -1,4 +1,4 @@
-"""Tables of a report for other programs, in SI units."""
+"""CSV tables of a report, in SI units."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from analyze.report.csv_table import Cell, CsvTable
 from analyze.report.sensitivity_plot import source_rows
+from analyze.types import PHASE_NAMES
 from schemas.result import Quantity, Result
 
 if TYPE_CHECKING:
@@ -17,11 +18,9 @@ if TYPE_CHECKING:
     from analyze.result.answer import Answer
     from analyze.types import TipMotion
 
-PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
-
 
 def report_tables(answer: Answer) -> list[CsvTable]:
-    """All tables of one answer."""
+    """All CSV tables of one answer."""
     estimate, result = answer.estimate, answer.result
     columns = ["quantity", "value", "sd", "low95", "high95", "unit", "source", "observed"]
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
@@ -64,7 +63,7 @@ def report_tables(answer: Answer) -> list[CsvTable]:
 
 
 def _recordings(estimate: Estimate) -> CsvTable:
-    """Recordings with their frame rates, as stated by a file or measured by a drop if imported."""
+    """Table of recordings; an imported one has the frame rate that its file states or a drop measured."""
     rows: list[Sequence[Cell]] = []
     for number, head in enumerate(estimate.evidence.recordings, 1):
         manifest, camera = head.manifest, head.manifest.cameras[0]
@@ -212,7 +211,7 @@ def _strikes(answer: Answer) -> CsvTable:
 
 
 def _motions(motions: Sequence[TipMotion]) -> CsvTable:
-    """theta(t) of every strike, frame by frame; times count from the start of the fit."""
+    """Table of theta(t) of every strike, frame by frame; time 0 is the start of the fit."""
     rows: list[Sequence[Cell]] = []
     for motion in motions:
         angle, fit = motion.angle, motion.fit

@@ -1,4 +1,4 @@
-"""Sensitivity of the centre of mass to single strikes and to kinds of error."""
+"""Plots of the sensitivity of the centre of mass to single strikes and to kinds of error."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class SourceRow:
-    """One kind of error, along the direction of c's largest uncertainty."""
+    """Contribution of one kind of error to c, along the direction of c's largest uncertainty."""
 
     source: ErrorSource
     half: float
     """Half width [m] of the 95 % interval from this kind of error alone."""
     share: float
-    """Share of the variance."""
+    """Share of the variance, 0 to 1."""
 
 
 def worst_direction(covariance: Array) -> Array:
@@ -54,7 +54,7 @@ def worst_direction(covariance: Array) -> Array:
 
 
 def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
-    """Kinds of error, the largest first; `covariance` (3, 3) [m^2] is that of c."""
+    """Contributions of all kinds of error, the largest first; `covariance` (3, 3) [m²] is that of c."""
     worst = worst_direction(covariance)
     whole = float(worst @ covariance @ worst)
     rows = [
@@ -66,7 +66,7 @@ def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
 
 
 def largest_source_text(rows: Sequence[SourceRow]) -> str:
-    """Text on the largest kinds of error, and the remedy for the first."""
+    """Sentences on the largest kinds of error, and the remedy for the first."""
     first, *others = rows
     text = f"{100 * first.share:.0f} % of the variance is {first.source.value}"
     if others and others[0].share > 0.15:
@@ -75,7 +75,7 @@ def largest_source_text(rows: Sequence[SourceRow]) -> str:
 
 
 def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
-    """Half widths of the 95 % intervals as bars, first that of all kinds of error together.
+    """Figure of 95 % half widths of c as bars: all kinds of error together, then each.
 
     Args:
         rows: kinds of error, from `source_rows`.
@@ -109,7 +109,7 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
 
 
 def influence_figure(sensitivity: Sensitivity) -> Figure:
-    """Shift of c along x, y, z if a strike's phi were 0.1 deg larger; colours by pivot axis."""
+    """Figure of the shift of c along x, y, z if a strike's phi were 0.1° larger; colours by pivot axis."""
     strikes = sensitivity.strikes
     moved = 1e3 * TENTH_DEG * np.array([strike.by_phi for strike in strikes])
     names = sorted({strike.axis_id for strike in strikes})

@@ -28,7 +28,7 @@ SKY = "#56b4e9"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
 
 BODY = "#f4f6f8"
-"""Fill colour of an outline."""
+"""Fill colour of the object's silhouette."""
 EMPTY, EMPTY_LINES = "#f4f5f6", "#c9ced3"
 """Colours of a hatched area, where nothing is known."""
 DENSITY_MAP = "Blues"
@@ -87,7 +87,7 @@ def use_style() -> None:
 
 
 def plain(axes: Axes) -> None:
-    """Make axes an axis-equal drawing without frame and grid."""
+    """Turn axes into a drawing area with equal scales, without frame and grid."""
     axes.set_aspect("equal")
     axes.grid(visible=False)
     for side in ("left", "bottom"):
@@ -113,7 +113,7 @@ def write_figure(figure: Figure, output: Path) -> None:
 
 
 def svg(figure: Figure) -> str:
-    """The figure as an <svg> element that fills its container."""
+    """Figure as an <svg> element that fills its container."""
     text = io.StringIO()
     with style():
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})

@@ -1,4 +1,4 @@
-"""The answer as lines and tables for a terminal."""
+"""Summary of an answer on the terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from analyze.result.answer import Answer
 
 DEGREES = 57.29577951308232
+"""degrees per radian"""
 GRAM_CM2 = 1e7
+"""g cm² per kg m²"""
 
 
 def render_summary(answer: Answer, console: Console | None = None) -> None:
@@ -55,7 +57,7 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
 
 
 def com_text(com: Quantity) -> str:
-    """Position with half-widths of the 95 % intervals, in mm."""
+    """Text of the centre of mass with half widths of its 95 % intervals, in mm."""
     half = SIGMAS_95 * 1e3 * np.array(com.sd)
     values = [f"{1e3 * v:.1f} ± {h:.1f}" for v, h in zip(com.value or [], half, strict=True)]  # type: ignore[arg-type] - a vector here
     return f"({', '.join(values)}) mm, 95 % interval" + (
@@ -64,7 +66,14 @@ def com_text(com: Quantity) -> str:
 
 
 def with_interval(quantity: Quantity | None, factor: float, digits: int, unit: str = "") -> str:
-    """A scalar with the half-width of its 95 % interval."""
+    """Text of a scalar with the half width of its 95 % interval; "–" if there is no value.
+
+    Args:
+        quantity: quantity in SI units.
+        factor: conversion from SI to `unit`.
+        digits: digits after the point.
+        unit: unit to print; "" for none.
+    """
     if quantity is None or not isinstance(quantity.value, float):
         return "–"
     spread = f" ± {SIGMAS_95 * factor * quantity.sd:.{digits}f}" if isinstance(quantity.sd, float) else ""
@@ -111,7 +120,7 @@ def _moments(result: Result) -> Table:
 
 
 def _regions(result: Result) -> Table:
-    table = Table(title="Where the mass is, 95 %", title_justify="left", box=SIMPLE_HEAD)
+    table = Table(title="Region masses, 95 %", title_justify="left", box=SIMPLE_HEAD)
     if result.regions is None:
         return table
     naive = sorted(result.regions.baselines)
@@ -140,7 +149,7 @@ def _parts(parts: Parts) -> Table:
 
 
 def filling_rows(filling: Filling) -> list[tuple[str, str]]:
-    """Rows of name and value with interval for a filling."""
+    """Rows (name with unit, value with 95 % interval) of a filling."""
     up = ", ".join(f"{value:.2f}" for value in filling.along)
     rows = [
         (f"level along ({up}) from the origin (mm)", open_interval(filling.level, 1e3, 1)),
@@ -166,7 +175,7 @@ def _filling(filling: Filling) -> Table:
 
 
 def open_interval(quantity: Quantity, factor: float, digits: int) -> str:
-    """Value and ends of a possibly asymmetric interval; without the value where it was not observed."""
+    """Text of a value with the ends of its 95 % interval; "not observed" in place of an unknown value."""
     low, high = (factor * end for end in quantity.interval_ends())
     between = f"{low:.{digits}f} to {high:.{digits}f}"
     if not quantity.observed:

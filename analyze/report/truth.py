@@ -1,4 +1,4 @@
-"""Ground truth that the report of a virtual recording shows beside the estimates."""
+"""Ground truth in the report of a virtual recording, for comparison with the estimates."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ShownTruth:
 
 
 def shown_truth(score: Mapping[str, Any], answer: Answer) -> ShownTruth:
-    """Ground truth from the score of an answer (`score_answer`)."""
+    """Ground truth of the quantities in a report, from the score of its answer (`score_answer`)."""
     estimate = answer.estimate
     axis_of = {strike.id: strike.axis_id for strike in answer.result.strikes}
     i_edge = dict(zip(score["strike_ids"], score["i_edge_true_kg_m2"], strict=True))

@@ -1,4 +1,4 @@
-"""Voxel map as figure, text and table, always with its prior and the share that was measured."""
+"""Voxel map as figure, text and CSV file, always with its prior and the share that was measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from analyze.estimation.voxel_map import VoxelMap
 
 _BINS = 24
-"""Bins along the longest side."""
+"""Bins of the figure along the longest side."""
 _SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(
     2, -1, 1
 )
@@ -28,7 +28,7 @@ _MAX_MISFIT = 3.0
 
 
 def voxel_figure(voxels: VoxelMap) -> Figure:
-    """Mean density along the line of sight, from three sides."""
+    """Figure of the mean density [g/cm³] along the line of sight, from front, side and top."""
     masses = voxels.density * voxels.volumes
     low, high = 1e3 * voxels.points.min(axis=0), 1e3 * voxels.points.max(axis=0)
     step = float((high - low).max()) / _BINS
@@ -61,7 +61,7 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
 
 
 def voxel_map_text(voxels: VoxelMap) -> str:
-    """Text on the meaning of the map: its prior, and the share that was measured."""
+    """Sentences on the map: its prior, the share that was measured, and a misfit."""
     low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())
     text = (
         "The most uniform distribution with the measured moments, one of many that fit (bounded maximum "
@@ -77,14 +77,14 @@ def voxel_map_text(voxels: VoxelMap) -> str:
 
 
 def write_voxels(voxels: VoxelMap, output: Path) -> None:
-    """Write one line per cell with position, volume and density (SI), after comments on the map's meaning.
+    """Write a CSV file with position, volume and density (SI) of each cell, after a comment on its meaning.
 
     Raises:
         OutputError: the file cannot be written.
     """
     text = io.StringIO()
     text.write(
-        f"# {voxel_map_text(voxels)}\n# place in the object's frame [m], volume [m^3], density "
+        f"# {voxel_map_text(voxels)}\n# position in the object's frame [m], volume [m^3], density "
         "[kg/m^3]\nx,y,z,volume,density\n"
     )
     np.savetxt(

@@ -1,1 +1,1 @@
-"""Published data and results, computed again."""
+"""Reproduction of published results: the paper's experiments, and tosses of a real cube."""

@@ -23,7 +23,7 @@ from analyze.errors import EstimationError, RecordingError
 from analyze.geometry.rotations import matrix_from_wxyz
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.body_motion import BodyMotion
-from analyze.motion.free_flight import Flight, FlightBody, fit_flights, distance_from_parabola
+from analyze.motion.free_flight import Flight, FlightBody, distance_from_parabola, fit_flights
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
 from analyze.types import Array
 
@@ -31,8 +31,9 @@ DEFAULT_DATA: Final = Path("../shared/data/contactnets_tosses.npz")
 _DOCS: Final = "docs/reference/reproduce.md"
 FRAME_RATE_HZ: Final = 148.0
 EDGE_M: Final = 0.1048
+"""Width of the cube."""
 EDGE_SD_M: Final = 0.0005
-"""Not stated with the data: half of the last printed digit of the width."""
+"""1 sigma of the width, which the data do not state: half of its last printed digit."""
 MASS_KG: Final = 0.37
 GRAVITY_M_S2: Final = 9.8017
 """Gravity at 39.95 deg north, where the cube was tossed (International Gravity Formula 1980)."""
@@ -43,18 +44,20 @@ AIR_DRAG_SD: Final = 0.2 * AIR_DRAG
 ROUNDING_M: Final = (0.002, 0.002)
 """Radius of the edges' rounding [m]: prior mean and 1 sigma. The radius is fitted."""
 CLEAR_M, TOUCH_M, LIFTED_M = 0.006, 0.006, 0.008
-"""Heights [m]: least of every corner in a flight; greatest of an edge's ends in contact; least of all other
-corners then."""
+"""Heights above the table: least of every corner in flight; greatest of an edge's two ends in contact; least
+of the other corners during an edge contact."""
 CORNER_TOUCH_M, CORNER_LIFTED_M = 0.004, 0.012
+"""Heights above the table: greatest of a corner in contact; least of the other corners meanwhile."""
 FLIGHT_GUARD, CONTACT_GUARD = 3, 2
 """Frames left out next to an impact: the file's motion is low-pass filtered, which spreads the impact over
 them."""
 LEAST_FRAMES: Final = 9
+"""Least number of frames of a flight or contact."""
 
 
 @dataclass(frozen=True)
 class Tosses:
-    """Motions of one cube, in the file's unit of length."""
+    """Recorded motions of the cube, in the file's unit of length."""
 
     motions: tuple[BodyMotion, ...]
     path: Path
@@ -77,8 +80,8 @@ class CubeAnswer:
     heights: Array
     """(k,) trial heights z [m] of c, on the line through c along the cube's z."""
     off_parabola: Array
-    """(k,) rms deviation [m] of those points from a parabola: median over the quarter of flights with the
-    largest rotation."""
+    """(k,) rms deviation [m] from a parabola of the points at `heights`: median over the quarter of flights
+    with the largest rotation."""
 
     @property
     def edge_minus_flight(self) -> tuple[Array, Array]:
@@ -201,7 +204,7 @@ def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -
 
 
 def scaled(motion: BodyMotion, scale: float) -> BodyMotion:
-    """The motion with every position multiplied by `scale`."""
+    """Motion with every position multiplied by `scale`."""
     return replace(motion, position=motion.position * scale)
 
 
@@ -215,7 +218,7 @@ def cube_corners(edge: float) -> Array:
 
 
 def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
-    """Every stretch of every toss in which all corners are clear of the table."""
+    """Flights: stretches of the tosses in which all corners are clear of the table."""
     found: list[Flight] = []
     for number, motion in enumerate(motions):
         clear = _heights(motion, EDGE_M).min(axis=1) > CLEAR_M
@@ -229,7 +232,7 @@ def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
 
 
 def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
-    """Every stretch in which the cube stands on one edge."""
+    """Edge contacts: stretches in which the cube stands on one edge; `edge` is its width [m]."""
     corners = cube_corners(edge)
     pairs = [(a, b) for a, b in combinations(range(8), 2) if np.count_nonzero(corners[a] != corners[b]) == 1]
     found: list[Contact] = []
@@ -248,7 +251,7 @@ def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
 
 
 def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
-    """Every stretch in which the cube stands on one corner."""
+    """Corner contacts: stretches in which the cube stands on one corner; `edge` is its width [m]."""
     corners = cube_corners(edge)
     found: list[Contact] = []
     for number, motion in enumerate(motions):
@@ -265,6 +268,7 @@ def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]
 
 
 def _wider(contact: Contact, by: float) -> Contact:
+    """The same contact on a cube wider by `by` [m]."""
     return replace(contact, corner=contact.corner * (1.0 + by / EDGE_M))
 
 
@@ -291,7 +295,7 @@ def _runs(true: Array) -> list[tuple[int, int]]:
 
 
 def answer_json(answer: CubeAnswer) -> dict[str, Any]:
-    """The answer as JSON values in SI units; 95 % intervals are the value ± 1.96 sd."""
+    """Answer as JSON values in SI units; 95 % intervals are the value ± 1.96 sd."""
 
     def quantity(value: Array, sd: Array, unit: str) -> dict[str, Any]:
         interval = [(value - SIGMAS_95 * sd).tolist(), (value + SIGMAS_95 * sd).tolist()]

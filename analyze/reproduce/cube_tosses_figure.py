@@ -1,4 +1,4 @@
-"""Table for the terminal and figure of `analyze reproduce cube-tosses`."""
+"""Table and figure of `analyze reproduce cube-tosses`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.least_squares.intervals import SIGMAS_95
+from analyze.report.plots import SIGMAS_95_2D
 from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
 from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer, distance_sd
 
@@ -20,12 +21,11 @@ if TYPE_CHECKING:
     from analyze.motion.free_flight import FlightBody
     from analyze.motion.moment_balance import BalancedBody
 
-SIGMAS_95_2D = 2.4477
-_SHOWN = ((0, 2, "x", "z"), (0, 1, "x", "y"))
+_VIEWS = ((0, 2, "x", "z"), (0, 1, "x", "y"))
 
 
 def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
-    """Print the table and the conclusions; intervals are 95 %."""
+    """Print the table of the three methods, and the conclusions; intervals are 95 %."""
     console = console or Console(highlight=False)
     table = Table(
         title=f"{answer.tosses} tosses of a real cube, {1e3 * EDGE_M:.1f} mm, {MASS_KG:g} kg"
@@ -75,11 +75,11 @@ def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
 
 
 def cube_figure(answer: CubeAnswer) -> Figure:
-    """Centre of mass in the cube by three methods, its height by flight alone, and the moments of inertia."""
+    """Figure of c in the cube by three methods, its height by flight alone, and the moments of inertia."""
     with style():
         figure = Figure(figsize=(10.4, 3.4), layout="constrained")
         front, top, flight, moments = figure.subplots(1, 4, width_ratios=(1, 1, 1.15, 1))
-        for axes, view in zip((front, top), _SHOWN, strict=True):
+        for axes, view in zip((front, top), _VIEWS, strict=True):
             _centres(axes, answer, view)
         front.set_title("centre of mass, from the side")
         top.set_title("and from above")

@@ -1,4 +1,4 @@
-"""Sentences on answers that should agree and do not."""
+"""Sentences about disagreements between estimators, and with the paper's centre of mass."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ if TYPE_CHECKING:
 
 
 def disagreement_texts(agreements: Agreements) -> Iterator[str]:
-    """Yield a sentence for each disagreement between estimators, and with the paper's centre of mass."""
+    """Yield a sentence per strike whose estimators disagree, and one if the paper's c differs from ours."""
     for each in agreements.estimators:
-        yield f"strike {each.strike_id}: {estimators_apart_text(each)}"
+        yield f"strike {each.strike_id}: {estimator_difference_text(each)}"
     centres = agreements.centres
     if not centres.agree:
         yield (
             f"the paper's centre of mass lies {1e3 * centres.distance:.1f} mm from ours, {centres.sigmas:.1f}"
-            " sd of both together: it uses one instant of each strike, ours the whole motion"
+            " combined sd: it uses one instant of each strike, ours the whole motion"
         )
 
 
-def estimators_apart_text(each: EstimatorDisagreement) -> str:
-    """Difference between two estimators of one strike, in phi or k, with its significance."""
+def estimator_difference_text(each: EstimatorDisagreement) -> str:
+    """Clause on the difference between two estimators of one strike, in phi or k, and its significance."""
     if each.k_off is not None:
         return (
-            f"{each.other} gives a k {100 * each.k_off:+.1f} % off {each.used}'s, {each.sigmas:.1f} sd of"
-            " both together"
+            f"k by {each.other} differs from {each.used}'s by {100 * each.k_off:+.1f} %, {each.sigmas:.1f}"
+            " combined sd"
         )
     return (
-        f"{each.other} gives a φ {np.degrees(each.phi_off):+.2f}° off {each.used}'s, {each.sigmas:.1f} sd of"
-        " both together"
+        f"φ by {each.other} differs from {each.used}'s by {np.degrees(each.phi_off):+.2f}°, {each.sigmas:.1f}"
+        " combined sd"
     )

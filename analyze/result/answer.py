@@ -1,4 +1,4 @@
-"""An estimate with its Result document: input of reports, replays, exports and archives."""
+"""Answer: an estimate with its Result document, the input of reports, replays, exports and archives."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from analyze.pipeline.estimate import estimate_evidence, estimate_recordings
-from analyze.result.document import build, result_json
+from analyze.result.document import result_document, result_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Answer:
-    """Numbers about one object, and the document that presents them."""
+    """Estimate of one object, with the Result document built from it."""
 
     estimate: Estimate
     result: Result
 
     @classmethod
     def from_estimate(cls, estimate: Estimate) -> Answer:
-        """Build the document of an estimate."""
-        return cls(estimate, build(estimate))
+        """Build the Result document of an estimate."""
+        return cls(estimate, result_document(estimate))
 
     def json(self) -> str:
-        """The document as one line; the same recordings give the same bytes."""
+        """The Result document as one line of JSON; the same recordings give the same bytes."""
         return result_json(self.result)
 
 
@@ -46,7 +46,7 @@ def answer_recordings(
         progress: called with (text, done, total) before each strike.
 
     Raises:
-        RecordingError, JoinError, ShapeError, PlanError, EstimationError: see `estimate_recordings`.
+        RecordingError, MergeError, ShapeError, PlanError, EstimationError: see `estimate_recordings`.
     """
     return Answer.from_estimate(estimate_recordings(paths, options, progress))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.result.agreements import estimators_apart_text
+from analyze.result.agreements import estimator_difference_text
 from analyze.result.frame_times import wrong_text
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from schemas.result import FrameTimes
 
 MAX_OUTSIDE_SD = 2.0
-"""distance of the centre of mass outside the shape's hull, in sd, above which it is not believed"""
+"""distance of the centre of mass outside the shape's hull, in sd, above which the result is doubted"""
 MAX_TRUSTED_SHARE, MAX_DETERMINED_SHARE = 0.1, 0.3
-"""half width of the least certain region's 95 % interval over the mass: below the first trusted, above the
-second not determined"""
+"""half width of the least certain region's 95 % interval over the object's mass: up to the first, region
+masses are trusted; above the second, they are reported as not determined"""
 
 
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
@@ -36,16 +36,16 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     """
     checks = estimate.checks
     wrong_rates = [each for each in frame_times if not each.possible]
-    # A wrong frame rate causes impossible moments and a wrong gravity; it alone is reported, and the estimate
-    # does without it.
+    # A wrong frame rate causes impossible moments and a wrong gravity: then only the rate is reported, and
+    # the estimate does not use it.
     gravity_doubted = not wrong_rates and not checks.gravity.agrees
     moments_doubted = not wrong_rates and bool(checks.impossible_axes)
     sound = not (checks.sigmas_outside_hull > MAX_OUTSIDE_SD or moments_doubted or gravity_doubted)
     regions = regions_text(estimate.distribution, estimate.inertial.mass)
     found = list(_trust(estimate, regions)) if sound else []
     found += [
-        f"doubt the frame rate: {wrong_text(each)}; this answer does without it, and is less certain than it"
-        " could be"
+        f"doubt the frame rate: {wrong_text(each)}; this answer does not use it, and is less certain than"
+        " it could be"
         for each in wrong_rates
     ]
     found += _doubt_priors(estimate, regions)
@@ -57,13 +57,13 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     if moments_doubted:
         axes = ", ".join(checks.impossible_axes)
         found.append(
-            f"doubt the moments: no body of this shape has those measured about {axes}; check mass, unit and"
-            " shape"
+            f"doubt the moments: no body of this shape can have the moments measured about {axes}; check"
+            " mass, unit and shape"
         )
     if gravity_doubted:
         found.append(f"doubt everything: {gravity_text(checks)}")
     found += [
-        f"doubt strike {each.strike_id}: {estimators_apart_text(each)}; look at its motion"
+        f"doubt strike {each.strike_id}: {estimator_difference_text(each)}; look at its motion"
         for each in estimate.agreements.estimators
     ]
     missed = [each for each in estimate.predictions if not each.consistent]
@@ -99,7 +99,12 @@ def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
 
 
 def regions_text(distribution: MassDistribution, mass: float) -> str:
-    """Sentence on how far the region masses can be trusted."""
+    """Sentence on how far the region masses can be trusted; it begins with trust or doubt.
+
+    Args:
+        distribution: region masses with their intervals.
+        mass: mass of the object [kg].
+    """
     if not distribution.explained:
         ends = _ranges(distribution.names, distribution.limits)
         return (
@@ -114,12 +119,9 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
             "doubt the region masses: the moments do not determine them:"
             f" {_ranges(distribution.names, distribution.intervals)}"
         )
-    known = f"± {1e3 * half[worst]:.2g} g of the {name} at most, {100 * share:.0f} % of the total"
+    known = f"the least certain, {name}, to ± {1e3 * half[worst]:.2g} g, {100 * share:.0f} % of the total"
     if share > MAX_TRUSTED_SHARE:
-        return (
-            f"doubt the region masses: they are known only roughly, {known}; strikes about more axes narrow"
-            " them"
-        )
+        return f"doubt the region masses: they are known only roughly ({known}): strike about more axes"
     return f"trust the region masses, if the object is a uniform shell with two uniform parts: {known}"
 
 
@@ -130,19 +132,20 @@ def _ranges(names: Sequence[str], ends: Array) -> str:
 
 
 def gravity_text(checks: Checks) -> str:
-    """Difference between gravity as the strikes determine it and as stated, with the remedy."""
+    """Sentence on the difference between gravity by the strikes and as stated, with the remedy."""
     gravity = checks.gravity
     return (
-        f"the strikes give a gravity {100 * gravity.relative:+.0f} ± {100 * SIGMAS_95 * gravity.sd:.0f} % off"
-        " the stated one: check the shape's unit and the frames' times"
+        f"gravity by the strikes differs by {100 * gravity.relative:+.0f} ±"
+        f" {100 * SIGMAS_95 * gravity.sd:.0f} % from the stated one: check the shape's unit and the frame"
+        " rate"
     )
 
 
 def prediction_text(prediction: StrikePrediction) -> str:
-    """Difference between a strike and its prediction from all others, in phi, k and theta(t)."""
+    """Clause on the difference of a strike from its prediction by all others, in phi, k and theta(t)."""
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     text = (
-        f"φ differs by {np.degrees(left_out.phi_off):+.2f}° from the others' prediction (±"
+        f"φ differs by {np.degrees(left_out.phi_off):+.2f}° from the prediction by the others (±"
         f" {np.degrees(SIGMAS_95 * left_out.phi_sd):.2f}°)"
     )
     if left_out.k_off is not None and left_out.k_sd is not None:

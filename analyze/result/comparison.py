@@ -1,4 +1,4 @@
-"""Comparison of repeated sessions of one object: each session's answer, agreement of all, outliers."""
+"""Comparison of repeated sessions of one object: their answers, agreement and outliers."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from analyze.pipeline.evidence import RecordingHead
     from analyze.progress import Progress
 
-OUTLIER_CHANCE = 1e-3
-"""probability below which one of the sessions counts as an outlier"""
+OUTLIER_P_VALUE = 1e-3
+"""p-value, over the number of sessions, below which a session counts as an outlier"""
 
 
 @dataclass(frozen=True)
@@ -47,46 +47,46 @@ class Session:
     answer: Answer
     """answer from this session alone; axis ids as in the joint estimate, strike ids as recorded"""
     setup: int
-    """number of the set-up, from 0: rig, level and camera calibration"""
-    apart: Agreement
+    """number of the set-up, from 0; a set-up is a rig, a level reading and a camera calibration"""
+    against_others: Agreement
     """agreement with all other sessions taken as one"""
 
     @property
-    def chance(self) -> float:
-        """Probability of such a difference from all others, or a larger one, by chance."""
-        return chance_of(self.apart.chi_squared, 3)
+    def p_value(self) -> float:
+        """Probability that chance alone makes this session differ from all others as much, or more."""
+        return chi_squared_p_value(self.against_others.chi_squared, 3)
 
 
 @dataclass(frozen=True)
 class SessionComparison:
-    """Two or more sessions of one object, by themselves and together."""
+    """Two or more sessions of one object, each estimated by itself and all together."""
 
     sessions: tuple[Session, ...]
     """sessions by start time"""
     together: Agreement
     """agreement of all sessions"""
     joint: Answer
-    """joint answer from all strikes"""
+    """answer from the strikes of all sessions together"""
 
     @property
-    def chance(self) -> float:
-        """Probability of sessions as far apart, or farther, under one common centre of mass."""
-        return chance_of(self.together.chi_squared, self.freedom)
+    def p_value(self) -> float:
+        """Probability that sessions with one common centre of mass differ as much, or more, by chance."""
+        return chi_squared_p_value(self.together.chi_squared, self.degrees_of_freedom)
 
     @property
-    def freedom(self) -> int:
-        """Degrees of freedom of the sessions' chi squared."""
+    def degrees_of_freedom(self) -> int:
+        """Degrees of freedom of chi squared of all sessions: three per session but the first."""
         return 3 * (len(self.sessions) - 1)
 
     @property
-    def stands_out(self) -> int | None:
+    def outlier(self) -> int | None:
         """Index of the session that differs from the others beyond chance; None if there is none."""
-        chances = [session.chance for session in self.sessions]
-        worst = int(np.argmin(chances))
-        return worst if len(chances) > 2 and chances[worst] < OUTLIER_CHANCE / len(chances) else None
+        p_values = [session.p_value for session in self.sessions]
+        worst = int(np.argmin(p_values))
+        return worst if len(p_values) > 2 and p_values[worst] < OUTLIER_P_VALUE / len(p_values) else None
 
     @property
-    def may_join(self) -> bool:
+    def may_merge(self) -> bool:
         """True if one centre of mass fits all sessions, so that their recordings may be merged."""
         return self.together.holds
 
@@ -103,7 +103,7 @@ def compare_recordings(
 
     Raises:
         RecordingError: a file cannot be read.
-        JoinError: the recordings are not of one object, or one is named twice.
+        MergeError: the recordings are not of one object, or one is named twice.
         EstimationError: a session has too few good strikes for an answer of its own.
     """
     options = options or EstimateOptions()
@@ -135,7 +135,7 @@ def compare_evidence(
     """Compare sessions from fitted motions; `options.exclude` holds merged strike ids (`2:s3.1`).
 
     Raises:
-        JoinError: the recordings are not of one object.
+        MergeError: the recordings are not of one object.
         EstimationError: a session has too few good strikes for an answer of its own.
     """
     options = options or EstimateOptions()
@@ -149,7 +149,7 @@ def compare_evidence(
     for number, (each, names) in enumerate(zip(ordered, merged_axis_ids(ordered), strict=True), 1):
         head = each.recordings[0]
         if progress is not None:
-            progress(f"{head.path.name}, its answer", number - 1, steps)
+            progress(f"{head.path.name}, estimating", number - 1, steps)
         plan = each.plan.model_copy(
             update={
                 "strikes": [
@@ -166,7 +166,7 @@ def compare_evidence(
                 f"{head.path}: {error}: leave this recording out of the comparison"
             ) from None
     if progress is not None:
-        progress("all together", steps - 1, steps)
+        progress("estimating all together", steps - 1, steps)
     joint = estimate_evidence(evidence, options)
     numbers = [evidence.recorded_in[plane.strike_id] for plane in joint.planes]
     setups = _setups(evidence.recordings)
@@ -182,13 +182,18 @@ def compare_evidence(
     return SessionComparison(sessions, _separate_centres(joint, numbers), Answer.from_estimate(joint))
 
 
-def chance_of(chi_squared: float, freedom: int) -> float:
-    """Probability of such a chi squared or a larger one with `freedom` degrees of freedom."""
-    return float(chdtrc(freedom, max(chi_squared, 0.0)))
+def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
+    """Probability of this chi squared, or a larger one, by chance alone."""
+    return float(chdtrc(degrees_of_freedom, max(chi_squared, 0.0)))
 
 
 def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
-    """Gain in fit if each group of strikes has a centre of mass of its own."""
+    """Agreement of groups of strikes: gain in chi squared if each group has its own centre of mass.
+
+    Args:
+        joint: estimate from all strikes.
+        numbers: group of each strike used, in the order of `joint.planes`.
+    """
     evidence = joint.evidence
     motions = {motion.strike_id: motion for motion in evidence.motions}
     planes = equiplanes(evidence, [motions[plane.strike_id] for plane in joint.planes])
@@ -202,7 +207,7 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
 
 
 def _setups(heads: Sequence[RecordingHead]) -> list[int]:
-    """Number of each session's set-up: equal rig name, level and calibration make one."""
+    """Number of each session's set-up, from 0: equal rig name, tilt sd, level and calibration make one."""
     found: list[tuple[str, ...]] = []
     for head in heads:
         manifest = head.manifest

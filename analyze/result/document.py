@@ -1,4 +1,4 @@
-"""The Result document of an estimate: units, 95 % intervals, rounding, stable bytes."""
+"""Result document of an estimate: values with units and 95 % intervals, rounded to reproducible bytes."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ SIGNIFICANT_DIGITS = 10
 linear algebra library"""
 
 
-def build(estimate: Estimate) -> Result:
-    """Write an estimate as its Result document; the same estimate gives the same bytes."""
+def result_document(estimate: Estimate) -> Result:
+    """Result document of an estimate; the same estimate gives the same bytes."""
     evidence, inertial = estimate.evidence, estimate.inertial
     frame_times = frame_times_documents(estimate.frame_rates)
     label = filling_label(evidence)
@@ -157,7 +157,7 @@ def _merged_recording(number: int, head: RecordingHead) -> JoinedRecording:
 
 
 def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """A scalar with its 95 % interval, cut off at `lowest` (0 for a mass)."""
+    """Scalar with its 95 % interval, whose lower end is at least `lowest` (0 for a positive quantity)."""
     low = value - SIGMAS_95 * sd
     return Quantity(
         value=value,
@@ -188,7 +188,7 @@ def com_quantity(com: CentreOfMass) -> Quantity:
 
 
 def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Inertia tensor about c in the axes of O [kg m²]; observed only if every entry is."""
+    """Inertia tensor about c in the axes of O [kg m²]; `observed` only if every entry was measured."""
     sd = parameters.inertia_sd
     every = bool(parameters.measured.all())
     return Quantity(
@@ -206,7 +206,7 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
-    """Moments of inertia per pivot axis, in the order of their ids."""
+    """Moments of inertia [kg m²] per pivot axis, about the edge and about the parallel axis through c."""
     return [
         AxisMoment(
             axis_id=axis.axis_id,
@@ -254,7 +254,7 @@ def regions_document(distribution: MassDistribution) -> Regions:
 
 
 def parts_document(found: PartMasses) -> Parts:
-    """Masses and densities of the labelled parts."""
+    """Masses [kg] and densities [kg/m³] of the labelled parts."""
     sd = np.sqrt(np.diag(found.covariance))
 
     def quantities(i: int, unit: str, per: float) -> Quantity:
@@ -299,7 +299,16 @@ def strike_result(
     com: CentreOfMass,
     scale: Scale,
 ) -> StrikeResult:
-    """Outcome of one strike; `index` is its place in `com`'s arrays, None if it was not used."""
+    """Outcome of one strike.
+
+    Args:
+        motion: motion and fits of the strike.
+        planned: the planned strike that it carried out.
+        planes: equi-planes of the strikes used.
+        index: index of the strike in `planes` and in `com`'s arrays; None if it was not used.
+        com: centre of mass, whose residuals and distances belong to the strikes used.
+        scale: mass and gravity from which I_edge follows.
+    """
     fit = motion.fit
     values: dict[str, Any] = {}
     if fit is not None:
@@ -342,7 +351,7 @@ def strike_result(
 
 
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:
-    """Leave-one-out prediction of a strike, with k as gravity was where the strike was made."""
+    """Leave-one-out prediction of a strike; k is for gravity at the place where the strike was made."""
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
     return PredictionResult(

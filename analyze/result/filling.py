@@ -1,4 +1,4 @@
-"""A filling's level, mass and density as the result document holds them, with their warnings."""
+"""Level, mass and density of a filling in the Result document, and warnings about them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,12 @@ MAX_MISFIT = 2.5
 
 
 def filling_document(name: str, found: FillLevel) -> Filling:
-    """Filling as the result document holds it."""
+    """Entry of a filling in the Result document.
+
+    Args:
+        name: name of the filling in the object file.
+        found: estimated level, mass and density.
+    """
     return Filling(
         name=name,
         along=found.along.tolist(),
@@ -35,17 +40,20 @@ def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
     if filling is None:
         return
     text = (
-        f"{filling.name} is taken to turn with the object (powder that does not run; frozen, set or viscous):"
-        " a free liquid sloshes"
+        f"{filling.name} is assumed to move with the object (powder that does not run; frozen, set or"
+        " viscous): a free liquid sloshes"
     )
-    yield ResultWarning(code=WarningCode.FILLING_ASSUMED_RIGID, text=f"{text}, and none of this holds for it")
+    yield ResultWarning(
+        code=WarningCode.FILLING_ASSUMED_RIGID, text=f"{text}, and these results do not hold for it"
+    )
     if filling.misfit > MAX_MISFIT:
         text = (
             f"a shell and {filling.name} up to a level do not explain the moments ({filling.misfit:.1f} times"
             " their sd)"
         )
         yield ResultWarning(
-            code=WarningCode.FILLING_UNEXPLAINED, text=f"{text}: look at `along`; or there is more inside"
+            code=WarningCode.FILLING_UNEXPLAINED,
+            text=f"{text}: check `along` in the object file; there may also be something else inside",
         )
     numbers = {
         "level": filling.level,
@@ -55,10 +63,10 @@ def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
         "shell's thickness": filling.shell_thickness,
     }
     if open_ones := [name for name, number in numbers.items() if number is not None and not number.observed]:
-        text = f"of {filling.name} the moments leave open: {', '.join(open_ones)}"
+        text = f"{filling.name}: the moments do not determine {', '.join(open_ones)}"
         yield ResultWarning(
             code=WarningCode.REGIONS_UNCERTAIN,
-            text=f"{text}; its density (density_kg_m3), if it is known, would help",
+            text=f"{text}; give its density (density_kg_m3) in the object file if it is known",
         )
 
 

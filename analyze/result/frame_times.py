@@ -1,4 +1,4 @@
-"""Frame times from a file's time stamps, as the result document holds them and in sentences."""
+"""Frame times from a file's time stamps: entries of the Result document, and sentences about them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DROP_TEST = "film a drop: analyze calibrate --drop"
 
 
 def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:
-    """Checked frame rates as the result document holds them."""
+    """Entries of checked frame rates in the Result document."""
     return [_document(each) for each in rates]
 
 
@@ -45,7 +45,7 @@ def _ratio(value: float, sd: float) -> Quantity:
 
 
 def wrong_text(times: FrameTimes) -> str:
-    """Reason why the stated frame rate is impossible, and the remedy."""
+    """Sentence on why the stated frame rate is impossible, with the remedy."""
     rate, limits, ratio = times.frame_rate_hz, times.rate_limits or [0.0, 0.0], times.rate_ratio
     if limits[0] <= 1 <= limits[1] and ratio is not None:
         why = (
@@ -55,8 +55,8 @@ def wrong_text(times: FrameTimes) -> str:
     else:
         low, high = limits
         why = (
-            f"no body of this shape tips so at the stated {rate:g} frames a second, only at {_times(low)} to"
-            f" {_times(high)} times that"
+            f"no body of this shape tips like this at the stated {rate:g} frames a second, only at"
+            f" {_factor_text(low)} to {_factor_text(high)} times that"
         )
         if ratio is not None:
             why += f", whatever its filling; edges at different distances give {_ratio_text(ratio)}"
@@ -71,21 +71,27 @@ def wrong_text(times: FrameTimes) -> str:
 
 
 def unchecked_text(times: FrameTimes) -> str:
-    """Statement that the strikes do not determine the frame rate closely, with the remedy."""
+    """Sentence that the strikes do not determine the frame rate closely, with the remedy."""
     if times.rate_limits is None:
         return f"these strikes cannot check the frame rate: {DROP_TEST}"
     low, high = times.rate_limits
     return (
-        f"these strikes only show that the frame rate lies between {_times(low)} and {_times(high)} times the"
-        f" stated {times.frame_rate_hz:g} a second; k is proportional to its square: {DROP_TEST}"
+        f"these strikes only show that the frame rate lies between {_factor_text(low)} and"
+        f" {_factor_text(high)} times the stated {times.frame_rate_hz:g} a second; k is proportional to its"
+        f" square: {DROP_TEST}"
     )
 
 
 def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[str]:
-    """Origin and check of frame times, one or two lines per recording."""
+    """Lines on the origin and the check of frame times, one or two per recording.
+
+    Args:
+        times: entries of the Result document.
+        several: True to name the recording in each line.
+    """
     found: list[str] = []
     for each in times or []:
-        whose = f" of recording {each.recording}" if several else ""
+        recording = f" of recording {each.recording}" if several else ""
         contact = (
             ""
             if each.contact_sd_s is None
@@ -94,18 +100,18 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
         sd = each.frame_rate_sd_hz
         known = "as stated" if sd is None else f"± {SIGMAS_95 * sd:.2g} as measured"
         found.append(
-            f"time source{whose}: container time stamps (± {1e3 * SIGMAS_95 * each.sd_s:.2g} ms),"
+            f"time source{recording}: container time stamps (± {1e3 * SIGMAS_95 * each.sd_s:.2g} ms),"
             f" {each.frame_rate_hz:g} frames a second {known}{contact}"
         )
         if not each.possible:
-            found.append(f"frame rate{whose}: not as stated")
+            found.append(f"frame rate{recording}: not as stated")
         elif each.rate_ratio is not None:
             found.append(
-                f"frame rate{whose}: {_ratio_text(each.rate_ratio)} times as stated, by edges at different"
-                " distances from the centre of mass"
+                f"frame rate{recording}: {_ratio_text(each.rate_ratio)} times as stated, by edges at"
+                " different distances from the centre of mass"
             )
         elif sd is None:
-            found.append(f"frame rate{whose}: not checked closely by these strikes: {DROP_TEST}")
+            found.append(f"frame rate{recording}: not checked closely by these strikes: {DROP_TEST}")
     return found
 
 
@@ -114,5 +120,5 @@ def _ratio_text(ratio: Quantity) -> str:
     return f"{value:.3f} ± {SIGMAS_95 * sd:.3f}"
 
 
-def _times(ratio: float) -> str:
+def _factor_text(ratio: float) -> str:
     return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0f}"

@@ -1,4 +1,4 @@
-"""Earlier results that a plan starts from: recordings, estimated together, and printed results (JSON)."""
+"""Earlier results that a plan starts from: recordings, estimated jointly, and printed results (JSON)."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ class EarlierResults:
     """Earlier results that the next plan starts from."""
 
     given: EarlierResult
+    """centre of mass, inertia and strikes made, merged from all files"""
     touches: tuple[Touch, ...]
     """impacts of recorded strikes by the striker that the plan is for"""
 
@@ -47,7 +48,7 @@ def read_given(
         rig: rig to plan for; None for that of the latest recording.
 
     Raises:
-        RecordingError, JoinError, EstimationError: of the recordings.
+        RecordingError, MergeError, EstimationError: the recordings cannot be estimated together.
         PlanError: a file is no result, is of another object, or holds a recording that another holds too.
     """
     recordings = [path for path in paths if path.suffix == RECORDING_SUFFIX]
@@ -57,12 +58,12 @@ def read_given(
     if recordings:
         heads = [read_head(path) for path in recordings]
         held.insert(0, (together_name, {head.manifest.recording_id for head in heads}))
-        for head in heads:  # before the work
+        for head in heads:  # before the estimate, which takes minutes
             _refuse_other_object(str(head.path), head.manifest.object_sha256, object_sha256)
     for (one, first), (other, second) in combinations(held, 2):
         if first & second:
             raise PlanError(
-                f"{one} and {other} are of the same recording: no strike may count twice, give one of them"
+                f"{one} and {other} hold the same recording: no strike may count twice: give one of them"
             )
     touches: tuple[Touch, ...] = ()
     edges: dict[str, EdgeLine] = {}
@@ -88,7 +89,12 @@ def _refuse_other_object(name: str, found: str, wanted: str) -> None:
 
 
 def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]:
-    """Impact and outcome of each strike used, where the rig's striker measured its speed."""
+    """Impact and outcome of each strike used whose speed was measured by the rig's striker.
+
+    Args:
+        answer: answer from the recordings.
+        rig: rig that the plan is for; None for that of the latest recording.
+    """
     evidence = answer.estimate.evidence
     wanted = (
         _device(evidence.recordings[-1])
@@ -109,7 +115,7 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
         ):
             continue
         phi, k, i_edge = (
-            _single(value, 0.0) for value in (strike.phi.value, strike.k.value, strike.i_edge.value)
+            _scalar_or(value, 0.0) for value in (strike.phi.value, strike.k.value, strike.i_edge.value)
         )
         if min(phi, k, i_edge, ratio) > 0 and _device(evidence.recording_of(strike.id)) == wanted:
             found.append(Touch(strike.axis_id, impact.tip_speed, impact.height, i_edge, phi, k, ratio))
@@ -119,6 +125,11 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
 def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
     """Prior for the planner from a Result.
 
+    Args:
+        result: an earlier result of the object.
+        name: name of the result, for messages.
+        mass: mass of the object [kg].
+
     Raises:
         PlanError: the result holds no strike that was used, or no centre of mass.
     """
@@ -126,11 +137,11 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
     strikes = [
         StrikeMade(
             strike.axis_id,
-            _single(strike.phi.sd, 1e-3),
+            _scalar_or(strike.phi.sd, 1e-3),
             (
                 None
                 if strike.k is None or strike.k.sd is None
-                else _single(strike.k.sd, 0.0) / max(_single(strike.k.value, 1.0), 1e-9)
+                else _scalar_or(strike.k.sd, 0.0) / max(_scalar_or(strike.k.value, 1.0), 1e-9)
             ),
             strike.heading_rad,
         )
@@ -192,5 +203,5 @@ def _directions(result: Result) -> dict[str, np.ndarray[Any, np.dtype[np.float64
     return {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments}
 
 
-def _single(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:
+def _scalar_or(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:
     return value if isinstance(value, float | int) else otherwise

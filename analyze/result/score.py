@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TipTruth:
-    """True balance angle and moment of one strike about its planned pivot."""
+    """True balance angle, moment and distance of one strike about its planned pivot."""
 
     phi: float
     """balance angle [rad]: c stands above the centre line of the edge's rounding"""
@@ -57,7 +57,7 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     side.
 
     Raises:
-        RecordingError: the recording holds no truth.
+        RecordingError: the recording holds no ground truth.
     """
     body = read_truth(path).body
     estimate, result = answer.estimate, answer.result
@@ -92,15 +92,15 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
             for axis in estimate.inertial.axes
         },
     }
-    table.update(_regions(estimate, body))
+    table.update(_region_scores(estimate, body))
     return table
 
 
 def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | None:
-    """Score of an answer; None unless all recordings are virtual.
+    """Score of an answer as of `score_answer`; None unless all recordings are virtual.
 
     Raises:
-        RecordingError: their truths differ.
+        RecordingError: the recordings hold different ground truths.
     """
     if not all(_holds_truth(path) for path in paths):
         return None
@@ -109,26 +109,27 @@ def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | 
 
 
 def refuse_without_truth(paths: Sequence[Path]) -> None:
-    """Raise RecordingError unless all recordings hold one ground truth; called before the work.
+    """Raise RecordingError unless all recordings hold one ground truth; call it before the estimate.
 
     Raises:
-        RecordingError: a recording holds no truth, or another than the first, or cannot be read.
+        RecordingError: a recording holds no ground truth, or another than the first, or cannot be read.
     """
     for path in paths:
         if not _holds_truth(path):
             raise RecordingError(
-                f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored"
+                f"{path}: holds no ground truth: only recordings of the virtual rig (`acquire demo`) can be"
+                " scored"
             )
     first = read_truth(paths[0]).body
     for path in paths[1:]:
-        if _hidden(read_truth(path).body) != _hidden(first):
+        if _object_truth(read_truth(path).body) != _object_truth(first):
             raise RecordingError(
-                f"{paths[0]} and {path}: hold different truths: what is hidden in the object is not the same:"
+                f"{paths[0]} and {path}: hold different ground truths: the objects differ inside:"
                 " score each by itself"
             )
 
 
-def _hidden(body: pb.TruthBody) -> list[float]:
+def _object_truth(body: pb.TruthBody) -> list[float]:
     """Ground truth of the object itself, without that of rig and session."""
     own = (body.com_object, body.inertia_com, body.region_mass_kg, body.region_plane)
     return [body.mass_kg, body.edge_radius_m, *(value for part in own for value in part)]
@@ -139,7 +140,7 @@ def _holds_truth(path: Path) -> bool:
         return any(topic.name == topics.TRUTH_BODY.name and topic.count > 0 for topic in recording.topics())
 
 
-def _regions(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
+def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
     if len(body.region_mass_kg) != 3:
         return {"region_mass_error_relative": None, "mass_in_wrong_region": None}
     truth = np.array(body.region_mass_kg)
@@ -154,24 +155,24 @@ def _regions(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
         "region_names": list(distribution.names),
         "region_mass_true_kg": truth.tolist(),
         "region_mass_kg": masses.tolist(),
-        "region_mass_error_relative": _relative(masses, truth),
+        "region_mass_error_relative": _mean_region_error(masses, truth),
         "mass_in_wrong_region": float(np.abs(masses - truth).sum() / 2 / truth.sum()),
         "dividing_plane_error_rad": float(
             np.arccos(np.clip(abs(distribution.dividing_plane_normal @ normal), -1, 1))
         ),
         "region_mass_error_relative_baselines": {
-            name: _relative(aligned(naive, distribution.dividing_plane_normal), truth)
+            name: _mean_region_error(aligned(naive, distribution.dividing_plane_normal), truth)
             for name, naive in sorted(distribution.baselines.items())
         },
     }
     by_paper = estimate.paper.regions
     if by_paper is not None:
         paper = aligned(by_paper.masses, by_paper.dividing_plane_normal)
-        found["region_mass_error_relative_paper"] = _relative(paper, truth)
+        found["region_mass_error_relative_paper"] = _mean_region_error(paper, truth)
     return found
 
 
-def _relative(masses: Array, truth: Array) -> float:
+def _mean_region_error(masses: Array, truth: Array) -> float:
     return float(np.abs(masses - truth).mean() / truth.sum())
 
 
@@ -191,7 +192,7 @@ def render_score(score: dict[str, Any]) -> None:
         "true phi",
         "phi error",
         "I_edge error",
-        title="Strikes against the truth",
+        title="Strikes compared with ground truth",
         title_justify="left",
         box=SIMPLE_HEAD,
     )
@@ -211,7 +212,7 @@ def render_score(score: dict[str, Any]) -> None:
     )
     x, y, z = off
     console.print(
-        f"centre of mass in truth ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated"
+        f"true centre of mass ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated"
         f" ({', '.join(f'{v:.2f}' for v in true + off)}) mm: off by"
         f" [bold]{1e3 * score['centre_of_mass_error_m']:.2f} mm[/] ({x:+.2f}, {y:+.2f}, {z:+.2f}); the"
         f" paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm"
@@ -223,7 +224,7 @@ def render_score(score: dict[str, Any]) -> None:
             for n, m in zip(score["region_names"], score["region_mass_true_kg"], strict=True)
         )
         console.print(
-            f"region masses in truth {masses}; estimates off by"
+            f"true region masses {masses}; estimates off by"
             f" [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
             f" ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer"
             f" ({naive[0].replace('_', ' ')}): {naive[1]:.1%}"

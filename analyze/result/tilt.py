@@ -1,4 +1,4 @@
-"""Tilt of the table against gravity: measured, read from a level, or assumed."""
+"""Tilt of the table against gravity in the Result document: measured, read from a level, or assumed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TILT_REMEDY = (
 
 
 def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
-    """Tilts of the table, one per levelling."""
+    """Tilts of the table [rad], one per levelling, with their origin."""
     levels = levelling_indices(evidence.recordings)
     found: list[TableTilt] = []
     for level, tilt in enumerate(com.tilts):
@@ -45,7 +45,7 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] of a tilt towards x that is only assumed; 0 if there is none."""
+    """Largest sd [rad] of a tilt towards W's x that is only assumed; 0 if there is none."""
     assumed = [
         float(tilt.prior_sd[0])
         for level, tilt in enumerate(com.tilts)
@@ -67,22 +67,25 @@ def _sources(
 
 
 def tilt_lines(result: Result) -> list[str]:
-    """Tilt of the table in words, one line per levelling."""
+    """Lines on the tilt of the table, one per levelling."""
     tilts = result.table_tilt or []
     return [
         _line(
-            tilt, f"table of recording {', '.join(map(str, tilt.recordings))}" if len(tilts) > 1 else "table"
+            tilt,
+            f"table tilt, recording {', '.join(map(str, tilt.recordings))}"
+            if len(tilts) > 1
+            else "table tilt",
         )
         for tilt in tilts
     ]
 
 
-def _line(tilt: TableTilt, what: str) -> str:
-    how = {
+def _line(tilt: TableTilt, name: str) -> str:
+    origin = {
         "measured": "measured by the strikes",
         "given": "by the rig file's level reading",
         "prior": "not measured",
     }
     x = tilt.towards_x
     value, sd = (float(np.degrees(each)) if isinstance(each, float) else 0.0 for each in (x.value, x.sd))
-    return f"{what} rises by {value:+.3f} ± {SIGMAS_95 * sd:.3f}° towards +x (95 % interval), {how[x.source]}"
+    return f"{name}: {value:+.3f} ± {SIGMAS_95 * sd:.3f}° up towards +x (95 % interval), {origin[x.source]}"

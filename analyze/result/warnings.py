@@ -1,4 +1,4 @@
-"""Warnings of a result: one code and one sentence per thing that its reader must know."""
+"""Warnings of a result: each a code for programs and a sentence for people."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from schemas.object_spec import ObjectSpec
 
 MIN_STRIKES_FOR_OUTLIERS = 6
+"""strikes used, below which an outlier cannot be recognised"""
 MAX_FIT_RESIDUAL = np.radians(0.3)
 """rms residual of theta [rad] above which a fit is reported as poor"""
 MIN_ROBUST_WEIGHT = 0.5
@@ -78,7 +79,7 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
         if recording.missing_files:
             which = f"of recording {number}, " if several else ""
             text = (
-                "not used, because it is not beside the others:"
+                "not used, because missing from the folder of the others:"
                 f" {which}{missing_files_text(recording.missing_files)}"
             )
             yield _warning(WarningCode.RECORDING_INCOMPLETE, text)
@@ -109,7 +110,9 @@ def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     used = len(estimate.fitted_planes)
     if used < MIN_STRIKES_FOR_OUTLIERS:
         yield _warning(
-            WarningCode.FEW_STRIKES, f"{used} strikes were used: an outlier among so few goes unnoticed"
+            WarningCode.FEW_STRIKES,
+            f"{used} strikes were used: an outlier among so few cannot be"
+            f" recognised: make {MIN_STRIKES_FOR_OUTLIERS} or more",
         )
 
 
@@ -147,7 +150,8 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
     """Warnings of the checks; a wrong frame rate is reported alone, since it causes the others."""
     checks = estimate.checks
     if checks.impossible_axes and rates_possible:
-        text = f"no mass within the shape has the moments measured about {_names(checks.impossible_axes)}"
+        text = f"no mass within the shape has the moments measured about {_names(checks.impossible_axes)}:"
+        text += " check mass, unit and shape"
         yield _warning(WarningCode.MOMENT_IMPOSSIBLE, text)
     if not checks.gravity.agrees and rates_possible:
         yield _warning(WarningCode.GRAVITY_DISAGREES, gravity_text(checks))
@@ -161,7 +165,7 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
 def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     for plane, robust in zip(estimate.fitted_planes, estimate.com.robust, strict=True):
         if robust < MIN_ROBUST_WEIGHT:
-            text = f"strike {plane.strike_id} disagrees with the others and keeps {robust:.0%} of its weight"
+            text = f"strike {plane.strike_id} disagrees with the others; its robust weight is {robust:.0%}"
             yield _warning(WarningCode.POOR_FIT, text)
     used = {plane.strike_id for plane in estimate.fitted_planes}
     motions = estimate.evidence.motions
@@ -175,7 +179,8 @@ def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
         if rms > MAX_FIT_RESIDUAL:
             yield _warning(
                 WarningCode.POOR_FIT,
-                f"strike {motion.strike_id}: the fit misses θ by {np.degrees(rms):.2f}° (rms)",
+                f"strike {motion.strike_id}: the residual of θ is {np.degrees(rms):.2f}° rms, more than"
+                f" {np.degrees(MAX_FIT_RESIDUAL):.1f}°: look at its plot in the report",
             )
     if turned := [motion.strike_id for motion, _ in fitted if motion.verdict is Verdict.ROCKED_BACK]:
         text = (
@@ -227,7 +232,9 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
         )
     elif share.max() > MAX_REGION_SD:
         name = distribution.names[int(np.argmax(share))]
-        text = f"the mass of region {name} is known only to {share.max():.0%} of the total"
+        text = (
+            f"the mass of region {name} has an sd of {share.max():.0%} of the total: strike about more axes"
+        )
         yield _warning(WarningCode.REGIONS_UNCERTAIN, text)
 
 
@@ -245,8 +252,8 @@ def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
         share = max(plane.radius_sd / plane.edge_radius for plane in rough)
         names = _names(sorted({plane.axis_id for plane in rough}))
         text = (
-            f"about {names} it rolls on an uneven flank, whose radius of curvature is known to ±{share:.0%};"
-            " the moments' intervals"
+            f"about {names} the object rolls on an uneven flank, whose radius of curvature is known to"
+            f" ±{share:.0%}; the moments' intervals"
         )
         yield _warning(
             WarningCode.ROLLING_CONTACT,
@@ -279,8 +286,8 @@ def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
     for strike_id, report in evidence.tracking.items():
         if report.unknown_ids:
             text = (
-                f"strike {strike_id}: marker {report.unknown_ids[0]} was seen, but the object file does not"
-                " list it"
+                f"strike {strike_id}: marker {report.unknown_ids[0]} was detected, but is not in the object"
+                " file: add it there, or remove it from view"
             )
             yield _warning(WarningCode.UNKNOWN_MARKER, text)
     placed = {marker.name for marker in evidence.spec.marker if marker.T_object_marker is not None}
@@ -299,7 +306,8 @@ def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
     for strike_id, lost in evidence.frames_lost.items():
         if lost:
             yield _warning(
-                WarningCode.FRAMES_LOST, f"strike {strike_id}: {lost} frames were lost in its window"
+                WarningCode.FRAMES_LOST,
+                f"strike {strike_id}: {lost} frames were lost during its recording",
             )
 
 
@@ -341,7 +349,7 @@ def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
     if any(recording.manifest.time_source is TimeSource.HOST_ARRIVAL for recording in evidence.recordings):
         text = (
             f"frame times are {TimeSource.HOST_ARRIVAL.value}, which drift and jitter: k is less certain than"
-            " stated"
+            " stated: record with the camera's own time stamps"
         )
         yield _warning(WarningCode.POOR_FIT, text)
 

@@ -1,1 +1,1 @@
-"""Printed tags and calibration boards: their codes, and true-to-scale sheets."""
+"""Printing of tags and calibration boards: their codes, and true-to-scale sheets."""

@@ -12,6 +12,7 @@ from analyze.errors import TagError
 from schemas.tags import TagFamily
 
 FAMILIES = {family.value: int(getattr(cv2.aruco, family.opencv)) for family in TagFamily}
+"""Number of OpenCV's predefined dictionary, by family."""
 ON_OBJECTS, ON_BOARDS = "36h11", "5x5_100"
 """Default families. They differ, so that a board in view is never mistaken for an object."""
 QUIET_CELLS = 1
@@ -31,7 +32,7 @@ def dictionary(family: str) -> cv2.aruco.Dictionary:
 
 
 def count(family: str) -> int:
-    """Number of tags in the family; their ids begin at 0."""
+    """Number of tags in a family; their ids begin at 0."""
     return len(dictionary(family).bytesList)
 
 

@@ -1,4 +1,4 @@
-"""Sheets as true-to-scale PDF: matplotlib's backend writes points of 1/72 inch exactly as given."""
+"""True-to-scale PDF of sheets: matplotlib's backend writes points of 1/72 inch exactly as given."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from matplotlib.path import Path as Outline
 from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Page, PlacedTag, Rect
 from schemas.output_file import write_bytes
 
-INCH = 25.4
+MM_PER_INCH = 25.4
 GREY, INK = "#9aa1a8", "#22262b"
 PRINT_CHECK_LINES = (
     "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size),",
@@ -26,7 +26,7 @@ PRINT_CHECK_LINES = (
 
 
 def write_pdf(pages: Sequence[Page], output: Path) -> None:
-    """Write the pages; the file appears complete or not at all.
+    """Write the pages as a PDF; the file appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.
@@ -47,17 +47,17 @@ def pdf_bytes(pages: Sequence[Page]) -> bytes:
 
 
 def _figure(page: Page) -> Figure:
-    figure = Figure(figsize=(page.width / INCH, page.height / INCH))
+    figure = Figure(figsize=(page.width / MM_PER_INCH, page.height / MM_PER_INCH))
     sheet = _Sheet(figure, page)
     sheet.write(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
     for placed in page.tags:
-        _tag(sheet, placed)
-    if page.fields:
-        sheet.black(page.fields)
+        _draw_tag(sheet, placed)
+    if page.black:
+        sheet.black(page.black)
         sheet.write(*page.caption_at, page.caption, 8)
     if page.origin is not None:
-        _origin(sheet, *page.origin)
-    _rulers(sheet)
+        _draw_origin(sheet, *page.origin)
+    _draw_rulers(sheet)
     return figure
 
 
@@ -67,8 +67,8 @@ class _Sheet:
     def __init__(self, figure: Figure, page: Page) -> None:
         self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
 
-    def black(self, fields: Sequence[Rect]) -> None:
-        """Fill all fields black, as one outline without hairlines between neighbours."""
+    def black(self, rectangles: Sequence[Rect]) -> None:
+        """Fill all rectangles black, as one outline without hairlines between neighbours."""
         corners = np.array(
             [
                 [
@@ -78,11 +78,12 @@ class _Sheet:
                     (f.x, f.y + f.height),
                     (f.x, f.y),
                 ]
-                for f in fields
+                for f in rectangles
             ]
         )
         codes = np.tile(
-            [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(fields)
+            [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY],
+            len(rectangles),
         )
         outline = Outline(corners.reshape(-1, 2) * self._scale, codes)
         self._figure.add_artist(
@@ -99,13 +100,13 @@ class _Sheet:
         colour: str = INK,
         dash: bool = False,
     ) -> None:
-        """Draw a straight line."""
+        """Draw a straight line between two points [mm]."""
         points = np.array([start, end]) * self._scale
         line = Line2D(
             points[:, 0],
             points[:, 1],
             color=colour,
-            lw=width_mm * 72 / INCH,
+            lw=width_mm * 72 / MM_PER_INCH,
             transform=self._figure.transFigure,
             solid_capstyle="butt",
         )
@@ -116,7 +117,7 @@ class _Sheet:
     def write(
         self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False
     ) -> None:
-        """Write one line of text with its start at x and its baseline at y; `turned` centres it at y."""
+        """Write one line of text [mm]: start at x, baseline at y; if `turned`, end at x and middle at y."""
         where = np.array([x, y]) * self._scale
         self._figure.text(
             where[0],
@@ -130,8 +131,8 @@ class _Sheet:
         )
 
 
-def _tag(sheet: _Sheet, placed: PlacedTag) -> None:
-    size, rim = placed.tag.size_mm, placed.quiet
+def _draw_tag(sheet: _Sheet, placed: PlacedTag) -> None:
+    size, rim = placed.tag.size_mm, placed.quiet_zone
     left, right = placed.x - rim, placed.x + size + rim
     low, high = placed.y - rim, placed.y + size + rim
     for start, end in (
@@ -152,7 +153,7 @@ def _tag(sheet: _Sheet, placed: PlacedTag) -> None:
     sheet.write(left + 1.2, low - STRIP + 1.4, " · ".join(parts), 6.5)
 
 
-def _origin(sheet: _Sheet, x: float, y: float) -> None:
+def _draw_origin(sheet: _Sheet, x: float, y: float) -> None:
     """Draw arrows along the board's x and y from its origin, just outside the squares."""
     away, long, head = 1.0, 9.0, 1.4
     letters = {"x": (x + long + 1.0, y - away - 0.8), "y": (x - away - 0.7, y + long + 1.0)}
@@ -170,7 +171,7 @@ def _origin(sheet: _Sheet, x: float, y: float) -> None:
     sheet.line((x - away, y - away), (x - 2.4, y - 2.4), 0.15)
 
 
-def _rulers(sheet: _Sheet) -> None:
+def _draw_rulers(sheet: _Sheet) -> None:
     across, up = (MARGIN + 14.0, MARGIN + 13.0), (MARGIN + 11.5, MARGIN + RULER_FOOT + 6.0)
     for along, origin in ((np.array([1.0, 0.0]), across), (np.array([0.0, 1.0]), up)):
         start = np.array(origin)

@@ -1,4 +1,4 @@
-"""`analyze print-tags`: sheets of tags or a calibration board, from the user's options."""
+"""Printing of tags or a calibration board from the user's options (`analyze print-tags`)."""
 
 from __future__ import annotations
 
@@ -13,32 +13,37 @@ from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
 
 DEFAULT_SIZE_MM = 30.0
+"""Edge length of a tag's black square."""
 
 
 @dataclass(frozen=True)
 class PrintOptions:
-    """Options for sheets of tags; None where the user gave none."""
+    """Options for sheets of tags; None for the default."""
 
     family: str | None = None
     ids: str | None = None
+    """Ids such as `0-11` or `0,3,7`."""
     size_mm: float | None = None
     object_path: Path | None = None
+    """Object file whose tags are printed, in place of family, ids and size."""
     paper: str = "A4"
 
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """Options for a calibration board; None where the user gave none."""
+    """Options for a calibration board; None for the default."""
 
     family: str | None = None
     squares: str = "7x9"
+    """Columns x rows."""
     square_mm: float = 22.0
     marker_mm: float | None = None
+    """Edge length of the tags; None for 0.7 of the squares'."""
     paper: str = "A4"
 
 
 def print_tags(options: PrintOptions, output: Path) -> str:
-    """Write sheets of tags and return a line that describes them.
+    """Write sheets of tags, and return a line that describes them.
 
     Raises:
         TagError: a family, id or paper is unknown, or a size does not fit.
@@ -76,10 +81,10 @@ def print_board(options: BoardOptions, output: Path) -> str:
 
 
 def parse_board(options: BoardOptions) -> Board:
-    """Board described by the options.
+    """Board that the options describe.
 
     Raises:
-        TagError: the option is not understood, or the board is impossible.
+        TagError: `squares` is not columns x rows, or the board is impossible.
     """
     columns, _, rows = options.squares.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and len(columns) < 4 and len(rows) < 4):

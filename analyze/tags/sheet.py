@@ -17,13 +17,17 @@ PAPERS = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
 MARGIN = 12.0
 """Margin [mm] that printers can leave white."""
 RULER_MM = 100
+"""Length of the printed rulers."""
 RULER_SIDE, RULER_FOOT, HEADING = 14.0, 24.0, 9.0
 """Room [mm] for the vertical ruler, for the horizontal ruler with its text, and for the heading."""
 STRIP = 4.5
 """Height [mm] of the strip below each tag, with id, size and family; it marks the tag's lower edge."""
 GAP = 3.0
+"""Gap [mm] between tags."""
 MIN_TAG_MM = 5.0
+"""Least edge length of a tag that can be printed and detected."""
 MIN_SQUARES = 3
+"""Least number of a board's columns and rows."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class Tag:
 
 @dataclass(frozen=True)
 class Rect:
-    """Rectangle that is filled black [mm]."""
+    """Black rectangle: lower left corner and size [mm]."""
 
     x: float
     y: float
@@ -57,14 +61,16 @@ class PlacedTag:
     """Lower edge of the black square."""
 
     @property
-    def quiet(self) -> float:
-        """Width of the white rim [mm]."""
+    def quiet_zone(self) -> float:
+        """Width [mm] of the white rim that a detector needs around the black square."""
         return families.QUIET_CELLS * self.tag.size_mm / len(families.cells(self.tag.family, self.tag.id))
 
     @property
     def black(self) -> list[Rect]:
         """Rectangles of the black cells."""
-        return black_fields(families.cells(self.tag.family, self.tag.id), self.x, self.y, self.tag.size_mm)
+        return black_rectangles(
+            families.cells(self.tag.family, self.tag.id), self.x, self.y, self.tag.size_mm
+        )
 
 
 @dataclass(frozen=True)
@@ -83,13 +89,13 @@ class Board:
 
 @dataclass(frozen=True)
 class Page:
-    """Contents of one sheet of paper [mm]."""
+    """Contents of one sheet of paper; lengths in mm."""
 
     width: float
     height: float
     heading: str
     tags: tuple[PlacedTag, ...] = ()
-    fields: tuple[Rect, ...] = ()
+    black: tuple[Rect, ...] = ()
     """Black squares and tag cells of a board."""
     caption: str = ""
     caption_at: tuple[float, float] = (0.0, 0.0)
@@ -98,10 +104,10 @@ class Page:
 
 
 def parse_ids(text: str) -> list[int]:
-    """Ids in a text such as `0-11`, `3` or `0-3,7`, without repetitions.
+    """Tag ids in a text such as `0-11`, `3` or `0-3,7`, without repetitions.
 
     Raises:
-        TagError: the text is not understood.
+        TagError: the text is not of this form.
     """
     found: list[int] = []
     for part in text.split(","):
@@ -116,7 +122,7 @@ def parse_ids(text: str) -> list[int]:
 
 
 def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
-    """Pages with the tags in rows, in the given order.
+    """Pages with the tags in rows, in the order given.
 
     Raises:
         TagError: paper, family or id is unknown, or a tag is too small or too large for the paper.
@@ -135,7 +141,7 @@ def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
             most = np.floor(min(right - left, top - bottom - STRIP) / (1 + 2 * rim))
             raise TagError(
                 f"tag {tag.id}: {tag.size_mm:g} mm, with its white rim {wide:.1f} mm, is too large for "
-                f"{paper}: at most {most:.0f} mm, or another --paper"
+                f"{paper}: choose at most {most:.0f} mm, or another --paper"
             )
         if x > left and x + wide > right:
             x, y, row = left, y - row - GAP, 0.0
@@ -165,20 +171,20 @@ def board_page(board: Board, paper: str) -> Page:
         most = np.floor(min((right - left) / board.columns, (top - bottom) / board.rows))
         raise TagError(
             f"a board of {board.columns}x{board.rows} squares of {board.square_mm:g} mm is {wide:g} x "
-            f"{high:g} mm, too large for {paper}: at most {most:.0f} mm a square, or fewer squares"
+            f"{high:g} mm, too large for {paper}: choose squares of at most {most:.0f} mm, or fewer squares"
         )
     x, y = left + (right - left - wide) / 2, bottom + (top - bottom - high) / 2
-    fields: list[Rect] = []
+    rectangles: list[Rect] = []
     tag_id = 0
     for row in range(board.rows):
         for column in range(board.columns):
             corner = (x + column * board.square_mm, y + high - (row + 1) * board.square_mm)
             if (row + column) % 2 == 0:
-                fields.append(Rect(*corner, board.square_mm, board.square_mm))
+                rectangles.append(Rect(*corner, board.square_mm, board.square_mm))
                 continue
             inset = (board.square_mm - board.marker_mm) / 2
-            fields.extend(
-                black_fields(
+            rectangles.extend(
+                black_rectangles(
                     families.cells(board.family, tag_id),
                     corner[0] + inset,
                     corner[1] + inset,
@@ -193,7 +199,7 @@ def board_page(board: Board, paper: str) -> Page:
         height,
         "Percuss: calibration board, glue it flat on glass or aluminium",
         (),
-        tuple(fields),
+        tuple(rectangles),
         caption,
         (x + 16.0, y - 4.0),
         (x, y),
@@ -216,30 +222,30 @@ def refuse_impossible(board: Board) -> None:
     if needed > families.count(board.family):
         raise TagError(
             f"a board of {board.columns}x{board.rows} needs {needed} tags, {board.family} has "
-            f"{families.count(board.family)}"
+            f"{families.count(board.family)}: choose fewer squares, or another --family"
         )
     cell = board.marker_mm / len(families.cells(board.family, 0))
     if board.square_mm < board.marker_mm + 2 * families.QUIET_CELLS * cell:
         least = board.marker_mm + 2 * families.QUIET_CELLS * cell
         raise TagError(
             f"squares of {board.square_mm:g} mm leave no white rim round tags of {board.marker_mm:g} mm: "
-            f"{least:.1f} mm or more"
+            f"choose squares of {least:.1f} mm or more"
         )
 
 
-def black_fields(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
+def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
     """Rectangles of the black cells of a tag with lower left corner (x, y), one per run of cells in a row."""
     many = len(cells)
     cell = size / many
-    fields: list[Rect] = []
+    rectangles: list[Rect] = []
     for row in range(many):
         padded = np.concatenate([[True], cells[row], [True]]).astype(int)
         starts, ends = np.flatnonzero(np.diff(padded) < 0), np.flatnonzero(np.diff(padded) > 0)
-        fields.extend(
+        rectangles.extend(
             Rect(x + int(a) * cell, y + (many - 1 - row) * cell, int(b - a) * cell, cell)
             for a, b in zip(starts, ends, strict=True)
         )
-    return fields
+    return rectangles
 
 
 def _paper(name: str) -> tuple[float, float]:

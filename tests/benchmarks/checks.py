@@ -19,7 +19,7 @@ from rich.progress import track
 from analyze.errors import EstimationError
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.evidence import Evidence
-from analyze.result.document import build
+from analyze.result.document import result_document
 from schemas.result import Verdict, WarningCode
 from tests.benchmarks.simulated_tips import session
 
@@ -35,7 +35,7 @@ COUNTED_WARNINGS = (
 
 def judge(evidence: Evidence, crumb: float, found: Counter[str]) -> None:
     """Count the checks' results for a good session, without and with a strike spoilt by `crumb` [rad]."""
-    result = build(estimate_evidence(evidence))
+    result = result_document(estimate_evidence(evidence))
     used = [strike for strike in result.strikes if strike.used]
     found["good sessions"] += 1
     found["good strikes"] += len(used)
@@ -50,7 +50,7 @@ def judge(evidence: Evidence, crumb: float, found: Counter[str]) -> None:
     if len(good) < len(used) // 2 or not good:
         return
     bad = good[len(good) // 2]
-    spoilt = build(estimate_evidence(with_crumb(evidence, bad, crumb)))
+    spoilt = result_document(estimate_evidence(with_crumb(evidence, bad, crumb)))
     missed = [
         strike
         for strike in spoilt.strikes

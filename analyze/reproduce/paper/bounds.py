@@ -1,4 +1,4 @@
-"""Physical limits of each quantity that has a target, in words, with figures from the sessions."""
+"""Sentences on the physical limit of each quantity that has a target, shown if the target is missed."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ SCAN = "The edges are fitted to the scan's points: c moves with them."
 TIME = "Most of the time is spent on sampling the dividing plane, in one thread; a slower core takes longer."
 
 
-def masses(records: Sequence[SessionRecord], condition: Condition) -> str:
-    """Reason why the error of the region masses is not smaller; empty if no session has region masses."""
+def masses_bound(records: Sequence[SessionRecord], condition: Condition) -> str:
+    """Sentence on why the error of the region masses is not smaller; "" if no session has region masses."""
     pairs = scores.answers(records, condition, paper=False)
     off: dict[str, list[float]] = {}
     for answer, record in pairs:
@@ -75,8 +75,8 @@ def masses(records: Sequence[SessionRecord], condition: Condition) -> str:
     )
 
 
-def naive(name: str, records: Sequence[SessionRecord]) -> str:
-    """Reason why the region masses of one object are not further below the error of the best naive answer."""
+def naive_bound(name: str, records: Sequence[SessionRecord]) -> str:
+    """Sentence on why the region masses of an object are not much better than the best naive answer."""
     if not records:
         return ""
     best = 100 * float(np.mean([scores.best_naive(record) for record in records]))

@@ -1,4 +1,4 @@
-"""The paper's own method (3.2, 3.3) on a session's strikes; it shares edges and theta(t) with ours."""
+"""The paper's own method (sections 3.2 and 3.3) on a session's strikes, with our edges and theta(t)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PaperAnswer:
-    """Result of the paper's method from one strike per axis."""
+    """Result of the paper's method from one round: one strike per axis."""
 
     com: Array
     """Centre of mass (3,) [m] in O."""
@@ -28,7 +28,8 @@ class PaperAnswer:
     left_out: dict[str, float]
     """Fraction of stage two's frames that eq. (5) leaves out, by axis id."""
     regions: PaperRegions | None
-    """None if no dividing plane and no I within dI gives three positive masses with the right sum."""
+    """Region masses; None if no dividing plane and no I within dI gives three positive masses with the right
+    sum."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class _Struck:
 
 
 def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
-    """Results of the paper's method, one per round: the first strikes of all axes, the second, and so on.
+    """Results of the paper's method, one per round: the first strikes on all axes, the second, and so on.
 
     The paper's tables list its results by such rounds. Angles are those of the sign change of the
     acceleration; strikes that rocked back have none. I follows (VISAPP 2013, eq. 5), with R to the paper's
@@ -82,7 +83,7 @@ def regions_at(
     return paper_regions(planes, com, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
 
 
-def refuse_empty(estimate: Estimate, name: str) -> None:
+def refuse_without_tips(estimate: Estimate, name: str) -> None:
     """Refuse a session without a strike that tipped over: the paper's method has no angle then.
 
     Raises:

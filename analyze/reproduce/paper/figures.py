@@ -10,11 +10,11 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
-from analyze.report.plots import PHASE_NAMES
 from analyze.report.style import BLUE, BODY, GREEN, GRID, INK, MUTED, ORANGE, PHASES, RED, SKY, plain, style
 from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.published import OBJECTS, published_centres, published_masses
 from analyze.reproduce.paper.record import Condition, Profile, Sensitivity, SessionRecord
+from analyze.types import PHASE_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 CLOSE_UP_MM = 3.0
+"""Largest error that the close-up of Figure 12 shows."""
 MIN_LABELLED_FRAMES = 6
 """Least number of frames of a phase whose name fits above it."""
 _PHASE_WORDS = {
@@ -293,6 +294,7 @@ def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
+    """Draw the silhouette with true and estimated c of all sessions."""
     section = records[0].section
     if section is not None:
         axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor=BODY, edgecolor=INK, lw=0.9))
@@ -314,7 +316,7 @@ def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 
 
 def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
-    """Draw the errors of c in a close-up; larger errors are clipped to the frame's border."""
+    """Draw the errors of c in a close-up; larger errors are clipped to the axes' limits."""
     for mark, colour, paper in (("D", ORANGE, True), ("o", BLUE, False)):
         off = [
             np.subtract(a.com_m, r.true_com_m)[[0, 2]]
@@ -331,6 +333,7 @@ def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 
 
 def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
+    """Draw the slice of estimated regions; cells in a wrong region are red."""
     section = record.section
     plain(axes)
     axes.set_xticks([])

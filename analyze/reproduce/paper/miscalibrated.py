@@ -37,10 +37,11 @@ OWN_RADIUS_SD = 0.3 * RADIUS_SD
 K_SD = 2e-3
 """Relative error of each axis's k: air drag, play of the edge."""
 MIN_EDGE_RADIUS_M = 1e-4
+"""Lower limit of a drawn edge radius."""
 
 
 def miscalibrated(evidence: Evidence, rng: np.random.Generator) -> Evidence:
-    """The evidence with calibration errors drawn and their sd stated (method.md, Targets).
+    """Evidence with calibration errors drawn and their sd stated (docs/explanation/method.md, Targets).
 
     Args:
         evidence: strikes of one recording on a well calibrated rig.
@@ -83,7 +84,7 @@ def miscalibrated(evidence: Evidence, rng: np.random.Generator) -> Evidence:
 
 
 def _changed(motion: TipMotion, phi_error: float, k_factor: float) -> TipMotion:
-    """The motion with `phi_error` [rad] added to its phi and its k multiplied by `k_factor`."""
+    """Motion with `phi_error` [rad] added to its phi and its k multiplied by `k_factor`."""
 
     def changed(fit: MotionFit) -> MotionFit:
         return replace(fit, phi=fit.phi + phi_error, k=None if fit.k is None else fit.k * k_factor)
@@ -96,7 +97,7 @@ def _changed(motion: TipMotion, phi_error: float, k_factor: float) -> TipMotion:
 
 
 def _edge_moved(strike: PlannedStrike, rounding: float, shift: Array) -> PlannedStrike:
-    """The strike with `rounding` [m] added to its edge radius and its edge moved by `shift` (2,) [m]."""
+    """Strike with `rounding` [m] added to its edge radius and its edge moved by `shift` (2,) [m]."""
     R = np.array(strike.R_world_object)
     tip, up = R[0], R[2]
     radius = max(strike.pivot.radius_m + rounding, MIN_EDGE_RADIUS_M)

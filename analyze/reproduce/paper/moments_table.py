@@ -1,4 +1,4 @@
-"""Moments about the edges by the paper's eq. (5), by its corrected I (3.3.2) and by ours."""
+"""Table of moments about the edges: by the paper's eq. (5), by its corrected I (3.3.2), and by ours."""
 
 from __future__ import annotations
 

@@ -13,12 +13,12 @@ from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_centre_of_mass
 from analyze.estimation.priors import ComPrior
 from analyze.pipeline.estimate import systematic_errors
-from analyze.planning.design import SINGULAR
+from analyze.planning.design import MIN_NORMAL_SPREAD
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import spread, unknown_direction
+from analyze.planning.information import normal_spread, unknown_direction
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.prepared import FRICTION, prepare
+from analyze.planning.prepared import FRICTION, prepare_object
 from analyze.planning.view import default_camera
 from analyze.reproduce.paper.record import OwnChoice
 from analyze.result.score import tip_truth
@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 STRIKES = 9
+"""Number of strikes planned by the paper's rule."""
 ANGLE_SD = math.radians(0.05)
+"""1 sigma [rad] stated to our estimator for the exact angles."""
 
 
 def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
@@ -41,7 +43,9 @@ def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
         body: ground truth, from which the angles are computed.
     """
     evidence = estimate.evidence
-    prepared = prepare(evidence.model, evidence.spec, Bench(StrikerModel(), default_camera(), FRICTION))
+    prepared = prepare_object(
+        evidence.model, evidence.spec, Bench(StrikerModel(), default_camera(), FRICTION)
+    )
     try:
         plan = paper_strike_plan(prepared, evidence.object_sha256, STRIKES)
     except PlanError as error:
@@ -56,8 +60,10 @@ def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
     normals = np.array([plane.normal for plane in planes])
     return OwnChoice(
         axes=len(planes),
-        spread=spread(normals),
-        open_direction=unknown_direction(normals).tolist() if spread(normals) < SINGULAR else None,
+        spread=normal_spread(normals),
+        open_direction=unknown_direction(normals).tolist()
+        if normal_spread(normals) < MIN_NORMAL_SPREAD
+        else None,
         friction_needed=max(strike.friction_needed for strike in plan.strikes),
         paper_off_m=float(np.linalg.norm(paper.position - true)),
         ours_off_m=float(np.linalg.norm(ours.position - true)),

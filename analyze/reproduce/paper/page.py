@@ -115,7 +115,7 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
 
 
 def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> str:
-    """The page as HTML."""
+    """Page as HTML text."""
     environment = page_environment()
     environment.filters["cell"] = _cell
     figures = [(make(records), title, caption) for make, title, caption in _FIGURES]
@@ -137,7 +137,7 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
 
 
 def summary(records: Sequence[SessionRecord]) -> str:
-    """Summary in two sentences: the errors reached, and the targets missed."""
+    """Summary in three sentences: errors of c and of the region masses, and the targets missed."""
     lines = {each.quantity: each for each in targets(records)}
     not_reached = [each.quantity for each in lines.values() if each.verdict == "missed"]
     exact = next(each for name, each in lines.items() if "calibration exact" in name)

@@ -1,4 +1,4 @@
-"""Tables 1 and 2 as published, scored anew: some of its error columns do not follow from its values."""
+"""The paper's Tables 1 and 2, with errors recomputed: some printed ones do not follow from its values."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ OBJECTS = {
 """The paper's four objects by the names of their virtual counterparts; the paper's tables have no rows for
 the box."""
 VOLUME_MM3 = {"spray": 812_592.0, "juice": 862_704.0, "salt": 596_590.0}
-"""Volumes; the salt cylinder's follows from its err % column, because the published one is the juice
-bottle's."""
+"""Volumes of the objects; the salt cylinder's follows from its err % column, because the published one is the
+juice bottle's."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,7 @@ class PublishedCentre:
     """One result of Table 1."""
 
     object: str
+    """Name of its virtual counterpart."""
     distance_m: float
     """Distance [m] from the reference, computed from the coordinates."""
     volume_ratio: float
@@ -39,6 +40,7 @@ class PublishedMasses:
     """One result of Table 2."""
 
     object: str
+    """Name of its virtual counterpart."""
     metric: float
     """Mean over the regions of |dm| / M."""
     misplaced: float
@@ -80,7 +82,7 @@ def published_masses() -> list[PublishedMasses]:
 
 
 def volume_ratio(distance: float, volume: float) -> float:
-    """The paper's metric of c: volume of a sphere of radius `distance` over `volume`, in one unit."""
+    """The paper's metric of c: volume of a sphere of radius `distance`, over `volume` (consistent units)."""
     return 4 / 3 * np.pi * distance**3 / volume
 
 

@@ -1,4 +1,4 @@
-"""Reading of a virtual rig's recording, with the ground truth kept separate from the evidence."""
+"""Session record of a virtual rig's recording; the estimate does not see the ground truth."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:
 
     Raises:
         RecordingError: the recording cannot be read, or holds no ground truth.
-        EstimationError: too few good strikes.
+        EstimationError: too few strikes can be used, or none tipped over.
     """
     head = read_head(path)
     refuse_without_truth([path])

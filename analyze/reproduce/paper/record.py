@@ -1,4 +1,4 @@
-"""Results of one session as a small file, kept in place of a recording of a gigabyte of images."""
+"""Session record: results of one session in a small file, instead of a gigabyte of images."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 _FORMER_NAIVE_NAMES = {"surface": "shell", "surface_and_uniform": "shell_and_uniform"}
+"""Present names of naive answers, by their names in older records."""
 
 
 class Condition(enum.StrEnum):
@@ -29,14 +30,14 @@ class Condition(enum.StrEnum):
 
 
 class ThetaSource(enum.StrEnum):
-    """Origin of theta(t)."""
+    """Origin of theta(t): tracked in rendered images, or simulated with the camera's noise."""
 
     IMAGES = "images"
     SIMULATED = "simulated theta(t)"
 
 
 class AxisMoment(Document):
-    """Errors of the moments of inertia of one pivot axis."""
+    """Errors of the moments of inertia of one pivot axis, relative to the ground truth."""
 
     axis_id: str
     distance_m: float = Field(description="R, ground truth")
@@ -56,7 +57,7 @@ class AxisMoment(Document):
 class MethodAnswer(Document):
     """Estimates of one method under one condition; region masses are those of shell, upper and lower part.
 
-    Upper is the side that is called so in the ground truth.
+    The side of the dividing plane that the ground truth calls upper is called upper.
     """
 
     com_m: Vector3
@@ -77,7 +78,7 @@ class Angle(Document):
     ours_rad: float
     ours_sd_rad: float
     paper_rad: float | None
-    frame_residual_rad: float = Field(description="rms of theta(t) less its fit")
+    frame_residual_rad: float = Field(description="rms of theta(t) minus its fit")
 
 
 class Sensitivity(Document):
@@ -166,7 +167,7 @@ class SessionRecord(Document):
     @field_validator("naive_kg", mode="before")
     @classmethod
     def _current_names(cls, value: object) -> object:
-        """Read the former names of the naive answers as well: kept sessions are not recorded again."""
+        """Rename naive answers of older records, so that their sessions need not be recorded again."""
         if not isinstance(value, dict):
             return value
         return {_FORMER_NAIVE_NAMES.get(name, name): masses for name, masses in value.items()}

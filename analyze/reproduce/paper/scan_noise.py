@@ -1,4 +1,4 @@
-"""The strikes of a session with a noisy scan in place of the shape, and the same angles (Fig. 10)."""
+"""Errors with a noisy scan in place of the shape, from the same strikes and angles (Fig. 10)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import resting_planes
 from analyze.reproduce.paper.chain import paper_answers
 from analyze.reproduce.paper.record import Sensitivity
-from analyze.reproduce.paper.sensitivity import metric, sided
+from analyze.reproduce.paper.sensitivity import in_true_order, metric
 from analyze.types import Array
 from schemas.object_spec import Shape
 from schemas.strike_plan import Pivot
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 LEVELS_M = (1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1.5e-2)
+"""Largest shifts of a scanned point."""
 POINTS = 20_000
+"""Number of points of a scan."""
 SAME_EDGE_COSINE = np.cos(np.radians(15.0))
 """Least cosine, of both direction and face normal, for a scanned edge to count as the struck one."""
 
@@ -37,8 +39,8 @@ def over_scan_noise(
 ) -> tuple[list[Sensitivity], list[Sensitivity]]:
     """Error of c [m] and metric of the region masses, each over the largest shift [m] of a scanned point.
 
-    Both for our method and for the paper's method on our edges. An entry is None if the scan has no such
-    edge, or too few strikes are left.
+    Both are given for our method, and for the paper's method with our edges. An entry is None if too few
+    strikes are left whose edge the scan has.
 
     Args:
         evidence: strikes of the session.
@@ -74,15 +76,16 @@ def _scored(
             float(np.linalg.norm(paper[0].com - true)) if paper else None,
         ),
         (
-            metric(sided(ours.masses, ours.dividing_plane_normal, body), body),
+            metric(in_true_order(ours.masses, ours.dividing_plane_normal, body), body),
             None
             if regions is None
-            else metric(sided(regions.masses, regions.dividing_plane_normal, body), body),
+            else metric(in_true_order(regions.masses, regions.dividing_plane_normal, body), body),
         ),
     )
 
 
 def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evidence | None:
+    """Evidence with a noisy scan as shape, and the strikes on edges it has; None if the scan is unusable."""
     points = noisy_cloud(evidence.model, noise, rng)
     text = "\n".join(" ".join(f"{value:.7f}" for value in point) for point in points)
     spec = evidence.spec.model_copy(update={"shape": Shape.model_validate({"file": "scan.xyz", "unit": "m"})})
@@ -117,7 +120,7 @@ def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> A
 
 
 def _on_scanned_edge(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | None:
-    """The strike with the scan's edge for its pivot; None if the scan has no such edge."""
+    """Strike whose pivot is the corresponding edge of the scan; None if the scan has no such edge."""
     R = np.array(strike.R_world_object)
     point = np.array(strike.pivot.point)
     alike = [axis for axis in axes if min(axis.direction @ R[1], axis.plane.up @ R[2]) > SAME_EDGE_COSINE]

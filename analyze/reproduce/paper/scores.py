@@ -20,7 +20,7 @@ EMPTY_REGION_FRACTION = 0.01
 
 
 def designed(records: Iterable[SessionRecord]) -> list[SessionRecord]:
-    """Sessions whose strikes were planned by our design, not by the paper's rule."""
+    """Sessions whose strikes were planned by our design (method 1.6), not by the paper's rule."""
     return [record for record in records if record.method is PlanMethod.OURS]
 
 
@@ -69,8 +69,9 @@ class Standardised:
 
     name: str
     scores: Array
+    """(n,) error over stated sd."""
     held: Array
-    """(n,) 1 where the 95 % interval holds the true value, else 0."""
+    """(m,) 1 where the 95 % interval holds the true value, else 0."""
 
     @property
     def scatter(self) -> float:

@@ -28,10 +28,13 @@ PAPER_NOISE_DEG = 1.85
 """Standard deviation of the paper's angles ang(t2), Fig. 9(a)."""
 ANGLE_LEVELS_DEG = (0.0, 0.5, 1.0, PAPER_NOISE_DEG, 3.0, 4.0)
 MOMENT_LEVELS = (0.0, 0.01, 0.02, 0.05, 0.1)
+"""Relative standard deviations of the moments."""
 MIN_ANGLE_SD = math.radians(0.01)
+"""Least stated sd of an angle [rad]."""
 MIN_MOMENT_SD = 1e-3
 """Least stated sd of a moment, relative."""
 COM_SD_M = 1e-5
+"""Stated sd of the true c, along each axis."""
 MIN_MOMENT_FRACTION = 0.05
 """Lower limit of a noisy I_c,l, as a fraction of its true value."""
 DRAWS = 4
@@ -41,7 +44,7 @@ DRAWS = 4
 def com_over_angles(
     estimate: Estimate, body: pb.TruthBody, levels_deg: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Error of c [m] from true angles with noise, the only error stated to each method (Fig. 9(b)).
+    """Error of c [m] from true angles with noise added (Fig. 9(b)); the noise is the only error stated.
 
     Args:
         estimate: result of the session; its planes are used, but not their angles.
@@ -75,7 +78,7 @@ def com_over_angles(
 
 
 def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
-    """The equi-plane with angle `phi` [rad] of standard deviation `sd`, and without k."""
+    """Equi-plane with angle `phi` [rad] of standard deviation `sd`, and without k."""
     normal = equiplane_normal(plane.direction, plane.up, phi)
     return replace(plane, phi=phi, sd_phi=sd, k=None, sd_k=None, cov_phi_k=0.0, normal=normal)
 
@@ -83,7 +86,7 @@ def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
 def masses_over_moments(
     estimate: Estimate, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Metric of the region masses from the true c and true moments about the edges with noise (Fig. 9(c)).
+    """Metric of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
 
     Subtracting m*R^2 from a moment about the edge leaves I_c,l, whose relative error is about four times as
     large for a tall object.
@@ -124,18 +127,18 @@ def masses_over_moments(
         found.append(
             Sensitivity(
                 level=level,
-                ours=[metric(sided(ours.masses, ours.dividing_plane_normal, body), body)],
+                ours=[metric(in_true_order(ours.masses, ours.dividing_plane_normal, body), body)],
                 paper=[
                     None
                     if paper is None
-                    else metric(sided(paper.masses, paper.dividing_plane_normal, body), body)
+                    else metric(in_true_order(paper.masses, paper.dividing_plane_normal, body), body)
                 ],
             )
         )
     return found
 
 
-def sided(masses: Array, dividing_plane_normal: Array, body: pb.TruthBody) -> Array:
+def in_true_order(masses: Array, dividing_plane_normal: Array, body: pb.TruthBody) -> Array:
     """Region masses (3,) in the ground truth's order of the two sides of the dividing plane."""
     return masses if dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0 else masses[[0, 2, 1]]
 

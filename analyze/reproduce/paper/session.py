@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from analyze.estimation.paper import distance_from_pivot
 from analyze.pipeline.estimate import Estimate, estimate_evidence
-from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_empty
+from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_without_tips
 from analyze.reproduce.paper.miscalibrated import miscalibrated
 from analyze.reproduce.paper.own_choice import own_choice
 from analyze.reproduce.paper.record import (
@@ -32,12 +32,12 @@ from analyze.reproduce.paper.sensitivity import (
     MOMENT_LEVELS,
     PAPER_NOISE_DEG,
     com_over_angles,
+    in_true_order,
     masses_over_moments,
-    sided,
 )
-from analyze.result.document import build
+from analyze.result.document import result_document
 from analyze.result.score import tip_truth
-from analyze.types import Array, TipMotion
+from analyze.types import PHASE_NAMES, Array, TipMotion
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
@@ -45,11 +45,12 @@ if TYPE_CHECKING:
     from analyze.progress import Progress
     from schemas.proto import percuss_pb2 as pb
 
-SWEPT = "carton"
+SWEPT_OBJECT = "carton"
 """Object whose sensitivities are computed; the paper computed them for its carton box."""
-SLICE = 1.0
+SLICE_HALF_CELLS = 1.0
 """Half-thickness of Fig. 12's slice, in cells."""
 PROGRESS_STEPS = 6
+"""Number of steps reported to the progress bar."""
 LANDING_FRAMES = 20
 """Frames of the landing that Fig. 6 shows."""
 SMOOTHING_FRAMES = 5
@@ -67,7 +68,7 @@ class Sweeps:
 
 def sweeps_of(name: str) -> Sweeps:
     """Default sweeps of an object: all for the carton, as in the paper, else the paper's angle noise only."""
-    return Sweeps(ANGLE_LEVELS_DEG, MOMENT_LEVELS, LEVELS_M) if name == SWEPT else Sweeps()
+    return Sweeps(ANGLE_LEVELS_DEG, MOMENT_LEVELS, LEVELS_M) if name == SWEPT_OBJECT else Sweeps()
 
 
 def session_record(
@@ -87,7 +88,7 @@ def session_record(
         progress: called with (text, done, total).
 
     Raises:
-        EstimationError: too few good strikes.
+        EstimationError: too few strikes can be used, or none tipped over.
     """
     report = progress or (lambda _text, _done, _total: None)
     name = evidence.spec.name
@@ -96,7 +97,7 @@ def session_record(
     began = time.process_time()
     exact = estimate_evidence(evidence)
     cpu_s = time.process_time() - began
-    refuse_empty(exact, name)
+    refuse_without_tips(exact, name)
     report("with calibration errors drawn", 1, PROGRESS_STEPS)
     drawn = estimate_evidence(miscalibrated(evidence, rng))
     estimates = {Condition.EXACT: exact, Condition.DRAWN: drawn}
@@ -131,7 +132,7 @@ def session_record(
         ours={condition: _own_answer(estimate, body) for condition, estimate in estimates.items()},
         paper=paper,
         naive_kg={
-            key: sided(masses, exact.distribution.dividing_plane_normal, body).tolist()
+            key: in_true_order(masses, exact.distribution.dividing_plane_normal, body).tolist()
             for key, masses in exact.distribution.baselines.items()
         },
         angle_noise=angle_noise,
@@ -139,13 +140,13 @@ def session_record(
         scan_noise_com=scan_com,
         scan_noise_masses=scan_masses,
         own_choice=own_choice(exact, body),
-        profile=_profile(exact, body) if name == SWEPT else None,
+        profile=_profile(exact, body) if name == SWEPT_OBJECT else None,
         section=_section(exact, body),
     )
 
 
 def _own_answer(estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
-    regions = build(estimate).regions
+    regions = result_document(estimate).regions
     assert regions is not None  # noqa: S101 - every estimate has regions
     same = bool(estimate.distribution.dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0)
     rows = [regions.regions[i] for i in ((0, 1, 2) if same else (0, 2, 1))]
@@ -213,7 +214,7 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
         com_m=answer.com.tolist(),
         masses_kg=None
         if regions is None
-        else sided(regions.masses, regions.dividing_plane_normal, body).tolist(),
+        else in_true_order(regions.masses, regions.dividing_plane_normal, body).tolist(),
         moments=moments,
     )
 
@@ -256,7 +257,7 @@ def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
         mode="valid",
     )
     rate = np.gradient(smooth, seconds)
-    spans = {name: getattr(phases, name) for name in ("rest", "strike", "stage_one", "stage_two", "landing")}
+    spans = {name: getattr(phases, name) for name in PHASE_NAMES}
     last = max(spans[name][1] for name in spans if name != "landing" and spans[name] is not None)
     shown = slice(0, min(len(seconds), last + LANDING_FRAMES))
     return Profile(
@@ -275,10 +276,10 @@ def _true_phi(motion: TipMotion, estimate: Estimate, body: pb.TruthBody) -> floa
 
 
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
-    """Section of the regions through c, normal to O's y."""
+    """Silhouette along O's y, and the regions in a slice through c normal to it."""
     cells, distribution = estimate.cells, estimate.distribution
     outline = estimate.evidence.model.vertices[:, [0, 2]]
-    near = np.abs(cells.points[:, 1] - estimate.com.position[1]) < SLICE * cells.pitch
+    near = np.abs(cells.points[:, 1] - estimate.com.position[1]) < SLICE_HALF_CELLS * cells.pitch
     points = cells.points[near]
     in_shell = cells.shell[near] > 0
     true_normal, true_offset = np.array(body.region_plane[:3]), body.region_plane[3]

@@ -1,4 +1,4 @@
-"""Tables of the reproduction: Tables 1 and 2, error over stated sd, the paper's own strikes, sessions."""
+"""Tables of the reproduction: Tables 1 and 2, error over stated sd, the paper's strikes, all sessions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _METHODS = (
     ("ours", Condition.EXACT, False),
     ("ours, calibration drawn", Condition.DRAWN, False),
 )
-"""Method, condition, and True for the paper's method."""
+"""Rows of Tables 1 and 2: name of the method, condition, and True for the paper's method."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Table:
 
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
     """All tables with rows, in the order of the page."""
-    found = [table1(records), table2(records), honesty(records), own_choice(records), sessions(records)]
+    found = [table1(records), table2(records), stated_errors(records), own_choice(records), sessions(records)]
     return [table for table in found if table.rows]
 
 
@@ -179,34 +179,38 @@ def _masses_row(
     )
 
 
-def honesty(records: Sequence[SessionRecord]) -> Table:
-    """Table of achieved error over stated standard deviation, by condition and quantity."""
+def stated_errors(records: Sequence[SessionRecord]) -> Table:
+    """Table of achieved errors over stated standard deviations, by condition and quantity."""
     rows: list[tuple[Value, ...]] = []
     ours = scores.designed(records)
     for condition in Condition if ours else ():
-        rows += [_honesty_row(condition, each) for each in scores.standardised(ours, condition)]
+        rows += [_stated_error_row(condition, each) for each in scores.standardised(ours, condition)]
         for name in objects_of(scores.within_class(ours)):
             of_it = [record for record in ours if record.object == name]
             each = scores.standardised_masses(of_it, condition, f"region masses, {name}")
             rows.append(
-                _honesty_row(
+                _stated_error_row(
                     condition, each, scores.scatter_of_mean(of_it, condition) if len(of_it) > 1 else None
                 )
             )
     note = (
         "Scatter: root mean square of error over stated sd; 1 is ideal, below 1 the stated sd is "
         "conservative. As calibrated: the rig's files state calibration errors that the virtual rig does not "
-        "have. Of its mean: the part of the scatter that repeats in every session of an object. Region "
+        "have. Scatter of the mean: the part that repeats in every session of an object. Region "
         "masses are means over all dividing planes and fillings that fit: for one body their error is below "
         "the sd, for another above it; over many bodies the scatter is right (`make coverage` draws them)."
     )
     columns = ("calibration", "quantity of the result", "values")
-    last = (Column("scatter", 2), Column("of its mean", 2), Column("held by the 95 % interval [%]", 0))
+    last = (
+        Column("scatter", 2),
+        Column("scatter of the mean", 2),
+        Column("held by the 95 % interval [%]", 0),
+    )
     title = "Achieved error over the stated standard deviation"
     return Table("honesty", title, (*map(Column, columns), *last), tuple(row for row in rows if row[2]), note)
 
 
-def _honesty_row(
+def _stated_error_row(
     condition: Condition, each: scores.Standardised, of_mean: float | None = None
 ) -> tuple[Value, ...]:
     label = "as calibrated" if condition is Condition.EXACT else "calibration errors drawn"

@@ -14,6 +14,7 @@ from analyze.reproduce.paper.sensitivity import PAPER_NOISE_DEG
 from analyze.reproduce.paper.tables import Column, Table, objects_of
 
 SCAN_NOISE_M = 5e-3
+"""Level of scan noise that has a target."""
 
 
 @dataclass(frozen=True)
@@ -24,17 +25,21 @@ class Target:
     unit: str
     digits: int
     paper: str
+    """Value that the paper reported."""
     must: float
+    """Target that has to be reached."""
     aim: float
-    """NaN if there is none."""
+    """Better value to aim for; NaN if there is none."""
     values: Sequence[float]
+    """Values reached, in `unit`."""
     must_text: str = ""
+    """Text in place of `must`, if it is a formula."""
     bound: str = ""
-    """Physical limit in words; shown if the target is missed."""
+    """Sentence on the physical limit; shown if the target is missed."""
 
     @property
     def verdict(self) -> str:
-        """Comparison with the target, by the median or the mean, whichever is worse."""
+        """Outcome by the worse of median and mean: `aim reached`, `reached`, `missed` or `not run`."""
         if not len(self.values):
             return "not run"
         reached = max(float(np.median(self.values)), float(np.mean(self.values)))
@@ -139,7 +144,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
         ]
         metric = [100 * scores.metric(masses, record) for masses, record in answers if masses is not None]
         wrong = [100 * scores.misplaced(masses, record) for masses, record in answers if masses is not None]
-        why = bounds.masses(mine, condition)
+        why = bounds.masses_bound(mine, condition)
         found.append(
             Target(f"region masses, the paper's metric{label}", "%", 1, "11.5", 4, 1.5, metric, bound=why)
         )
@@ -175,7 +180,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
 
 
 def targets_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of targets with the values reached."""
+    """Table of the targets and the values reached."""
     rows = tuple(
         (
             f"{each.quantity} [{each.unit}]",
@@ -226,11 +231,12 @@ def _over_naive(name: str, records: Sequence[SessionRecord]) -> Target:
         50,
         math.nan,
         values,
-        bound=bounds.naive(name, records),
+        bound=bounds.naive_bound(name, records),
     )
 
 
 def _allowed(moments: Sequence[AxisMoment], fraction: float, length: float) -> float:
+    """Target of a relative error, `fraction` + `length` [m] over R, at the median of 1/R."""
     return (
         fraction + length * float(np.median([1 / axis.distance_m for axis in moments]))
         if moments

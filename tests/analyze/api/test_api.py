@@ -1,4 +1,4 @@
-"""The public API of `analyze`: what a notebook does with it, on the committed sample."""
+"""Public API of `analyze` on the committed sample, used as in a notebook."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def found(recording: analyze.Recording) -> analyze.ObjectEstimate:
     return analyze.estimate(recording)
 
 
-def test_importing_loads_nothing_heavy():
+def test_import_loads_no_heavy_module():
     code = "import analyze, sys; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
 
 
-def test_every_public_name_is_there_and_documented():
+def test_every_public_name_exists_and_is_documented():
     for name in analyze.__all__:
         assert getattr(analyze, name) is not None
         assert name in dir(analyze)
@@ -41,7 +41,7 @@ def test_every_public_name_is_there_and_documented():
         _ = analyze.solve
 
 
-def test_a_recording_has_strikes_with_theta_of_t(recording):
+def test_recording_has_strikes_with_theta_of_t(recording):
     strike = recording["s1.1"]
     assert strike.time.shape == strike.theta.shape == strike.theta_sd.shape
     assert strike.time[0] == 0
@@ -54,7 +54,7 @@ def test_a_recording_has_strikes_with_theta_of_t(recording):
         _ = recording["s9"]
 
 
-def test_the_estimate_is_that_of_the_pipeline(found):
+def test_estimate_equals_that_of_the_pipeline(found):
     reference = estimate_recording(SAMPLE)
     assert np.array_equal(found.centre_of_mass.position, reference.com.position)
     assert np.array_equal(found.centre_of_mass.covariance, reference.com.covariance)
@@ -63,7 +63,7 @@ def test_the_estimate_is_that_of_the_pipeline(found):
     assert json.loads(found.to_json()) == found.to_dict()
 
 
-def test_measured_and_prior_entries_are_told_apart_once(found):
+def test_each_tensor_entry_is_marked_measured_or_prior(found):
     text = repr(found.inertia)
     for i in range(3):
         for j in range(i, 3):
@@ -73,13 +73,13 @@ def test_measured_and_prior_entries_are_told_apart_once(found):
     assert np.allclose(axes @ np.diag(moments) @ axes.T, found.inertia.tensor)
 
 
-def test_masses_add_up(found):
+def test_region_masses_add_up_to_the_mass(found):
     assert sum(region.mass for region in found.regions) == pytest.approx(found.mass, rel=1e-4)
     assert [region.name for region in found.regions] == ["shell", "upper", "lower"]
     assert found.parts == ()
 
 
-def test_it_prints_within_a_screen_and_shows_as_tables(recording, found):
+def test_estimate_prints_within_a_screen_and_as_html_tables(recording, found):
     for shown in (recording, recording.strikes[0], found, found.centre_of_mass, found.inertia):
         assert len(repr(shown).splitlines()) <= 40
     html = found._repr_html_()
@@ -87,7 +87,7 @@ def test_it_prints_within_a_screen_and_shows_as_tables(recording, found):
     assert "<table>" in recording._repr_html_()
 
 
-def test_tables(recording, found):
+def test_dataframes(recording, found):
     strikes = recording.to_dataframe()
     assert list(strikes["id"]) == list(recording.strike_ids)
     motion = recording.strikes[0].to_dataframe()
@@ -97,7 +97,7 @@ def test_tables(recording, found):
     json.dumps(recording.to_dict())
 
 
-def test_urdf_holds_the_ten_parameters(found):
+def test_urdf_holds_the_ten_inertial_parameters(found):
     inertial = ET.fromstring(found.urdf())
     assert float(inertial.find("mass").get("value")) == pytest.approx(found.mass)
     origin = [float(value) for value in inertial.find("origin").get("xyz").split()]
@@ -105,7 +105,7 @@ def test_urdf_holds_the_ten_parameters(found):
     assert float(inertial.find("inertia").get("izz")) == pytest.approx(found.inertia.tensor[2, 2], rel=1e-9)
 
 
-def test_report_and_export_take_paths_as_text(found, tmp_path: Path, undrawn):
+def test_report_and_export_accept_paths_as_text(found, tmp_path: Path, undrawn):
     assert found.report(str(tmp_path / "r.html")).read_text().startswith("<!DOCTYPE html>")
     (path,) = found.export(str(tmp_path / "carton.urdf"))
     assert path.exists()
@@ -113,14 +113,14 @@ def test_report_and_export_take_paths_as_text(found, tmp_path: Path, undrawn):
         found.export(tmp_path / "carton.step", format="step")
 
 
-def test_excluded_strikes_are_left_out(recording):
+def test_excluded_strikes_are_not_used(recording):
     fewer = analyze.estimate(recording, exclude={"s3.1"})
     assert [row["id"] for row in fewer.to_dict()["strikes"] if row["used"]] == ["s1.1", "s2.2", "s4.1"]
     with pytest.raises(ValueError, match="no recording: give one or several"):
         analyze.estimate()
 
 
-def test_a_plan_can_be_written_and_read(tmp_path: Path):
+def test_plan_can_be_written_and_read(tmp_path: Path):
     plan = analyze.plan(ROOT / "docs" / "examples" / "teabox.toml", strikes=3)
     assert len(plan.to_dataframe()) == len(plan.document.strikes) == 3
     written = plan.write(tmp_path / "plan.json")

@@ -1,4 +1,4 @@
-"""Placement cards: what is drawn and written is what the plan says."""
+"""Placement cards: pictures and texts agree with the plan."""
 
 import re
 from functools import cache
@@ -32,7 +32,7 @@ def planned(name):
 
 
 @pytest.mark.parametrize("name", ["carton", "salt"])
-def test_the_page_has_a_card_per_strike_and_loads_nothing(name):
+def test_page_has_a_card_per_strike_and_is_self_contained(name):
     plan, model, spec = planned(name)
     html = render_cards(plan, model, spec)
     parser = Balanced()
@@ -46,7 +46,7 @@ def test_the_page_has_a_card_per_strike_and_loads_nothing(name):
     assert render_cards(plan, model, spec) == html
 
 
-def test_a_card_says_the_plans_numbers():
+def test_card_shows_the_plans_numbers():
     plan, model, spec = planned("carton")
     pages = render_cards(plan, model, spec).split("<article")[1:]
     for strike, page in zip(plan.strikes, pages, strict=True):
@@ -62,7 +62,7 @@ def test_a_card_says_the_plans_numbers():
     assert "Put it back exactly as before" in pages[3]
 
 
-def test_measures_are_of_the_object_as_it_lies():
+def test_measures_are_of_the_object_as_placed():
     plan, model, spec = planned("carton")
     for card in cards(plan, model, spec):
         place = card.place
@@ -75,7 +75,7 @@ def test_measures_are_of_the_object_as_it_lies():
         assert place.low[2] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_rim_touches_in_one_point():
+def test_rim_touches_the_line_in_one_point():
     plan, model, spec = planned("salt")
     card = cards(plan, model, spec)[0]
     assert card.place.edge is None
@@ -84,7 +84,7 @@ def test_a_rim_touches_in_one_point():
 
 
 def painted(svg):
-    """The filled paths of a picture of ours as pixels, 4 a unit."""
+    """Filled paths of one of our SVG pictures as pixels, 4 per unit."""
     width, height = map(float, re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg).groups())
     image = np.full((int(4 * height), int(4 * width)), 255, dtype=np.uint8)
     for path, fill in re.findall(r'<path d="([^"]*)" fill="#([0-9a-f]+)"', svg):
@@ -96,7 +96,7 @@ def painted(svg):
 
 
 @pytest.mark.parametrize("name", ["carton", pytest.param("spray", marks=pytest.mark.slow), "salt"])
-def test_the_tag_in_the_pictures_is_the_tag_that_faces_the_camera(name):
+def test_drawn_tag_can_be_detected_and_faces_the_camera(name):
     plan, model, spec = planned(name)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
     seen = {}
@@ -110,8 +110,8 @@ def test_the_tag_in_the_pictures_is_the_tag_that_faces_the_camera(name):
         seen[card.strike.axis_id] = card
 
 
-def test_tags_of_two_families_are_planned_with_and_shown(tmp_path):
-    """A carton whose ends carry 25h9, with numbers that its other tags have too."""
+def test_tags_of_two_families_are_drawn(tmp_path):
+    """A carton whose ends carry tags of family 25h9, with the same ids as its other tags."""
     path = OBJECTS / "carton.toml"
     text = path.read_text().replace('family = "36h11"\nid = 0\n', 'family = "25h9"\nid = 2\n')
     (tmp_path / "carton.toml").write_text(text)
@@ -134,7 +134,7 @@ def test_tags_of_two_families_are_planned_with_and_shown(tmp_path):
     assert "Tag 25h9-2 faces the camera" in render_cards(plan, model, files.spec)
 
 
-def test_a_name_cannot_break_the_page():
+def test_object_name_is_escaped():
     plan, model, spec = planned("carton")
     html = render_cards(plan.model_copy(update={"object_name": "<script>x"}), model, spec)
     assert "<script" not in html
@@ -152,7 +152,7 @@ def test_parallel_views_are_to_scale_and_not_mirrored():
     assert np.linalg.det(scene.axes) == pytest.approx(1.0)
 
 
-def test_a_fine_mesh_is_drawn_with_few_faces_and_keeps_its_edges():
+def test_fine_mesh_is_simplified_and_keeps_its_edges():
     box = trimesh.creation.box([80.0, 60.0, 150.0]).subdivide_to_size(1.2)
     cell = 150.0 / 30
     vertices, faces = simplified(np.asarray(box.vertices), np.asarray(box.faces), cell)
@@ -164,7 +164,7 @@ def test_a_fine_mesh_is_drawn_with_few_faces_and_keeps_its_edges():
     assert off.max() < 1e-3
 
 
-def test_a_fine_mesh_without_hollows_is_drawn_as_its_hull():
+def test_fine_convex_mesh_is_drawn_as_its_hull():
     _, _, spec = planned("carton")
     box = trimesh.creation.box([0.08, 0.06, 0.15]).subdivide().subdivide().subdivide()
     shape = spec.shape.model_copy(update={"box": None, "file": "b.stl", "unit": LengthUnit.METRE})
@@ -187,7 +187,7 @@ def test_hollow_bodies_are_cut_fine_enough_to_be_sorted():
     assert lengths.max() <= hollow.size / 8
 
 
-def test_cards_come_with_the_plan_unless_they_are_left_out(tmp_path):
+def test_plan_command_writes_cards_by_default(tmp_path):
     out = CliRunner().invoke(
         main, ["plan", str(OBJECTS / "carton.toml"), "--strikes", "3", "-o", str(tmp_path / "p.json")]
     )
@@ -210,7 +210,7 @@ def test_cards_come_with_the_plan_unless_they_are_left_out(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"p.json", "p-cards.html", "q.json"}
 
 
-def test_a_strike_beside_the_mark_is_said():
+def test_card_states_an_impact_beside_the_mark():
     plan, model, spec = planned("carton")
     first = plan.strikes[0]
     moved = [x + 0.012 * d for x, d in zip(first.impact.point, first.pivot.direction, strict=True)]
@@ -223,7 +223,7 @@ def test_a_strike_beside_the_mark_is_said():
     assert beside.on_line == plain.on_line
 
 
-def test_the_papers_plan_has_cards_too(tmp_path):
+def test_plan_by_the_papers_rule_has_cards(tmp_path):
     out = CliRunner().invoke(
         main, ["plan", str(OBJECTS / "carton.toml"), "--method", "paper", "-o", str(tmp_path / "p.json")]
     )

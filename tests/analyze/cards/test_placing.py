@@ -1,4 +1,4 @@
-"""The words on a card do what they say."""
+"""Placement instructions on a card: carried out literally, they lead to the planned placement."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def carried_out(steps):
 
 
 @given(quaternions, quaternions)
-def test_the_moves_bring_the_object_from_one_placement_to_the_other(before, now):
+def test_moves_lead_from_one_placement_to_the_other(before, now):
     R_before, R_now = Rotation.from_quat(before).as_matrix(), Rotation.from_quat(now).as_matrix()
     steps = moves(R_before, R_now)
     left_over = Rotation.from_matrix(R_now @ (carried_out(steps) @ R_before).T).magnitude()
@@ -40,22 +40,22 @@ def test_the_moves_bring_the_object_from_one_placement_to_the_other(before, now)
 
 
 @pytest.mark.parametrize(("towards", "direction"), TOWARDS.items())
-def test_a_tilt_brings_the_top_to_where_it_says(towards, direction):
+def test_tilt_moves_the_top_in_the_stated_direction(towards, direction):
     tilt = Tilt(towards, np.pi / 2)
     assert tilt.matrix() @ [0, 0, 1] == pytest.approx(direction)
     assert towards.removeprefix("towards ") in tilt.instruction().partition(":")[2]
 
 
 def test_anticlockwise_is_as_seen_from_above():
-    # What faced the camera (-y) comes to face away from the striker (+x): against the clock for one who looks
-    # down.
+    # The side that faced the camera (-y) then faces away from the striker (+x): anticlockwise seen from
+    # above.
     assert Turn(np.pi / 2).matrix() @ [0, -1, 0] == pytest.approx([1, 0, 0])
     assert placement_change(STANDING, ROUND) == "Turn it by 90° anticlockwise, seen from above"
     assert placement_change(ROUND, STANDING) == "Turn it by 90° clockwise, seen from above"
     assert placement_change(STANDING, ROUND @ ROUND) == "Turn it by 180° on the table"
 
 
-def test_upside_down_is_one_move_where_one_does():
+def test_upside_down_is_a_single_move_if_possible():
     assert (
         placement_change(STANDING, np.diag([1.0, -1, -1]))
         == "Turn it upside down, moving its top away from the camera"
@@ -66,11 +66,11 @@ def test_upside_down_is_one_move_where_one_does():
     )
 
 
-def test_equal_placements_need_no_words():
+def test_equal_placements_need_no_instruction():
     assert placement_change(ROUND, ROUND) == ""
 
 
-def test_a_side_is_named_by_its_tag_else_by_the_shapes_axes():
+def test_side_is_named_by_its_tag_or_else_by_an_axis():
     top = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]]
     spec = ObjectSpec(
         name="b",

@@ -34,8 +34,10 @@ def test_an_estimator_that_means_another_phi_is_named_with_its_number(evidence):
     found = answer_evidence(changed(evidence, 4, lambda motion: shifted(motion, 4.6)))
     name = evidence.motions[4].strike_id
     (warning,) = [each for each in found.result.warnings if each.code is WarningCode.ESTIMATORS_DISAGREE]
-    assert warning.text.startswith(f"strike {name}: sign_change gives a φ +4.60° off pivot_fit's, 4.0 sd")
-    assert any(each.startswith(f"doubt strike {name}: sign_change") for each in found.result.verdict)
+    assert warning.text.startswith(
+        f"strike {name}: φ by sign_change differs from pivot_fit's by +4.60°, 4.0 combined sd"
+    )
+    assert any(each.startswith(f"doubt strike {name}: φ by sign_change") for each in found.result.verdict)
 
 
 def test_what_its_sd_allow_is_no_disagreement(evidence):

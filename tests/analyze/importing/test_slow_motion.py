@@ -38,7 +38,7 @@ def answer(file):
     return json.loads(done.output)
 
 
-def test_8_times_is_found_and_the_remedy_is_right(tmp_path, drawn):
+def test_8_times_slow_motion_is_found_and_the_remedy_is_right(tmp_path, drawn):
     (tmp_path / "wrong").mkdir()
     wrong = imported(tmp_path / "wrong", drawn, STATED)
     found = answer(wrong)
@@ -64,7 +64,7 @@ def test_8_times_is_found_and_the_remedy_is_right(tmp_path, drawn):
     assert np.linalg.norm(off[[0, 2]]) < 1e-3
 
 
-def test_32_times_is_found_though_no_strike_can_be_read(tmp_path, drawn):
+def test_32_times_slow_motion_is_found_though_no_strike_is_readable(tmp_path, drawn):
     done, said = run("estimate", imported(tmp_path, drawn, RATE / 32, only=slice(1, 2)))
     assert done.exit_code == 1
     assert "0 good strikes of 1" in said

@@ -1,4 +1,4 @@
-"""What the answer of a recording depends on, and what it does not; shown on the sample."""
+"""Inputs that the answer of the sample recording depends on, and inputs that it must not depend on."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def answer() -> str:
     return run("estimate", SAMPLE, "--json")
 
 
-def test_the_same_bytes_again_and_with_another_truth(answer, tmp_path):
+def test_result_bytes_are_reproducible_and_independent_of_the_ground_truth(answer, tmp_path):
     bare = tmp_path / "bare.mcap"
     remove_topics(SAMPLE, bare, topics.TRUTH_PREFIX)
     lying = shutil.copyfile(bare, tmp_path / "lying.mcap")
@@ -39,7 +39,7 @@ def test_the_same_bytes_again_and_with_another_truth(answer, tmp_path):
         assert a.content_id == b.content_id
 
 
-def test_score_has_the_keys_that_scripts_read():
+def test_score_has_all_documented_keys():
     score = json.loads(run("score", SAMPLE, "--json"))
     strikes = len(score["strike_ids"])
     assert score["centre_of_mass_error_m"] < 0.002
@@ -47,7 +47,7 @@ def test_score_has_the_keys_that_scripts_read():
     assert score["region_mass_error_relative"] >= 0
 
 
-def test_excluding_a_strike_is_said_and_changes_the_answer(answer):
+def test_excluding_a_strike_gives_a_warning_and_changes_the_answer(answer):
     whole = json.loads(answer)
     used = [s["id"] for s in whole["strikes"] if s["used"]]
     less = json.loads(run("estimate", SAMPLE, "--json", "--exclude", used[0]))
@@ -56,8 +56,8 @@ def test_excluding_a_strike_is_said_and_changes_the_answer(answer):
     assert less["centre_of_mass"]["value"] != whole["centre_of_mass"]["value"]
 
 
-def test_the_report_is_one_file_that_needs_nothing_else(tmp_path, undrawn):
-    """Its plots neither: results/test_report.py, which draws them."""
+def test_report_is_one_self_contained_file(tmp_path, undrawn):
+    """Plots are not drawn here; report/test_report.py draws them."""
     run("report", SAMPLE, "-o", tmp_path / "r.html")
     html = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "centre of mass" in html.lower()
@@ -65,8 +65,8 @@ def test_the_report_is_one_file_that_needs_nothing_else(tmp_path, undrawn):
     assert 'src="data:' in html or "<svg" in html
 
 
-def test_a_rounding_measured_afterwards_moves_the_centre_of_mass(answer, tmp_path):
-    """Each 0.1 mm of it moves the centre line by as much off both faces."""
+def test_edge_radius_given_afterwards_shifts_the_centre_of_mass(answer, tmp_path):
+    """Each 0.1 mm of radius moves the rounding's centre line by 0.1 mm from both faces."""
     with open_recording(SAMPLE) as recording:
         own = recording.attachments["object.toml"].decode()
     assert "edge_radius_m = 0.001\n" in own

@@ -44,7 +44,7 @@ def codes(estimate):
     return {warning.code for warning in estimate.result.warnings}
 
 
-def test_a_simulated_session_is_met_within_the_targets(estimate):
+def test_estimate_of_a_simulated_session_reaches_the_targets(estimate):
     assert np.linalg.norm(estimate.estimate.com.position - BODY.com) < 1e-3
     for moment in estimate.result.moments:
         truth = np.array(moment.direction) @ BODY.inertia @ moment.direction
@@ -52,12 +52,14 @@ def test_a_simulated_session_is_met_within_the_targets(estimate):
     assert np.abs(estimate.estimate.distribution.masses - BODY.regions).mean() / BODY.mass < 0.04
 
 
-def test_a_wall_of_unknown_thickness_is_swept_and_widens_the_masses(evidence, estimate):
+def test_unknown_shell_thickness_is_estimated_and_widens_region_masses(evidence, estimate):
     spec = evidence.spec.model_copy(update={"shell_thickness_m": None})
     found = answer_evidence(replace(evidence, spec=spec))
     low, high = found.result.regions.shell_thickness.interval95
     assert low < BODY.pitch < high
-    assert high < found.estimate.distribution.shell.swept[1] / 2, "the moments say something of it"
+    assert high < found.estimate.distribution.shell.swept[1] / 2, (
+        "the moments narrow the range of thicknesses"
+    )
     assert np.all(found.estimate.distribution.intervals[:, 0] < BODY.regions)
     assert np.all(found.estimate.distribution.intervals[:, 1] > BODY.regions)
     assert (
@@ -68,11 +70,11 @@ def test_a_wall_of_unknown_thickness_is_swept_and_widens_the_masses(evidence, es
     assert "shell_thickness" not in json.loads(estimate.json())["regions"]
 
 
-def test_the_same_evidence_gives_the_same_bytes(evidence, estimate):
+def test_same_evidence_gives_the_same_bytes(evidence, estimate):
     assert answer_evidence(evidence).json() == estimate.json()
 
 
-def test_the_json_is_a_valid_result(estimate):
+def test_json_is_a_valid_result(estimate):
     data = json.loads(estimate.json())
     assert Result.model_validate(data) == estimate.result
     assert "NaN" not in estimate.json()
@@ -80,7 +82,7 @@ def test_the_json_is_a_valid_result(estimate):
     assert sum(strike["information_share"] for strike in data["strikes"]) == pytest.approx(1)
 
 
-def test_an_excluded_strike_is_left_out_and_said_so(evidence):
+def test_excluded_strike_is_not_used_and_gives_a_warning(evidence):
     name = evidence.motions[0].strike_id
     found = answer_evidence(evidence, EstimateOptions(exclude=frozenset({name})))
     row = found.result.strikes[0]
@@ -89,7 +91,7 @@ def test_an_excluded_strike_is_left_out_and_said_so(evidence):
     assert len(found.estimate.planes) == len(evidence.motions) - 1
 
 
-def test_a_bad_strike_is_listed_with_its_reason_and_not_used(evidence):
+def test_unusable_strike_is_listed_with_its_reason(evidence):
     lost = TipMotion(
         evidence.motions[2].strike_id,
         evidence.motions[2].plan_strike_id,
@@ -106,7 +108,7 @@ def test_a_bad_strike_is_listed_with_its_reason_and_not_used(evidence):
     assert not found.result.strikes[2].used
 
 
-def test_strikes_that_were_planned_and_not_made_are_named(evidence, estimate):
+def test_warning_names_planned_strikes_that_were_not_made(evidence, estimate):
     assert WarningCode.RECORDING_INCOMPLETE not in codes(estimate)
     found = answer_evidence(replace(evidence, motions=evidence.motions[:-2]))
     text = next(each.text for each in found.result.warnings if each.code is WarningCode.RECORDING_INCOMPLETE)
@@ -119,7 +121,7 @@ def test_too_few_strikes_are_refused_with_count_and_remedy(evidence):
         answer_evidence(replace(evidence, motions=evidence.motions[:2]))
 
 
-def test_strikes_excluded_on_request_are_named_apart_from_those_that_went_wrong(evidence):
+def test_too_few_strikes_message_separates_excluded_and_unusable_strikes(evidence):
     four = evidence.motions[:4]
     slid = replace(four[3], verdict=Verdict.SLID, fit=None)
     names = [motion.strike_id for motion in four]
@@ -131,7 +133,8 @@ def test_strikes_excluded_on_request_are_named_apart_from_those_that_went_wrong(
     with pytest.raises(EstimationError) as caught:
         answer_evidence(found, EstimateOptions(exclude=frozenset(names[:2])))
     assert str(caught.value) == (
-        f"1 good strike of 4, 3 are needed (excluded on request: {names[0]}, {names[1]}; not usable: {names[3]} slid): exclude fewer"
+        f"1 good strike of 4, 3 are needed (excluded on request: {names[0]}, {names[1]}; not usable:"
+        f" {names[3]} slid): exclude fewer"
     )
     both = found.plan.model_copy(update={"strikes": evidence.plan.strikes[:2]})
     with pytest.raises(
@@ -147,7 +150,7 @@ def test_strikes_excluded_on_request_are_named_apart_from_those_that_went_wrong(
         answer_evidence(replace(evidence, motions=evidence.motions[:2]))
 
 
-def test_parallel_axes_end_in_a_result_that_names_the_open_direction(evidence):
+def test_parallel_axes_give_a_result_with_the_unobserved_direction(evidence):
     along_y = tuple(motion for motion in evidence.motions if motion.strike_id.startswith(("z-/x", "x-/z")))
     found = answer_evidence(replace(evidence, motions=along_y))
     com = found.result.centre_of_mass
@@ -156,7 +159,7 @@ def test_parallel_axes_end_in_a_result_that_names_the_open_direction(evidence):
     assert WarningCode.DIRECTION_UNOBSERVED in codes(found)
 
 
-def test_the_papers_estimator_stands_beside(estimate):
+def test_result_holds_the_papers_estimates(estimate):
     assert estimate.result.centre_of_mass_paper is not None
     assert estimate.result.strikes[0].alternatives[0].estimator == "sign_change"
     by_paper = answer_evidence(estimate.estimate.evidence, EstimateOptions(estimator="sign_change"))
@@ -164,7 +167,7 @@ def test_the_papers_estimator_stands_beside(estimate):
     assert ours < theirs
 
 
-def test_true_phi_and_i_edge_are_those_of_the_rounded_edge(evidence):
+def test_true_phi_and_i_edge_are_about_the_roundings_centre_line(evidence):
     strike = evidence.plan.strikes[0]
     phi, k = tip(BODY, strike)
     truth = tip_truth(strike, truth_body())
@@ -172,7 +175,7 @@ def test_true_phi_and_i_edge_are_those_of_the_rounded_edge(evidence):
     assert truth.i_edge == pytest.approx(BODY.mass * 9.81 * truth.distance / k, rel=1e-9)
 
 
-def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, estimate):
+def test_verdict_names_trusted_quantities_and_strikes_to_repeat(evidence, estimate):
     words = estimate.result.verdict
     assert words[0].startswith("trust the centre of mass, to ")
     assert not any(each.startswith("repeat") for each in words)
@@ -198,7 +201,7 @@ def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, est
     ]
 
 
-def test_the_score_holds_the_agreed_keys(estimate, monkeypatch, tmp_path):
+def test_score_has_the_documented_keys(estimate, monkeypatch, tmp_path):
     monkeypatch.setattr(
         "analyze.result.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()})
     )
@@ -212,7 +215,7 @@ def test_the_score_holds_the_agreed_keys(estimate, monkeypatch, tmp_path):
     json.dumps(score, allow_nan=False)
 
 
-def test_the_summary_names_the_answer(estimate):
+def test_summary_shows_the_answer(estimate):
     console = Console(width=80, record=True, file=open("/dev/null", "w"), highlight=False)  # noqa: PTH123, SIM115 - closed below
     render_summary(estimate, console)
     text = console.export_text()
@@ -227,7 +230,7 @@ def _rolling_texts(evidence, options=None):
     return [warning.text for warning in found.result.warnings if warning.code is WarningCode.ROLLING_CONTACT]
 
 
-def test_what_rolling_leaves_open_is_said_and_no_more(evidence):
+def test_rolling_contact_warnings_only_where_they_apply(evidence):
     assert not _rolling_texts(evidence)
     axis = evidence.plan.strikes[0].axis_id
     strikes = [
@@ -249,7 +252,7 @@ def test_what_rolling_leaves_open_is_said_and_no_more(evidence):
     def with_flank(radius_sd):
         return replace(evidence, motions=(on_a_flank(evidence.motions[0], radius_sd), *evidence.motions[1:]))
 
-    assert not _rolling_texts(with_flank(2e-4)), "rolling_fit deals with it"
+    assert not _rolling_texts(with_flank(2e-4)), "rolling_fit models it"
     (text,) = _rolling_texts(with_flank(4e-3))
     assert "±20%" in text
     (text,) = _rolling_texts(with_flank(2e-4), EstimateOptions(estimator="pivot_fit"))

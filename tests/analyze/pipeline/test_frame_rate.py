@@ -1,4 +1,4 @@
-"""Recordings whose frame times a file states: what the answer says of them, and what it is where they are wrong."""
+"""Answers from recordings whose frame rate only a video file states, with right and wrong rates."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def codes(estimate):
     return {warning.code for warning in estimate.result.warnings}
 
 
-def test_a_rate_that_holds_is_said_with_its_error(right):
+def test_consistent_rate_is_reported_with_its_error(right):
     (times,) = right.result.frame_times
     assert times.possible
     assert times.rate_limits[0] < 1 < times.rate_limits[1]
@@ -52,13 +52,13 @@ def test_a_rate_that_holds_is_said_with_its_error(right):
     render_summary(right, console)
     said = console.file.getvalue()
     assert (
-        "time source: container time stamps (± 0.02 ms), 120 frames a second as stated; contact from the motion's onset, ± 4.5 ms"
-        in said
+        "time source: container time stamps (± 0.02 ms), 120 frames a second as stated; contact from the"
+        " motion's onset, ± 4.5 ms" in said
     )
     assert "frame rate: 1.00" in said
 
 
-def test_960_taken_for_120_is_found_named_and_the_answer_goes_without_it(wrong):
+def test_slow_motion_of_960_stated_as_120_is_detected_and_not_used(wrong):
     (times,) = wrong.result.frame_times
     assert not times.possible
     assert times.likely_rate_hz == 960
@@ -75,16 +75,16 @@ def test_960_taken_for_120_is_found_named_and_the_answer_goes_without_it(wrong):
         truth = np.array(moment.direction) @ BODY.inertia @ moment.direction
         assert abs(moment.i_com.value - truth) < 3 * moment.i_com.sd
     for strike in wrong.result.strikes:
-        assert strike.i_edge.value < 6e-4, "g cm^2: as the motion has it, not 64 times that"
+        assert strike.i_edge.value < 6e-4, "g cm^2: as in the motion, not 64 times that"
 
 
-def test_the_json_reads_back_and_one_with_device_times_says_nothing(wrong):
+def test_json_reads_back_and_device_times_have_no_frame_rate_entry(wrong):
     assert Result.model_validate(json.loads(wrong.json())) == wrong.result
     own = answer_evidence(session(BODY, np.random.default_rng(3), repeats=1))
     assert "frame_times" not in json.loads(own.json())
 
 
-def test_of_several_recordings_only_the_wrong_ones_k_is_left_out(right):
+def test_k_is_discarded_only_for_the_recording_with_a_wrong_rate(right):
     mixed = answer_evidence(merge_evidence([recording(stated(1.0), "a"), recording(stated(8.0), "bb")]))
     assert [times.possible for times in mixed.result.frame_times] == [True, False]
     assert {plane.strike_id.split(":")[0] for plane in mixed.estimate.planes if plane.k is None} == {"2"}
@@ -92,7 +92,7 @@ def test_of_several_recordings_only_the_wrong_ones_k_is_left_out(right):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_rate_that_nothing_checks_is_said_so_in_the_report_too():
+def test_unchecked_rate_is_reported_as_such_in_summary_and_report():
     evidence = stated(1.0)
     few = answer_evidence(replace(evidence, motions=evidence.motions[:3]))
     (times,) = few.result.frame_times
@@ -107,7 +107,7 @@ def test_a_rate_that_nothing_checks_is_said_so_in_the_report_too():
     assert "film a drop" in page
 
 
-def test_a_rate_that_a_drop_measured_is_known_as_well_as_that(right):
+def test_rate_measured_by_a_drop_has_the_drops_sd(right):
     evidence = stated(1.0)
     (head,) = evidence.recordings
     cameras = [head.manifest.cameras[0].model_copy(update={"frame_rate_sd_hz": 1.2})]

@@ -1,4 +1,7 @@
-"""Several recordings of one object as one body of evidence: no strike twice, no shared error averaged away, no order that matters."""
+"""Merging of recordings of one object.
+
+No strike counts twice, no shared error is averaged away, and the order of the files does not matter.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyze.errors import EstimationError, JoinError
+from analyze.errors import EstimationError, MergeError
 from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.priors import ComPrior
@@ -29,13 +32,14 @@ BODY = carton()
 SD_PHI, SD_K = 4e-4, 2e-3
 CHI2_RUNS = 40
 CHI2_3 = (1.85, 4.35)
-"""mean of 40 values of chi squared with 3 degrees of freedom: 3 -+ 3 and 3.5 standard deviations (2.45 / sqrt 40), as it is skew"""
+"""limits of the mean of 40 values of chi squared with 3 degrees of freedom: 3 - 3 and 3 + 3.5 standard
+deviations (2.45 / sqrt 40 each), because its distribution is skew"""
 
 
 def recording(evidence: Evidence, name: str, **manifest: object) -> Evidence:
-    """The same strikes as a recording of their own."""
+    """Evidence with the same strikes, as a recording named `name` with these manifest entries."""
     (head,) = evidence.recordings
-    told = {"recording_id": name, "created": f"2026-01-0{1 + len(name) % 9}T00:00:00Z", **manifest}
+    entries = {"recording_id": name, "created": f"2026-01-0{1 + len(name) % 9}T00:00:00Z", **manifest}
     ids = tuple(motion.strike_id for motion in evidence.motions)
     return replace(
         evidence,
@@ -44,7 +48,7 @@ def recording(evidence: Evidence, name: str, **manifest: object) -> Evidence:
                 head,
                 path=Path(f"{name}.mcap"),
                 content_id=sha256_text(name),
-                manifest=head.manifest.model_copy(update=told),
+                manifest=head.manifest.model_copy(update=entries),
                 strike_ids=ids,
                 files=(f"{name}.mcap",),
             ),
@@ -53,17 +57,20 @@ def recording(evidence: Evidence, name: str, **manifest: object) -> Evidence:
 
 
 def part(evidence: Evidence, start: int, stop: int, name: str, **manifest: object) -> Evidence:
-    """Some of its strikes as a recording of their own."""
+    """Evidence with the strikes `start` to `stop`, as a recording of its own."""
     return recording(replace(evidence, motions=evidence.motions[start:stop]), name, **manifest)
 
 
-def light(
+def session_without_frames(
     rng: np.random.Generator,
     tilt: float,
     moved: dict[str, np.ndarray],
     axes: tuple[tuple[int, int, int, int], ...],
 ) -> Evidence:
-    """A session of two strikes per axis without frames, on a table tilted by `tilt` [rad], the real edges `moved` [m] by axis id."""
+    """Session of two strikes per axis, with phi and k but no frames.
+
+    The table is tilted by `tilt` [rad]; the true edges are displaced by `moved` [m], by axis id.
+    """
     plain = session_of(axes)
     motions: list[TipMotion] = []
     for strike in plain.plan.strikes:
@@ -87,7 +94,7 @@ BARE = session(BODY, np.random.default_rng(0), repeats=1)
 
 
 def com_of(evidence: Evidence) -> CentreOfMass:
-    """The centre of mass alone, which is quick."""
+    """Centre of mass without all else, which is quick."""
     prior = ComPrior.from_bounds(*evidence.model.bounds)
     return centre_of_mass(equiplanes(evidence, evidence.motions), systematic_errors(evidence), prior)
 
@@ -112,7 +119,7 @@ def one(whole) -> Answer:
     return answer_evidence(whole)
 
 
-def test_two_halves_are_the_whole(whole, one, joint):
+def test_two_halves_give_the_answer_of_the_whole(whole, one, joint):
     assert [motion.strike_id.partition(":")[2] for motion in joint.estimate.evidence.motions] == [
         motion.strike_id for motion in whole.motions
     ]
@@ -128,18 +135,18 @@ def test_two_halves_are_the_whole(whole, one, joint):
     assert [each.axis_id for each in joint.result.moments] == [each.axis_id for each in one.result.moments]
 
 
-def test_the_order_of_the_files_changes_no_byte(halves, joint):
+def test_order_of_the_files_does_not_change_the_bytes(halves, joint):
     assert answer_evidence(merge_evidence(halves[::-1])).json() == joint.json()
 
 
-def test_the_joint_is_better_than_either(halves, joint):
+def test_joint_estimate_is_more_accurate_than_either(halves, joint):
     for half in halves:
         alone = com_of(half).covariance
         assert np.linalg.eigvalsh(alone - com_of(joint.estimate.evidence).covariance).min() > -1e-12
         assert np.trace(com_of(joint.estimate.evidence).covariance) < 0.9 * np.trace(alone)
 
 
-def test_a_joint_result_names_its_recordings(halves, joint):
+def test_joint_result_lists_its_recordings(halves, joint):
     inputs = joint.result.inputs
     assert inputs.recordings is not None
     assert [(each.number, each.recording_id) for each in inputs.recordings] == [(1, "a"), (2, "bb")]
@@ -149,13 +156,13 @@ def test_a_joint_result_names_its_recordings(halves, joint):
     assert Result.model_validate_json(joint.json()) == joint.result
 
 
-def test_a_result_of_one_recording_is_written_as_ever(one):
+def test_result_of_one_recording_has_no_list_of_recordings(one):
     assert one.result.inputs.recordings is None
     assert "recordings" not in canonical_json(one.result.inputs)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_joint_report_lists_its_recordings(whole):
+def test_joint_report_lists_its_recordings(whole):
     short = answer_evidence(merge_evidence((part(whole, 0, 2, "a"), part(whole, 2, 3, "bb"))))
     html = render_report(short, [])
     for head in short.estimate.evidence.recordings:
@@ -165,7 +172,7 @@ def test_a_joint_report_lists_its_recordings(whole):
     assert "2 recordings" in html
 
 
-def test_a_strike_is_left_out_by_its_joint_id(halves):
+def test_strike_is_excluded_by_its_merged_id(halves):
     heads = by_start_time([half.recordings[0] for half in halves])
     last = heads[1].strike_ids[-1]
     assert resolve_exclusions(heads, frozenset({f"2:{last}"})) == {f"2:{last}"}
@@ -176,30 +183,30 @@ def test_a_strike_is_left_out_by_its_joint_id(halves):
         resolve_exclusions(heads, frozenset({"3:s1.1"}))
     both = [heads[0], replace(heads[0], path=Path("c.mcap"))]
     with pytest.raises(
-        EstimationError, match=r"more than one strike '(.*)' to exclude: say which of 1:\1, 2:\1$"
+        EstimationError, match=r"more than one strike '(.*)' to exclude: give one of 1:\1, 2:\1$"
     ):
         resolve_exclusions(both, frozenset({heads[0].strike_ids[0]}))
     without = answer_evidence(merge_evidence(halves), EstimateOptions(exclude=frozenset({f"2:{last}"})))
     assert [(row.id, row.used) for row in without.result.strikes][-1] == (f"2:{last}", False)
 
 
-# --- what does not belong together ----------------------------------------------------------------------------------
+# --- recordings that cannot be merged
 
 
-def test_the_same_recording_twice_is_refused(halves):
+def test_same_recording_twice_is_refused(halves):
     copy = recording(halves[0], "a")
     copy = replace(copy, recordings=(replace(copy.recordings[0], path=Path("copy.mcap")),))
     with pytest.raises(
-        JoinError,
-        match=r"^a.mcap and copy.mcap are the same recording: no strike may count twice, name it once$",
+        MergeError,
+        match=r"^a.mcap and copy.mcap are the same recording: no strike may count twice: give it once$",
     ):
         merge_evidence((halves[0], copy))
 
 
-def test_a_strike_that_two_files_hold_is_refused(whole):
-    """As a copy of a recording of which a file is missing does."""
+def test_strike_held_by_two_files_is_refused(whole):
+    """Such as a copy of a recording of which a file is missing."""
     with pytest.raises(
-        JoinError, match=r"of one recording, and both hold strike .*: no strike may count twice"
+        MergeError, match=r"of one recording, and both hold strike .*: no strike may count twice"
     ):
         merge_evidence((part(whole, 0, 6, "a"), part(whole, 5, 12, "bb", recording_id="a")))
     assert (
@@ -208,14 +215,14 @@ def test_a_strike_that_two_files_hold_is_refused(whole):
     )
 
 
-def test_another_object_is_refused(halves):
+def test_recording_of_another_object_is_refused(halves):
     one, other = halves
     spec = one.spec.model_copy(
         update={"name": "jar", "shape": one.spec.shape.model_copy(update={"scale_sd": 0.01})}
     )
     corrected = recording(other, "bb", object=spec, object_sha256="0" * 64)
     with pytest.raises(
-        JoinError, match=r"^a.mcap and bb.mcap describe their object differently \(name\).*--object$"
+        MergeError, match=r"^a.mcap and bb.mcap describe their object differently \(name\).*--object$"
     ):
         merge_evidence((one, corrected))
     overridden = [replace(each, object_path_used=True) for each in (one, corrected)]
@@ -225,17 +232,17 @@ def test_another_object_is_refused(halves):
         other, "bb", object=spec.model_copy(update={"shape": spec.shape.model_copy(update={"box": box})})
     )
     with pytest.raises(
-        JoinError,
+        MergeError,
         match=r"^a.mcap \(test box\) and bb.mcap \(jar\) are of different objects: estimate each by itself$",
     ):
         merge_evidence([replace(each, object_path_used=True) for each in (one, taller)])
 
 
-# --- what is shared ---------------------------------------------------------------------------------------------------
+# --- errors that recordings share
 
 
 def renamed(evidence: Evidence, names: dict[str, str], along: float = 0.0) -> Evidence:
-    """The same plan with other axis ids, and pivots named by other points of the same lines."""
+    """Evidence with other axis ids, and pivot points moved along the same lines by `along` [m]."""
     strikes = [
         strike.model_copy(
             update={
@@ -243,8 +250,8 @@ def renamed(evidence: Evidence, names: dict[str, str], along: float = 0.0) -> Ev
                 "pivot": strike.pivot.model_copy(
                     update={
                         "point": (
-                            np.array(strike.pivot.point) + along * np.array(strike.pivot.direction)
-                        ).tolist()
+                            (np.array(strike.pivot.point) + along * np.array(strike.pivot.direction)).tolist()
+                        )
                     }
                 ),
             }
@@ -254,7 +261,7 @@ def renamed(evidence: Evidence, names: dict[str, str], along: float = 0.0) -> Ev
     return replace(evidence, plan=evidence.plan.model_copy(update={"strikes": strikes}))
 
 
-def test_an_edge_is_recognised_under_another_name(halves, joint):
+def test_edge_with_another_id_is_recognised(halves, joint):
     names = {
         axis: f"other {i}"
         for i, axis in enumerate(sorted({strike.axis_id for strike in halves[1].plan.strikes}))
@@ -266,7 +273,7 @@ def test_an_edge_is_recognised_under_another_name(halves, joint):
     ]
 
 
-def test_one_name_for_two_edges_makes_two_axes(halves):
+def test_same_id_for_two_edges_gives_two_axes(halves):
     one, other = sorted({strike.axis_id for strike in halves[1].plan.strikes})[:2]
     swapped = renamed(halves[1], {one: other, other: one})
     assert {strike.axis_id for strike in merge_evidence((halves[0], swapped)).plan.strikes} == {
@@ -285,8 +292,8 @@ def test_one_name_for_two_edges_makes_two_axes(halves):
     assert axes[f"2:{other}#0"] == f"2:{one}"
 
 
-def test_an_edges_error_is_not_averaged_away(whole):
-    """Twelve strikes on the same edges, in one recording or in six: what they share keeps its part."""
+def test_shared_error_of_an_edge_is_not_averaged_away(whole):
+    """Twelve strikes on the same edges give the same covariance in one recording or in six."""
     noisy = [
         replace(motion, fit=dataclasses.replace(motion.fit, covariance=1e-4 * motion.fit.covariance))
         for motion in whole.motions
@@ -305,7 +312,7 @@ def test_an_edges_error_is_not_averaged_away(whole):
     assert np.allclose(com_of(merge_evidence(as_if_new)).covariance, often, rtol=1e-6)
 
 
-def test_one_table_has_one_tilt_and_two_have_two(halves):
+def test_one_tilt_per_table_levelling(halves):
     same = merge_evidence(halves)
     assert levelling_indices(same.recordings) == [0, 0]
     assert systematic_errors(same).other_tilt_sds == ()
@@ -317,8 +324,8 @@ def test_one_table_has_one_tilt_and_two_have_two(halves):
     assert {plane.strike_id[0]: plane.level for plane in equiplanes(other, other.motions)} == {"1": 0, "2": 1}
 
 
-def test_k_goes_with_each_places_gravity(halves):
-    """1 % less g is 1 % less k: the moments must not hear of it."""
+def test_k_is_scaled_to_the_gravity_of_each_place(halves):
+    """A g lower by 1 % makes k lower by 1 %, and must not change the moments."""
     one, other = halves
     g = 0.99 * one.manifest.g_m_s2
     lighter = [
@@ -332,15 +339,15 @@ def test_k_goes_with_each_places_gravity(halves):
         )
         for motion in other.motions
     ]
-    # The manifest refuses a g that is nowhere on Earth; the estimate does not ask.
+    # The manifest refuses values of g that do not occur on Earth; the estimate accepts them.
     moved = replace(other, motions=tuple(lighter))
     moved = part(moved, 0, 6, "bb", g_m_s2=g)
     here, there = (answer_evidence(merge_evidence((one, each))).estimate.inertial for each in (other, moved))
     assert np.allclose(here.inertia, there.inertia, rtol=1e-9)
 
 
-def fair(seed: int, *, tables: int) -> float:
-    """Normalised squared error of c of a joint of two sessions whose errors were drawn as declared."""
+def squared_mahalanobis(seed: int, *, tables: int) -> float:
+    """Squared Mahalanobis error of c from two merged sessions with errors drawn from their stated sd."""
     rng = np.random.default_rng(seed)
     sd_edge, sd_tilt = 2e-4, 1e-3
     moved: dict[str, np.ndarray] = {}
@@ -359,7 +366,7 @@ def fair(seed: int, *, tables: int) -> float:
     slips = {axis: rng.normal(0, 2e-4) for axis in moved}
     sessions = []
     for i, axes in enumerate((SIX_AXES[:4], SIX_AXES[2:])):
-        found = light(rng, tilts[i], moved, axes)
+        found = session_without_frames(rng, tilts[i], moved, axes)
         motions = [
             replace(m, fit=dataclasses.replace(m.fit, phi=m.fit.phi + slips[found.planned(m).axis_id]))
             for m in found.motions
@@ -379,7 +386,7 @@ def fair(seed: int, *, tables: int) -> float:
 
 
 def refilled(evidence: Evidence, moved_kg: float) -> Evidence:
-    """The same object with some of its upper part's mass in the lower."""
+    """Evidence of the same object with `moved_kg` of its upper part moved to the lower."""
     body = box_body(
         (0.08, 0.06, 0.15), (0.026, 0.014 - moved_kg, 0.004 + moved_kg), 0.005, (0.5, -0.35, 0.79)
     )
@@ -387,19 +394,20 @@ def refilled(evidence: Evidence, moved_kg: float) -> Evidence:
     return replace(evidence, motions=other.motions, plan=other.plan)
 
 
-def test_an_object_that_was_refilled_in_between_is_noticed(whole, halves, joint):
+def test_object_refilled_between_recordings_gives_a_warning(whole, halves, joint):
     assert WarningCode.RECORDINGS_DISAGREE not in {warning.code for warning in joint.result.warnings}
     found = answer_evidence(merge_evidence((halves[0], part(refilled(whole, 0.002), 6, 12, "bb"))))
     text = next(
         warning.text for warning in found.result.warnings if warning.code is WarningCode.RECORDINGS_DISAGREE
     )
     assert re.search(
-        r"centres of mass lie 2\.\d mm apart, more than their errors allow: was the object opened, refilled or exchanged",
+        r"centres of mass lie 2\.\d mm apart, more than their errors allow: was the object opened, refilled"
+        r" or exchanged",
         text,
     )
 
 
-def test_recordings_of_one_body_agree_and_of_two_do_not(whole):
+def test_recordings_of_one_body_agree_and_of_two_bodies_disagree(whole):
     def compared(*evidence: Evidence) -> Agreement:
         both = merge_evidence(evidence)
         planes = equiplanes(both, both.motions)
@@ -422,8 +430,8 @@ def test_recordings_of_one_body_agree_and_of_two_do_not(whole):
 
 
 @pytest.mark.parametrize("tables", [1, 2])
-def test_intervals_of_joint_sessions_are_honest(tables):
-    found = np.array([fair(seed, tables=tables) for seed in range(CHI2_RUNS)])
+def test_covariance_of_joint_sessions_matches_the_errors(tables):
+    found = np.array([squared_mahalanobis(seed, tables=tables) for seed in range(CHI2_RUNS)])
     low, high = CHI2_3
     assert low < found.mean() < high
-    assert np.mean(found < 7.81) > 0.86, "95 % regions hold the truth"
+    assert np.mean(found < 7.81) > 0.86, "95 % regions hold the true value"

@@ -1,4 +1,4 @@
-"""Two sessions on one object, from the files on: the sample's four strikes as two recordings of two."""
+"""Commands on two recordings of one object, made from the sample's four strikes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_two_sessions_are_estimated_as_one(folder: Path, tmp_path: Path) -> None:
+def test_two_sessions_are_estimated_jointly(folder: Path, tmp_path: Path) -> None:
     a, b = folder / "a.mcap", folder / "b.mcap"
     whole, joint = answer("estimate", SAMPLE, "--json"), answer("estimate", a, b, "--json")
     assert answer("estimate", b, a, "--json") == joint
@@ -54,10 +54,10 @@ def test_two_sessions_are_estimated_as_one(folder: Path, tmp_path: Path) -> None
     assert [each["id"].partition(":")[2] for each in joint["strikes"]] == [
         each["id"] for each in whole["strikes"]
     ]
-    told = run("estimate", b, a, "--exclude", joint["strikes"][0]["id"])
-    assert told.exit_code == 0
-    assert "2 recordings" in told.stdout
-    assert "1: a.mcap" in told.stdout
+    done = run("estimate", b, a, "--exclude", joint["strikes"][0]["id"])
+    assert done.exit_code == 0
+    assert "2 recordings" in done.stdout
+    assert "1: a.mcap" in done.stdout
     assert answer("score", a, b, "--json")["centre_of_mass_error_m"] < 0.002
     done = run("report", a, b, "-o", tmp_path / "joint.html")
     assert done.exit_code == 0, done.stderr
@@ -68,17 +68,17 @@ def test_two_sessions_are_estimated_as_one(folder: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_a_plan_goes_on_from_both(folder: Path, tmp_path: Path) -> None:
+def test_plan_continues_from_both_sessions(folder: Path, tmp_path: Path) -> None:
     a, b, thing = folder / "a.mcap", folder / "b.mcap", folder / "object.toml"
     both = answer("plan", thing, "--given", b, "--given", a, "--strikes", 2, "--json")
     assert [each["id"] for each in both["strikes"]] == ["s5", "s6"]
-    # The touch of the virtual rig's arm, which nobody tells the planner, has a restitution of about 0.4.
+    # The impact of the virtual rig's arm has a restitution of about 0.4, which the planner has to learn.
     striker = both["hypothesis"]["striker"]
     assert striker["restitution_sd"] < 0.08
     assert abs(striker["restitution"] - 0.4) < 2 * striker["restitution_sd"]
     assert any("4 strikes so far" in warning for warning in both["warnings"])
     (tmp_path / "r.json").write_text(run("estimate", a, b, "--json").stdout, encoding="utf-8")
-    # A result does not tell on which rig it was made.
+    # A printed result does not name the rig on which it was made.
     from_result = answer(
         "plan", thing, "--given", tmp_path / "r.json", "--rig", folder / "rig.toml", "--strikes", 2, "--json"
     )
@@ -88,16 +88,16 @@ def test_a_plan_goes_on_from_both(folder: Path, tmp_path: Path) -> None:
     ]
     twice = run("plan", thing, "--given", a, "--given", b, "--given", tmp_path / "r.json", "--strikes", 2)
     assert twice.exit_code == 1
-    assert "are of the same recording: no strike may count twice, give one of them" in twice.stderr
+    assert "hold the same recording: no strike may count twice: give one of them" in twice.stderr
 
 
-def test_what_does_not_belong_together_is_refused_before_the_work(folder: Path, tmp_path: Path) -> None:
+def test_unmergeable_files_are_refused_before_the_estimate(folder: Path, tmp_path: Path) -> None:
     a, b = folder / "a.mcap", folder / "b.mcap"
     for verb in ("estimate", "score", "report"):
         more = ["-o", tmp_path / "r.html"] if verb == "report" else []
         done = run(verb, a, b, a, *more)
         assert done.exit_code == 1
-        assert f"{a} and {a} are the same recording: no strike may count twice, name it once" in done.stderr
+        assert f"{a} and {a} are the same recording: no strike may count twice: give it once" in done.stderr
     done = run("estimate", a, b, "--exclude", "s77.1")
     assert done.exit_code == 1
     assert "no strike 's77.1' to exclude: its strikes are 1:" in done.stderr
@@ -109,29 +109,32 @@ def test_what_does_not_belong_together_is_refused_before_the_work(folder: Path, 
     assert not list(tmp_path.iterdir())
 
 
-def test_another_objects_recording_is_refused_by_name(folder: Path, tmp_path: Path) -> None:
+def test_recording_of_another_object_is_refused_with_both_paths(folder: Path, tmp_path: Path) -> None:
     other = _described(folder / "b.mcap", tmp_path / "c.mcap", mass_kg=0.05)
     done = run("estimate", folder / "a.mcap", other)
     assert done.exit_code == 1
-    text = f"{folder / 'a.mcap'} and {other} describe their object differently (mass_kg): if it is one, give what holds for both with --object"
+    text = (
+        f"{folder / 'a.mcap'} and {other} describe their object differently (mass_kg): if it is the same"
+        " object, give one object file for both with --object"
+    )
     assert text in done.stderr
 
 
-def test_other_truths_are_not_scored_together(folder: Path, tmp_path: Path) -> None:
+def test_recordings_with_different_ground_truths_are_not_scored(folder: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare.mcap"
     remove_topics(folder / "b.mcap", bare, topics.TRUTH_PREFIX)
     done = run("score", folder / "a.mcap", bare)
     assert done.exit_code == 1
-    assert f"{bare}: holds no truth" in done.stderr
+    assert f"{bare}: holds no ground truth" in done.stderr
     body = pb.TruthBody(mass_kg=1.0, com_object=[0.5, 0.5, 0.5], inertia_com=[1.0] * 9)
     append_topics(bare, [(topics.TRUTH_BODY, 1_700_000_000_000_000_000, body.SerializeToString())])
     done = run("score", folder / "a.mcap", bare)
     assert done.exit_code == 1
-    assert f"{folder / 'a.mcap'} and {bare}: hold different truths" in done.stderr
+    assert f"{folder / 'a.mcap'} and {bare}: hold different ground truths" in done.stderr
 
 
 def _described(source: Path, copy: Path, **changed: object) -> Path:
-    """The recording with another description of its object."""
+    """Copy of a recording with these entries of its object file changed."""
     with open_recording(source) as recording:
         spec = recording.object_spec.model_copy(update=changed)
     rewritten(source, copy, {"object": spec, "object_sha256": object_sha256(spec, None)})

@@ -1,4 +1,4 @@
-"""The recordings that are checked in: each schema version's sample stays readable, gives the right answer, and opens in rerun."""
+"""Committed sample recordings, one per schema version: readable, with the right answer, opened by rerun."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from tests.places import RECORDINGS
 SAMPLES = sorted(RECORDINGS.glob("sample-*.mcap"))
 
 
-def test_this_schema_version_has_its_sample():
+def test_current_schema_version_has_a_sample():
     assert RECORDINGS / f"sample-{SCHEMA_VERSION}.mcap" in SAMPLES
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda path: path.stem)
-def test_a_sample_gives_the_right_answer(sample):
+def test_every_sample_gives_the_right_answer(sample):
     done = CliRunner().invoke(analyze, ["estimate", str(sample), "--json"], catch_exceptions=False)
     assert done.exit_code == 0, done.stderr
     result = Result.model_validate_json(done.stdout)
@@ -34,7 +34,7 @@ def test_a_sample_gives_the_right_answer(sample):
 
 
 @pytest.mark.slow
-def test_marker_masses_are_part_of_what_tips_and_taken_off_the_answer(tmp_path):
+def test_marker_masses_are_included_in_the_tip_and_subtracted_from_the_answer(tmp_path):
     sample = RECORDINGS / f"sample-{SCHEMA_VERSION}.mcap"
     with open_recording(sample) as recording:
         own = recording.attachments["object.toml"].decode()
@@ -53,13 +53,15 @@ def test_marker_masses_are_part_of_what_tips_and_taken_off_the_answer(tmp_path):
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=lambda path: path.stem)
-def test_rerun_opens_a_sample_as_it_is(sample, tmp_path):
-    """rerun's own MCAP loader, in a process of its own: it installs signal handlers and threads."""
+def test_rerun_opens_every_sample_unchanged(sample, tmp_path):
+    """rerun's MCAP loader runs in a separate process, because it installs signal handlers and threads."""
     program = (
         "import json, sys\n"
         "from rerun.chunk import McapReader, RrdReader\n"
-        "McapReader(sys.argv[1]).stream().write_rrd(sys.argv[2], application_id='percuss', recording_id='sample')\n"
-        "print(json.dumps([str(column) for column in RrdReader(sys.argv[2]).store().schema().component_columns()]))\n"
+        "source, copy = sys.argv[1:]\n"
+        "McapReader(source).stream().write_rrd(copy, application_id='percuss', recording_id='sample')\n"
+        "columns = RrdReader(copy).store().schema().component_columns()\n"
+        "print(json.dumps([str(column) for column in columns]))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, str(sample), str(tmp_path / "s.rrd")],

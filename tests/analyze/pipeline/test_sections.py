@@ -1,4 +1,4 @@
-"""The section that an object rolls on, and the angle at which its next face lands, from its shape."""
+"""Rolling outline of an object, and the angle at which its next face lands, from its shape."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def an_object(shape):
 
 
 def moulded(body=BODY, width=0.08):
-    """An extruded body with a flank, and the strike over it: pivot at the ellipse's centre."""
+    """Extruded body with an elliptic flank, and a strike over it with the pivot at the ellipse's centre."""
     outline = body.outline(24)
     points = np.concatenate(
         [
@@ -48,11 +48,11 @@ def moulded(body=BODY, width=0.08):
     return spec, data, strike
 
 
-def test_a_mesh_gives_its_flank():
+def test_mesh_with_a_flank_has_a_rolling_outline():
     spec, data, strike = moulded()
     for section in (
         rolling_outline(load_object_model(spec, data, "bowl.stl"), strike),
-        MeshSections(spec, lambda: data).of(strike),
+        MeshSections(spec, lambda: data).outline(strike),
     ):
         assert section is not None
         theta = np.radians(np.linspace(2, 60, 30))
@@ -60,18 +60,18 @@ def test_a_mesh_gives_its_flank():
         assert np.abs(height - np.hypot(BODY.a * np.sin(theta), BODY.b * np.cos(theta))).max() < 2e-6
 
 
-def test_a_box_has_none():
+def test_box_has_no_rolling_outline():
     spec = an_object(Shape(box=Box(size_m=[0.06, 0.05, 0.2])))
     assert rolling_outline(load_object_model(spec, None, "box"), planned(0.002)) is None
-    assert MeshSections(spec, lambda: None).of(planned(0.002)) is None
+    assert MeshSections(spec, lambda: None).outline(planned(0.002)) is None
 
 
-def test_a_shape_that_cannot_be_read_is_no_obstacle():
+def test_unreadable_shape_gives_no_outline_and_no_error():
     spec, _, strike = moulded()
-    assert MeshSections(spec, lambda: b"no mesh at all").of(strike) is None
+    assert MeshSections(spec, lambda: b"no mesh at all").outline(strike) is None
 
 
-def test_what_lies_on_a_bevel_hops_and_does_not_roll():
+def test_bevel_has_no_rolling_outline():
     bevel = RollingBody(0.01, 0.01, (-0.02, 0.06), 0.003)
     outline = bevel.outline(1)
     assert len(outline) == 5
@@ -83,7 +83,7 @@ def test_what_lies_on_a_bevel_hops_and_does_not_roll():
     assert rolling_outline(load_object_model(spec, data, "bowl.stl"), strike) is None
 
 
-def test_a_replay_draws_it_rolling_as_it_was_fitted():
+def test_replay_poses_roll_as_fitted():
     rng = np.random.default_rng(4)
     body = draw_rolling(rng, 0.04, 0.02)
     spec, data, strike = moulded(body)
@@ -100,8 +100,8 @@ def test_a_replay_draws_it_rolling_as_it_was_fitted():
     assert np.ptp(p[tipping, 0]) > 0.01, "and goes along it"
 
 
-def test_a_moulded_rounding_that_is_declared_too_is_the_meshs():
-    """The plan's pivot point is inset from where the bottom ends; on a mesh with the rounding in it, the centre is right above."""
+def test_rounding_in_both_mesh_and_object_file_is_taken_from_the_mesh():
+    """The rounding's centre is above the end of the bottom face; the planned pivot point is farther in."""
     body = RollingBody(0.006, 0.006, (-0.02, 0.06), 0.003, 0.15)
     spec, data, strike = moulded(body)
     pivot = strike.pivot.model_copy(update={"point": [-body.a, 0.0, 0.0], "radius_m": body.a})
@@ -111,11 +111,11 @@ def test_a_moulded_rounding_that_is_declared_too_is_the_meshs():
     assert section is not None
     along, over, radius = section.centre(0.4)
     np.testing.assert_allclose((along, over, radius), (body.a, 0.0, body.a), atol=5e-5)
-    assert section.of_shape(0.4)
-    assert section.sd < 1e-4, "the mesh knows it, whatever the plan's edge is known to"
+    assert section.touches_curve(0.4)
+    assert section.sd < 1e-4, "the sd is the mesh's, not that of the plan's edge"
 
 
-def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
+def test_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
     spec, data = spec_of({"file": "b.stl", "unit": "mm"}, edge_radius_m=0.001), stl(hexagon(35, 80))
     model, live = load_object_model(spec, data, "b.stl"), MeshSections(spec, lambda: data)
     found = set()
@@ -136,6 +136,6 @@ def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
     assert found == {True, False}
 
 
-def test_what_rolls_on_a_flank_does_not_land():
+def test_body_on_a_flank_has_no_landing_angle():
     spec, data, strike = moulded()
     assert next_face_angle(load_object_model(spec, data, "bowl.stl"), strike) is None

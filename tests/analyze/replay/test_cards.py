@@ -1,4 +1,4 @@
-"""The cards in rerun: a step per strike, and something to see."""
+"""Placement cards in rerun: a timeline step per strike, with visible contents."""
 
 import time
 
@@ -34,8 +34,8 @@ def rrd(planned, tmp_path_factory):
     return output
 
 
-class Kept:
-    """A stream that keeps what is logged, by step and path."""
+class RecordingStreamSpy:
+    """Stand-in for a rerun stream that keeps what is logged, by step and path; it sends nothing."""
 
     def __init__(self):
         self.step, self.logged = 0, {}
@@ -54,9 +54,9 @@ def numbers(batch):
     return np.concatenate([np.ravel(row) for row in batch.as_arrow_array().to_pylist()])
 
 
-def test_each_strike_is_a_step_at_which_the_object_lies_as_planned(planned):
+def test_object_lies_as_planned_at_each_timeline_step(planned):
     plan, model, spec = planned
-    kept = Kept()
+    kept = RecordingStreamSpy()
     log_scenes(kept, plan, model, spec, default_camera())
     assert {step for step, _, _ in kept.logged} == set(range(len(plan.strikes) + 1))
     for number, strike in enumerate(plan.strikes, start=1):
@@ -73,12 +73,12 @@ def test_each_strike_is_a_step_at_which_the_object_lies_as_planned(planned):
         assert numbers(camera.translation) == pytest.approx(np.array(strike.camera_pose)[:3, 3], abs=1e-6)
 
 
-def test_the_file_is_written_whole(rrd):
+def test_file_is_complete(rrd):
     assert rrd.read_bytes()[:4] == b"RRF2"
     assert [path.name for path in rrd.parent.iterdir()] == ["cards.rrd"]
 
 
-def test_the_words_are_the_cards(planned):
+def test_texts_equal_those_of_the_printed_cards(planned):
     plan = planned[0]
     for card in cards(*planned):
         text = card_text(card)
@@ -86,7 +86,7 @@ def test_the_words_are_the_cards(planned):
         assert f"{1000 * plan.strikes[card.number - 1].impact_height_m:.0f} mm" in text
 
 
-def test_it_is_written_by_the_command_and_leaves_no_part(tmp_path):
+def test_command_writes_the_file_and_leaves_no_part_file(tmp_path):
     out = CliRunner().invoke(
         main, ["plan", str(CARTON), "--strikes", "3", "--rerun", str(tmp_path / "c.rrd")]
     )
@@ -95,13 +95,13 @@ def test_it_is_written_by_the_command_and_leaves_no_part(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["c.rrd"]
 
 
-def test_a_place_that_cannot_be_written_gives_one_line(planned, tmp_path):
+def test_unwritable_path_gives_a_one_line_error(planned, tmp_path):
     with pytest.raises(OutputError, match="create it first"):
         write_card_scenes(*planned, default_camera(), tmp_path / "gone" / "c.rrd")
 
 
 @pytest.mark.slow
-def test_what_is_seen_is_not_blank(rrd, vulkan, tmp_path):
+def test_rendered_picture_is_not_blank(rrd, vulkan, tmp_path):
     picture = tmp_path / "c.png"
     with headless_viewer(rrd) as client:
         client.set_time(STRIKE, sequence=1)

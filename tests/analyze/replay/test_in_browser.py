@@ -16,17 +16,18 @@ from tests.places import FIRST_SAMPLE
 
 SIZE = (800, 600)
 SCENE = (slice(100, 400), slice(20, 420))
-"""of the window's pixels, on the page with the answer: the body with its equi-planes"""
+"""rows and columns of the window in which the answer page shows the body with its equi-planes"""
 COLOURED = 0.04
-"""of them are equi-planes', on a dark ground; of a strike's page, which comes before, nearly all are grey"""
+"""least share of coloured pixels there, which the equi-planes give, on a dark ground; on a strike's page,
+which is shown before, nearly all are grey"""
 PATIENCE_S = 150.0
-"""on a computer that has other work; alone it takes a tenth"""
+"""on a busy computer; an idle one takes a tenth"""
 RERUNS_OWN = {"fonts.googleapis.com", "tel.rerun.io", "app.rerun.io", "api.github.com"}
-"""hosts that rerun's web viewer asks for by itself: a font, telemetry, examples, its newest version"""
+"""hosts that rerun's web viewer contacts of its own accord: a font, telemetry, examples, version check"""
 
 
 def coloured_on_dark(picture: np.ndarray) -> float:
-    """Share of coloured pixels, 0 where the ground is light: rerun's welcome is."""
+    """Share of coloured pixels; 0 if the background is light, as that of rerun's welcome page."""
     return float((np.ptp(picture, axis=2) > 30).mean()) if np.median(picture) < 60 else 0.0
 
 
@@ -44,7 +45,7 @@ def address():
 
 @pytest.mark.slow  # draws in software: 25 s of both cores
 @pytest.mark.timeout(240)
-def test_the_web_replay_draws_what_was_sent(chromium_webgl, address):
+def test_web_replay_draws_the_answer_page(chromium_webgl, address):
     assert re.match(r"http://127\.0\.0\.1:\d+/", address)
     elsewhere: set[str] = set()
     with watched_viewer(chromium_webgl, SIZE, elsewhere) as shown:

@@ -1,4 +1,4 @@
-"""What is drawn over the image lies where the camera sees it."""
+"""Overlay on the image: positions in pixels agree with the detected tags."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def read():
         return struck, markers, reading, planned, camera_from_spec(recording.manifest.cameras[0].calibration)
 
 
-def test_the_fitted_pose_lies_over_the_tag_that_was_seen(read):
+def test_projected_tag_of_the_fitted_pose_lies_on_the_detected_tag(read):
     _, markers, reading, planned, camera = read
     tracks, motion = reading.report.tracks, reading.motion
     rest = overlay.pose_at_rest(planned, tracks, markers, camera, contact_of(reading.record))
@@ -41,7 +41,7 @@ def test_the_fitted_pose_lies_over_the_tag_that_was_seen(read):
     assert np.abs(drawn - seen).max() < 1.0  # px, of 80
 
 
-def test_a_wireframe_has_the_body_s_edges_and_a_round_body_its_outline(read):
+def test_wireframe_is_sharp_edges_or_the_outline_of_a_round_body(read):
     struck, *_, planned, camera = read
     R, p = np.array([planned.R_world_object]), np.array([planned.p_world_object])
     (lines,) = overlay.wireframe(struck.model, camera, R, p)
@@ -53,7 +53,7 @@ def test_a_wireframe_has_the_body_s_edges_and_a_round_body_its_outline(read):
     np.testing.assert_allclose(round_body[0][0], round_body[0][-1])
 
 
-def test_what_is_behind_the_camera_is_not_drawn():
+def test_points_behind_the_camera_are_not_drawn():
     camera = CameraModel(
         640, 480, np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(5), np.eye(4)
     )

@@ -41,8 +41,8 @@ TOPICS = [
 STRIKES = ["s1.1", "s2.2", "s3.1", "s4.1"]
 
 
-class Shown:
-    """What a .rrd holds, by entity."""
+class RrdContents:
+    """Contents of a .rrd file, by entity."""
 
     def __init__(self, path: Path) -> None:
         self.chunks: dict[str, list] = {}
@@ -79,12 +79,12 @@ def replay(path: Path, output: Path, options: ReplayOptions | None = None):
         done = replay_recording(
             find_recording(path), target, options or ReplayOptions(), lambda *step: steps.append(step)
         )
-    return done, Shown(output), steps
+    return done, RrdContents(output), steps
 
 
 @pytest.fixture(scope="module")
 def read():
-    """What the sample's strikes showed when they were read first, by their ids."""
+    """Readings of the sample's strikes by id, filled when they are read first."""
     return {}
 
 
@@ -101,7 +101,7 @@ def sample(read, tmp_path_factory):
 
 @pytest.fixture
 def read_before(sample, read, monkeypatch):
-    """Strikes are not tracked anew: their images are read, and what they showed is known."""
+    """Reuse the sample's readings: images are read again, but markers are not tracked again."""
 
     def known(source, struck, markers, record):
         assert list(source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
@@ -110,7 +110,7 @@ def read_before(sample, read, monkeypatch):
     monkeypatch.setattr("analyze.pipeline.evidence.read_strike", known)
 
 
-def test_every_strike_has_its_images_curves_bands_and_pose(sample):
+def test_every_strike_has_images_curves_phases_and_pose(sample):
     done, shown, _ = sample
     assert not done.problems
     assert 0.02 < done.moment_s < 0.6
@@ -131,7 +131,7 @@ def test_every_strike_has_its_images_curves_bands_and_pose(sample):
         assert shown.chunks[strike(name, "camera/pivot")]
 
 
-def test_the_answer_and_the_session_have_their_pages(sample):
+def test_answer_and_session_have_pages(sample):
     _, shown, _ = sample
     assert "Centre of mass (" in shown.text("/summary")
     assert "4 of 4 strikes used" in shown.text("/summary")
@@ -144,13 +144,13 @@ def test_the_answer_and_the_session_have_their_pages(sample):
     assert shown.rows("/session/clock/mapping") > 4
 
 
-def test_the_first_strike_goes_out_first(sample):
+def test_first_strike_is_sent_first(sample):
     _, _, steps = sample
     assert [text for text, _, _ in steps] == [*(f"strike {name}" for name in STRIKES), "estimating"]
     assert all(done < total for _, done, total in steps)
 
 
-def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
+def test_images_are_jpeg_at_reduced_rate_by_default(tmp_path):
     found = {}
     with open_recording(FIRST_SAMPLE) as recording:
         record = recording.strikes[0]
@@ -163,7 +163,7 @@ def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
         assert send_pictures(Timelines(stream, 0), "/camera", frames, record.contact_time_ns, choice)
         stream.flush()
         stream.disconnect()
-        found[choice] = Shown(tmp_path / "r.rrd").images("/camera")
+        found[choice] = RrdContents(tmp_path / "r.rrd").images("/camera")
     few, every, exact = found.values()
     assert len(frames) == len(every) == 24
     assert len(few) == len(exact) == 12
@@ -174,13 +174,12 @@ def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
     )
 
 
-# --- what is not whole
-# ------------------------------------------------------------------------------------------------
+# --- damaged recordings
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """The sample with its messages in a recorder's order: a strike is recorded after its images."""
+    """The sample with its messages in a recorder's order: each strike record after the strike's images."""
     path = tmp_path_factory.mktemp("recorded") / "session.mcap"
     with open_recording(FIRST_SAMPLE) as recording, McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(recording.manifest)})
@@ -199,7 +198,7 @@ def recorded(tmp_path_factory):
 
 
 @pytest.mark.usefixtures("read_before")
-def test_a_cut_recording_is_replayed_up_to_the_cut_and_says_so(recorded, tmp_path):
+def test_cut_recording_is_replayed_up_to_the_cut_with_a_message(recorded, tmp_path):
     path, output = tmp_path / "cut.mcap", tmp_path / "cut.rrd"
     path.write_bytes(recorded[: int(len(recorded) * 0.7)])
     done = CliRunner().invoke(main, ["replay", str(path), "--save", str(output)])
@@ -209,24 +208,24 @@ def test_a_cut_recording_is_replayed_up_to_the_cut_and_says_so(recorded, tmp_pat
     assert "acquire recover" in line
     assert "replayed as far as it can be read: 2 strikes" in line
     assert done.stdout == f"replay: {output}\n"
-    shown = Shown(output)
+    shown = RrdContents(output)
     assert shown.rows(strike("s2.2", "theta/fitted")) > 20
     assert strike("s4.1", "camera/image") not in shown.chunks
     assert "No answer" in shown.text("/summary")
 
 
-def test_a_recording_cut_before_its_first_strike_was_told_shows_its_images(tmp_path):
+def test_recording_cut_before_its_first_strike_record_shows_its_images(tmp_path):
     data = FIRST_SAMPLE.read_bytes()
     path, output = tmp_path / "cut.mcap", tmp_path / "cut.rrd"
     path.write_bytes(data[: int(len(data) * 0.5)])
     done = CliRunner().invoke(main, ["replay", str(path), "--save", str(output)])
     assert done.exit_code == 1
     assert "replayed as far as it can be read: 0 strikes" in done.stderr
-    assert Shown(output).rows("/session/camera") > 5
+    assert RrdContents(output).rows("/session/camera") > 5
 
 
 @pytest.mark.usefixtures("read_before")
-def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
+def test_damaged_chunk_loses_only_its_images_and_is_reported(tmp_path):
     data = bytearray(FIRST_SAMPLE.read_bytes())
     with open_recording(FIRST_SAMPLE) as recording:
         record = recording.strikes[1]
@@ -241,7 +240,7 @@ def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
     (line,) = done.stderr.splitlines()
     assert "damaged" in line
     assert "replayed as far as it can be read: 4 strikes" in line
-    shown = Shown(output)
+    shown = RrdContents(output)
     assert 0 < shown.rows(strike("s2.2", "camera/image")) < 45
     for name in ("s1.1", "s3.1", "s4.1"):
         assert shown.rows(strike(name, "camera/image")) >= 40
@@ -250,7 +249,7 @@ def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
 
 
 @pytest.mark.usefixtures("read_before")
-def test_too_few_strikes_are_still_replayed(tmp_path):
+def test_too_few_strikes_for_an_answer_are_replayed(tmp_path):
     output = tmp_path / "few.rrd"
     done = CliRunner().invoke(
         main, ["replay", str(FIRST_SAMPLE), "--exclude", "s1.1", "--exclude", "s2.2", "--save", str(output)]
@@ -258,13 +257,13 @@ def test_too_few_strikes_are_still_replayed(tmp_path):
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert "2 good strikes of 4, 3 are needed" in line
-    shown = Shown(output)
+    shown = RrdContents(output)
     assert shown.rows(strike("s1.1", "theta/fitted")) > 20
     assert "No answer" in shown.text("/summary")
     assert "3 are needed" in shown.text("/summary")
 
 
-def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
+def test_unreadable_object_file_leaves_the_images(tmp_path):
     broken = tmp_path / "object.toml"
     broken.write_text("name = 3", encoding="utf-8")
     output = tmp_path / "r.rrd"
@@ -273,39 +272,38 @@ def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
     )
     assert done.exit_code == 1
     assert "object.toml" in done.stderr
-    shown = Shown(output)
+    shown = RrdContents(output)
     assert shown.rows(strike("s4.1", "camera/image")) >= 40
     assert "cannot be measured" in shown.text(strike("s4.1", "text"))
 
 
 @pytest.mark.parametrize(
-    ("more", "says"),
+    ("more", "message"),
     [
         (["--exclude", "s9.1"], "no strike 's9.1' to exclude: its strikes are s1.1, s2.2, s3.1, s4.1"),
         (["--page", "s9.1"], "has no page 's9.1': choose one of answer, s1.1, s2.2, s3.1, s4.1, session"),
         (["--save", "/nowhere/r.rrd"], "create it first"),
     ],
 )
-def test_what_is_asked_wrongly_gives_one_line(more, says, tmp_path):
+def test_wrong_options_give_a_one_line_error(more, message, tmp_path):
     output = [] if "--save" in more else ["--save", str(tmp_path / "r.rrd")]
     done = CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), *more, *output])
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
-    assert says in line
+    assert message in line
     assert not list(tmp_path.iterdir())
 
 
-def test_ways_of_looking_that_exclude_each_other_are_wrong_usage():
+def test_exclusive_destinations_are_wrong_usage():
     for more in (["--web", "--save", "r.rrd"], ["--no-browser"]):
         assert CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), *more]).exit_code == 2
 
 
-# --- a session that still runs
-# ----------------------------------------------------------------------------------------
+# --- running sessions
 
 
 @pytest.mark.usefixtures("read_before")
-def test_a_running_session_is_followed_strike_by_strike(recorded, tmp_path, monkeypatch):
+def test_running_session_is_followed_strike_by_strike(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
     monkeypatch.setattr("analyze.replay.run._NEXT_FILE_S", 0.2)
     data = recorded
@@ -335,14 +333,14 @@ def test_a_running_session_is_followed_strike_by_strike(recorded, tmp_path, monk
     progress_texts = [text for text in seen if text.startswith("strike")]
     assert progress_texts == [f"strike {name}" for name in STRIKES]
     assert seen[-1] == "estimating"
-    shown = Shown(output)
+    shown = RrdContents(output)
     for name in STRIKES:
         assert shown.rows(strike(name, "camera/image")) >= 40
         assert shown.rows(strike(name, "theta/fitted")) > 20
     assert "4 of 4 strikes used" in shown.text("/summary")
 
 
-def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkeypatch):
+def test_interrupted_session_is_reported_once_its_file_stops_growing(tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
     monkeypatch.setattr("analyze.replay.recording_file.STILL_S", 0.3)
     data = FIRST_SAMPLE.read_bytes()
@@ -354,7 +352,7 @@ def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkey
     assert shown.rows("/session/camera") or shown.chunks["/summary"]
 
 
-def test_without_a_screen_one_line_says_what_to_do_instead(monkeypatch):
+def test_missing_screen_gives_a_one_line_error_with_the_remedy(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
     with native_viewer(1) as viewer:

@@ -1,4 +1,4 @@
-"""Rerun's own processes: on loopback alone, gone with the command, and what they draw is not blank."""
+"""Rerun's own processes: they listen on loopback only, end with the command, and draw the pages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROOT = FIRST_SAMPLE.parents[1]
 
 
 def listening(port: int) -> set[str]:
-    """Addresses on which a port is listened on, as /proc has them."""
+    """Addresses on which a port is open, in hexadecimal as in /proc/net."""
     found = set()
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
         for line in Path(table).read_text(encoding="ascii").splitlines()[1:]:
@@ -40,7 +40,7 @@ def children(pid: int) -> list[int]:
     ]
 
 
-def test_the_web_viewer_serves_on_loopback_and_ends_with_ctrl_c(tmp_path):
+def test_web_viewer_serves_on_loopback_only_and_ends_with_ctrl_c(tmp_path):
     stderr = (tmp_path / "stderr").open("w+")
     command = [sys.executable, "-m", "analyze", "replay", str(FIRST_SAMPLE), "--web", "--no-browser"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=stderr, text=True)
@@ -70,7 +70,7 @@ def test_the_web_viewer_serves_on_loopback_and_ends_with_ctrl_c(tmp_path):
         stderr.close()
 
 
-def test_a_terminated_replay_leaves_no_viewer():
+def test_terminated_replay_leaves_no_viewer():
     command = [sys.executable, "-m", "analyze", "replay", str(FIRST_SAMPLE), "--web", "--no-browser"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout is not None

@@ -1,4 +1,4 @@
-"""What a replay draws, as arrays."""
+"""Arrays that a replay draws: poses, curves, plane sections, regions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def estimate(evidence):
     return estimate_evidence(evidence)
 
 
-def test_the_object_turns_about_its_pivot(evidence):
+def test_object_turns_about_its_pivot(evidence):
     motion = evidence.motions[0]
     planned = evidence.planned(motion)
     R, p = views.object_poses(planned, motion.angle)
@@ -41,7 +41,7 @@ def test_the_object_turns_about_its_pivot(evidence):
     assert np.all(np.linalg.det(R) > 0.999999)
 
 
-def test_at_phi_the_centre_of_mass_is_drawn_above_the_pivot(evidence, estimate):
+def test_centre_of_mass_is_above_the_pivot_at_phi(evidence, estimate):
     for motion in evidence.motions:
         planned = evidence.planned(motion)
         R, p = views.object_poses(planned, motion.angle)
@@ -63,7 +63,7 @@ def test_fitted_curves_follow_the_measured_ones(evidence):
     )  # 0.05 deg at 120 fps, differenced
 
 
-def test_an_equiplane_is_drawn_where_it_cuts_the_object(evidence, estimate):
+def test_plane_section_lies_on_plane_and_hull(evidence, estimate):
     for plane in estimate.planes:
         cut = views.plane_section(evidence.model, plane.point, plane.normal, margin=1.0)
         assert len(cut) >= 3
@@ -74,7 +74,7 @@ def test_an_equiplane_is_drawn_where_it_cuts_the_object(evidence, estimate):
     assert outside.shape == (0, 3)
 
 
-def test_the_ellipsoid_holds_95_percent():
+def test_ellipsoid_holds_95_percent():
     rng = np.random.default_rng(2)
     A = rng.normal(size=(3, 3)) * 1e-3
     half, axes = views.ellipsoid(A @ A.T, 0.0)
@@ -82,7 +82,7 @@ def test_the_ellipsoid_holds_95_percent():
     assert np.mean(np.sum((drawn @ axes / half) ** 2, axis=1) < 1) == pytest.approx(0.95, abs=0.01)
 
 
-def test_the_fitted_acceleration_is_that_of_the_fitted_angle(evidence):
+def test_fitted_acceleration_agrees_with_the_fitted_angle(evidence):
     motion = evidence.motions[0]
     fitted = views.fitted_curves(motion.angle, motion.fit)
     # about the edge theta'' = k (theta - phi) near the balance, whatever the estimator
@@ -98,14 +98,14 @@ def test_the_fitted_acceleration_is_that_of_the_fitted_angle(evidence):
     )  # rad/s^2: 0.05 deg at 120 fps, differentiated twice
 
 
-def test_an_answer_has_regions_and_a_density_for_every_cell(estimate):
+def test_drawn_answer_has_regions_and_a_density_for_every_cell(estimate):
     answer = views.drawn_answer(estimate)
     assert [region.name for region in answer.regions] == list(estimate.distribution.names)
     assert len(answer.voxels.points) == len(answer.voxels.density)
 
 
-def test_the_moment_shown_is_when_the_object_stands_on_its_edge(evidence):
+def test_balance_moment_is_the_end_of_stage_one(evidence):
     motion = evidence.motions[0]
-    assert 0.02 < views.shown_moment(motion) < 0.6
-    assert views.shown_moment(None) == pytest.approx(0.2)
-    assert views.shown_moment(dataclasses.replace(motion, angle=None)) == pytest.approx(0.2)
+    assert 0.02 < views.balance_moment(motion) < 0.6
+    assert views.balance_moment(None) == pytest.approx(0.2)
+    assert views.balance_moment(dataclasses.replace(motion, angle=None)) == pytest.approx(0.2)

@@ -27,7 +27,7 @@ def estimate():
 
 @pytest.fixture(scope="module")
 def short():
-    """Of three strikes: half as many plots to draw."""
+    """Answer from three strikes: half as many plots to draw."""
     evidence = session(carton(), np.random.default_rng(3), repeats=1)
     return answer_evidence(replace(evidence, motions=evidence.motions[:3]))
 
@@ -37,19 +37,19 @@ def html(short):
     return render_report(short, [STILL])
 
 
-def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
+def test_page_is_complete_and_self_contained(html):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
     assert (
         parser.tags.count("svg") == 9 + 3
-    )  # three views, sources, influences, regions, voxels, moments, foretold; a plot per strike
+    )  # three views, sources, influences, regions, voxels, moments, predictions; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
 
 
-def test_it_holds_the_numbers(estimate, undrawn):
+def test_page_shows_the_results_numbers(estimate, undrawn):
     html = render_report(estimate, [STILL])
     for value in estimate.estimate.com.position:
         assert number(1e3 * value, 2) in html
@@ -63,7 +63,7 @@ def test_it_holds_the_numbers(estimate, undrawn):
 
 
 @pytest.mark.parametrize(
-    ("intervals", "said"),
+    ("intervals", "expected"),
     [
         (
             [(0.011, 0.044), (0, 0.03), (0, 0.03)],
@@ -71,33 +71,35 @@ def test_it_holds_the_numbers(estimate, undrawn):
         ),
         (
             [(0.020, 0.0215), (0.01, 0.012), (0.011, 0.012)],
-            "The largest part of the mass (48\u00a0%) sits in the shell.",
+            "The largest part of the mass (48\u00a0%) is in the shell.",
         ),
-        ([(0.030, 0.032), (0.004, 0.006), (0.006, 0.008)], "Most of the mass (72\u00a0%) sits in the shell."),
+        ([(0.030, 0.032), (0.004, 0.006), (0.006, 0.008)], "Most of the mass (72\u00a0%) is in the shell."),
     ],
 )
-def test_where_most_of_the_mass_is_is_said_where_it_is_known(estimate, intervals, said):
+def test_heaviest_region_is_named_only_if_the_intervals_determine_it(estimate, intervals, expected):
     ends = np.array(intervals)
     names = ("shell", "upper", "lower")
-    told = replace(
+    determined = replace(
         estimate.estimate.distribution, names=names, masses=ends.mean(axis=1), intervals=ends, explained=True
     )
-    answer = replace(estimate, estimate=replace(estimate.estimate, distribution=told))
-    assert said in verdict_in_words(answer)
+    answer = replace(estimate, estimate=replace(estimate.estimate, distribution=determined))
+    assert expected in verdict_in_words(answer)
     unexplained = verdict_in_words(
-        replace(answer, estimate=replace(estimate.estimate, distribution=replace(told, explained=False)))
+        replace(
+            answer, estimate=replace(estimate.estimate, distribution=replace(determined, explained=False))
+        )
     )
     assert "The strikes do not determine which part of it is the heaviest." in unexplained
 
 
-def test_a_strike_that_is_not_predicted_is_marked_and_said_once(short, undrawn):
+def test_inconsistent_strike_is_marked_and_reported_once(short, undrawn):
     first, *others = short.estimate.predictions
     missed = replace(first, left_out=replace(first.left_out, sigmas=6.3))
-    said = f"strike {first.left_out.strike_id}: φ differs by -1.50°"
+    expected = f"strike {first.left_out.strike_id}: φ differs by -1.50°"
     result = short.result.model_copy(
         update={
-            "verdict": [f"repeat {said}"],
-            "warnings": [ResultWarning(code=WarningCode.STRIKE_NOT_PREDICTED, text=said)],
+            "verdict": [f"repeat {expected}"],
+            "warnings": [ResultWarning(code=WarningCode.STRIKE_NOT_PREDICTED, text=expected)],
         }
     )
     page = render_report(
@@ -106,13 +108,13 @@ def test_a_strike_that_is_not_predicted_is_marked_and_said_once(short, undrawn):
     )
     assert f"<b>{first.left_out.strike_id}</b> is not as predicted" in page
     assert (
-        f'<span class="tag repeat">repeat</span><span>strike {first.left_out.strike_id}: φ differs by −1.50°</span>'
-        in page
+        f'<span class="tag repeat">repeat</span><span>strike {first.left_out.strike_id}: φ differs by'
+        " −1.50°</span>" in page
     )
     assert page.count("φ differs by −1.50°") == 1
 
 
-def test_the_same_estimate_gives_the_same_page(short, html):
+def test_same_estimate_gives_the_same_page(short, html):
     assert render_report(short, [STILL]) == html
 
 
@@ -137,7 +139,7 @@ def truth_body():
     )
 
 
-def test_true_values_stand_beside_the_estimates(short, score, undrawn):
+def test_ground_truth_is_shown_with_the_estimates(short, score, undrawn):
     page = render_report(short, [], score)
     parser = Balanced()
     parser.feed(page)
@@ -160,38 +162,38 @@ def test_true_values_stand_beside_the_estimates(short, score, undrawn):
         assert f">{signed(np.degrees(wrong), 3)}</td>" in page
 
 
-def test_without_a_truth_no_column_speaks_of_one(html):
+def test_page_without_ground_truth_has_no_truth_column(html):
     assert "truth" not in html.lower()
     assert "true" not in re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL)
 
 
-def test_the_truth_of_the_interior_goes_by_the_estimates_names(short, score):
-    """The score names upper and lower by the truth's border; an estimate whose border points to the other side names them the other way."""
+def test_true_interior_masses_follow_the_estimates_region_names(short, score):
+    """The score uses the true dividing plane's names; they swap if the estimated normal is opposite."""
     names = short.estimate.distribution.names
-    wall, upper, lower = score["region_mass_true_kg"]
+    shell, upper, lower = score["region_mass_true_kg"]
     same = shown_truth(score | {"region_mass_kg": short.estimate.distribution.masses.tolist()}, short)
-    assert same.regions == dict(zip(names, (wall, upper, lower), strict=True))
+    assert same.regions == dict(zip(names, (shell, upper, lower), strict=True))
     other = shown_truth(
         score | {"region_mass_kg": short.estimate.distribution.masses[[0, 2, 1]].tolist()}, short
     )
-    assert other.regions == dict(zip(names, (wall, lower, upper), strict=True))
+    assert other.regions == dict(zip(names, (shell, lower, upper), strict=True))
 
 
-def test_numbers_are_set_as_people_write_them():
+def test_number_formats():
     assert [signed(value, 2) for value in (0.004, -0.004, 0.25, -0.25)] == ["0.00", "0.00", "+0.25", "−0.25"]
     assert number(-1234.5, 0) == "−1234"
     assert manifest_time("2026-11-21T21:19:32+01:00") == "2026-11-21 20:19 UTC"
     assert manifest_time("long ago") == "long ago"
 
 
-def test_a_name_cannot_break_the_page(short, undrawn):
+def test_object_name_is_escaped(short, undrawn):
     spec = short.estimate.evidence.spec.model_copy(update={"name": "<script>x</script>"})
     evidence = replace(short.estimate.evidence, spec=spec)
     evil = render_report(replace(short, estimate=replace(short.estimate, evidence=evidence)), [])
     assert "<script>" not in evil
 
 
-def test_nothing_half_written_is_left(short, undrawn, tmp_path, monkeypatch):
+def test_failed_write_leaves_no_partial_file(short, undrawn, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.report.report.stills", lambda *_: [])
     monkeypatch.setattr(
         "schemas.output_file.os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "disk full"))
@@ -201,5 +203,5 @@ def test_nothing_half_written_is_left(short, undrawn, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interval_ends_where_the_quantity_does():
+def test_mass_interval_ends_at_zero():
     assert quantity(0.001, 0.001, "kg", lowest=0.0).interval95[0] == 0

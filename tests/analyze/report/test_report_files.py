@@ -1,4 +1,4 @@
-"""The report for other programs: JSON that reads back, tables whose numbers are the page's, and where they go."""
+"""Report as JSON and CSV tables: contents, consistency with the page, and destinations."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_json_goes_to_standard_output_and_nothing_is_written(estimate, run, tmp_path):
+def test_json_goes_to_standard_output_without_files(estimate, run, tmp_path):
     done = run("--json")
     assert done.exit_code == 0, done.stderr
     found = Report.model_validate_json(done.stdout)
@@ -56,18 +56,18 @@ def test_json_goes_to_standard_output_and_nothing_is_written(estimate, run, tmp_
     ]
 
 
-def test_the_same_answer_gives_the_same_bytes(estimate):
+def test_same_answer_gives_the_same_bytes(estimate):
     assert report_json(estimate, "said") == report_json(estimate, "said")
 
 
-def test_json_and_the_page_where_both_are_asked_for(run, tmp_path):
+def test_json_and_page_on_request(run, tmp_path):
     done = run("--json", "-o", tmp_path / "page.html")
     assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["object"] == "test box"
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == "<page>"
 
 
-def test_tables_hold_the_answer(estimate, run, tmp_path):
+def test_csv_tables_hold_the_answer(estimate, run, tmp_path):
     done = run("--csv", tmp_path / "tables")
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "r.html").exists()
@@ -110,7 +110,7 @@ def test_tables_hold_the_answer(estimate, run, tmp_path):
     )
 
 
-def test_a_frame_of_a_motion_is_fitted_plus_residual(estimate, run, tmp_path):
+def test_theta_is_fitted_angle_plus_residual_in_the_motions_table(estimate, run, tmp_path):
     run("--csv", tmp_path / "tables")
     fitted = [row for row in table(tmp_path / "tables" / "motions.csv") if row["fitted_rad"]]
     assert len(fitted) == sum(len(motion.fit.residual) for motion in estimate.estimate.evidence.motions)
@@ -121,17 +121,17 @@ def test_a_frame_of_a_motion_is_fitted_plus_residual(estimate, run, tmp_path):
         assert row["phase"] in {"strike", "stage_one", "stage_two"}
 
 
-def test_a_folder_that_has_no_place_is_refused_before_the_work(run, tmp_path):
+def test_folder_without_parent_is_refused_before_the_estimate(run, tmp_path):
     done = run("--csv", tmp_path / "no" / "tables")
     assert done.exit_code == 1
     assert done.stderr.count("\n") == 1
     assert "there is no folder" in done.stderr
     done = run("--csv", tmp_path / "r.mcap")
     assert done.exit_code == 1
-    assert "is a file: name a folder for the tables" in done.stderr
+    assert "is a file: give a folder for the tables" in done.stderr
 
 
-def test_the_largest_source_is_said_with_its_remedy(estimate):
+def test_largest_error_source_is_named_with_its_remedy(estimate):
     rows = source_rows(estimate.estimate.sensitivity, estimate.estimate.com.covariance)
     assert [row.share for row in rows] == sorted((row.share for row in rows), reverse=True)
     text = largest_source_text(rows)

@@ -1,4 +1,4 @@
-"""The report in Debian's Chromium: opened from disk, at two widths and printed, nothing fails, overflows, is cut off or empty."""
+"""Report in Debian's Chromium, at two widths and printed: no errors, overflow, clipping or empty figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.analyze.simulated_session import carton, session
 from tests.analyze.watched_page import A4_PX, DESKTOP, PHONE, watched
 
 PLOTS = 9 + 3 + 2
-"""views, sources, influences, regions, voxels, moments, foretold; a plot per strike; stills"""
+"""views, sources, influences, regions, voxels, moments, predictions; a plot per strike; stills"""
 
 
 def still(name: str) -> Still:
@@ -37,7 +37,7 @@ def report(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
-def test_it_opens_from_disk_and_draws_all_it_has(chromium, report, size):
+def test_report_opens_from_disk_and_draws_all_figures(chromium, report, size):
     with watched(chromium, size) as shown:
         shown.page.goto(report.as_uri())
         assert shown.plots() == PLOTS
@@ -48,7 +48,7 @@ def test_it_opens_from_disk_and_draws_all_it_has(chromium, report, size):
         assert shown.problems == []
 
 
-def test_it_prints_without_cutting_anything_off(chromium, report):
+def test_report_prints_without_clipping(chromium, report):
     with watched(chromium, A4_PX) as shown:
         shown.page.emulate_media(media="print")
         shown.page.goto(report.as_uri())
@@ -74,10 +74,11 @@ def test_it_prints_without_cutting_anything_off(chromium, report):
         ("<img src='http://127.0.0.1:9/x.png'>", "asked for http://127.0.0.1:9/x.png"),
     ],
 )
-def test_what_goes_wrong_is_seen(chromium, tmp_path, broken, problem):
+def test_checks_detect_broken_pages(chromium, tmp_path, broken, problem):
     path = tmp_path / "broken.html"
     path.write_text(
-        f"<!DOCTYPE html><main>{broken}<svg width='300' height='200'></svg><div style='width: 3000px'>x</div></main>",
+        f"<!DOCTYPE html><main>{broken}<svg width='300' height='200'></svg><div style='width:"
+        " 3000px'>x</div></main>",
         encoding="utf-8",
     )
     with watched(chromium) as shown:

@@ -1,4 +1,4 @@
-"""The real cube: by flight and by contact, each on its own, the same centre of mass."""
+"""Tosses of a real cube: flight and contact give the same centre of mass independently."""
 
 from __future__ import annotations
 
@@ -51,20 +51,20 @@ def test_edge_contact_and_flight_agree_on_the_real_cube(real):
     assert max(real["edge_contact"]["centre_of_mass"]["sd"]) < 2e-4
 
 
-def test_the_real_cubes_inertia_is_that_of_a_hollow_one_with_a_load(real):
+def test_real_cubes_inertia_is_that_of_a_hollow_cube_with_a_load(real):
     moments = np.diag(real["edge_contact"]["inertia_per_mass"]["value"])
     assert np.all((moments > EDGE**2 / 6) & (moments < EDGE**2 * 5 / 18))
     assert moments == pytest.approx(np.diag(real["corner_contact"]["inertia_per_mass"]["value"]), rel=0.06)
 
 
-def test_g_shows_how_long_the_files_metre_is(real):
+def test_g_determines_the_length_of_the_files_metre(real):
     gravity = real["flight"]["gravity"]
     assert gravity["value"] == pytest.approx(9.62, abs=0.03)
     assert real["metre_of_the_file"] == pytest.approx(GRAVITY_M_S2 / gravity["value"])
 
 
-def test_a_simulated_file_with_a_short_metre_gives_its_truth(tmp_path):
-    """The whole command on motions of known c, I and scale."""
+def test_simulated_file_with_a_short_metre_gives_its_ground_truth(tmp_path):
+    """Run the whole command on simulated motions of known c, I and scale."""
     motions = [*tossed(CUBE, 12, 1, "air"), *tossed(CUBE, 20, 1, "edge"), *tossed(CUBE, 50, 1, "corner")]
     short = [type(motion)(motion.time, motion.position / 1.02, motion.R_world_object) for motion in motions]
     plot = tmp_path / "cube.png"
@@ -82,7 +82,7 @@ def test_a_simulated_file_with_a_short_metre_gives_its_truth(tmp_path):
     )
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
-    # The simulation has no air; what is taken off for it is within the drag that is stated.
+    # The simulation has no air; the drag that the estimate assumes is within the stated sd.
     assert found["metre_of_the_file"] == pytest.approx(1.02, abs=0.004)
     assert found["edge_contact"]["centre_of_mass"]["value"] == pytest.approx(CUBE.com.tolist(), abs=1.5e-4)
     assert MASS * np.diag(found["edge_contact"]["inertia_per_mass"]["value"]) == pytest.approx(
@@ -99,12 +99,12 @@ def test_a_simulated_file_with_a_short_metre_gives_its_truth(tmp_path):
         ({"quaternion_wxyz": np.zeros((3, 3))}, "lengths do not match"),
     ],
 )
-def test_a_file_of_another_kind_is_refused(tmp_path, changes, words):
+def test_file_of_another_kind_is_refused(tmp_path, changes, words):
     with pytest.raises(RecordingError, match=words):
         read_tosses(write(tmp_path / "t.npz", tossed(CUBE, 2, 1), **changes))
 
 
-def test_a_file_that_is_not_there_and_one_that_is_no_archive(tmp_path):
+def test_missing_file_and_non_archive_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="give --data FILE"):
         read_tosses(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("no archive")

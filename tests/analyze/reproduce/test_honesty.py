@@ -57,10 +57,10 @@ def session(off_sd: float) -> SessionRecord:
     ("offs", "scatter", "alike", "held"),
     [((1, -1), 1, 0, 1), ((1, 1), 1, 1, 1), ((3, 1), np.sqrt(5), 2, 0.5)],
 )
-def test_scatter_and_what_of_it_repeats(offs, scatter, alike, held):
+def test_scatter_and_scatter_of_the_mean(offs, scatter, alike, held):
     records = [session(off) for off in offs]
     found = standardised_masses(records, Condition.DRAWN, "")
-    # The empty part's mass is at its bound: its error does not test the sd, its interval does.
+    # The empty part's mass is at its lower bound: its error does not test the sd, but its interval counts.
     assert len(found.scores) == 2 * len(offs)
     assert len(found.held) == 3 * len(offs)
     assert found.scatter == pytest.approx(scatter)
@@ -68,7 +68,7 @@ def test_scatter_and_what_of_it_repeats(offs, scatter, alike, held):
     assert scatter_of_mean(records, Condition.DRAWN) == pytest.approx(alike, abs=1e-9)
 
 
-def test_what_is_drawn_is_what_is_stated():
+def test_drawn_errors_have_the_stated_sd():
     evidence, _ = theta_session("carton", 1)
     rng = np.random.default_rng(3)
     before = {

@@ -24,7 +24,8 @@ from tests.analyze.reproduce.theta_sessions import theta_session
 SWEPT = Sweeps((0.0, 1.85), (0.0, 0.05), (5e-3,))
 NOT_SWEPT = Sweeps((0.0,))
 OBJECTS = {"carton": 9, "spray": 6, "juice": 6, "salt": 6, "parcel": 9}
-"""the paper's four and one outside its class, and how many strikes are planned on three axes"""
+"""number of strikes planned on three axes, by object: the paper's four, and one that is no shell with two
+parts"""
 
 
 each_object = pytest.mark.parametrize("name", OBJECTS)
@@ -32,7 +33,7 @@ each_object = pytest.mark.parametrize("name", OBJECTS)
 
 @cache
 def record_of(name: str) -> SessionRecord:
-    """One session of an object, of the carton with what the figures sweep; all tests look at these."""
+    """Record of one session on an object, shared by all tests; the carton's includes the sweeps."""
     return session_record(
         *theta_session(name, 1, OBJECTS[name]),
         ThetaSource.SIMULATED,
@@ -42,7 +43,7 @@ def record_of(name: str) -> SessionRecord:
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory) -> Path:
-    """The folder that the command leaves."""
+    """Folder that the command wrote."""
     folder = tmp_path_factory.mktemp("reproduced")
     (folder / "sessions").mkdir()
     for record in map(record_of, OBJECTS):
@@ -53,7 +54,7 @@ def drawn(tmp_path_factory) -> Path:
     return folder
 
 
-def test_what_the_paper_printed_scores_as_it_prints():
+def test_published_results_score_as_printed():
     centres, masses = published_centres(), published_masses()
     assert len(centres) == len(masses) == 9
     assert 1e3 * np.mean([each.distance_m for each in centres]) == pytest.approx(12.49, abs=0.01)
@@ -71,8 +72,8 @@ def test_strikes_on_three_axes_reach_the_targets(name):
     assert record.strikes >= OBJECTS[name]
     assert distance(record.ours[Condition.EXACT], record) < 1e-3
     assert distance(record.ours[Condition.DRAWN], record) < 3e-3
-    # 2 % + 2 mm/R is what must be reached, and 8 % of the moment about c; six strikes determine it less
-    # precisely about an edge near c, and state so.
+    # The targets are 2 % + 2 mm/R about the edge and 8 % about c; six strikes determine the moment about an
+    # edge near c less precisely, and their stated sd is larger.
     assert all(
         abs(axis.i_edge_off) < 0.02 + 2e-3 / axis.distance_m for axis in record.ours[Condition.EXACT].moments
     )
@@ -81,26 +82,26 @@ def test_strikes_on_three_axes_reach_the_targets(name):
     )
 
 
-def test_the_cartons_masses_and_what_a_noisy_scan_leaves_of_its_centre():
+def test_cartons_region_masses_and_its_c_under_scan_noise():
     carton = record_of("carton")
     assert metric(carton.ours[Condition.EXACT].masses_kg, carton) < 0.06
     assert carton.scan_noise_com[0].ours[0] < 3e-3
 
 
 @each_object
-def test_the_papers_method_on_the_same_strikes(name):
+def test_papers_method_on_the_same_strikes(name):
     record = record_of(name)
     found = record.paper[Condition.EXACT]
     assert len(found) == OBJECTS[name] // 3, "one result per round of three strikes"
     assert all(distance(answer, record) < 3e-3 for answer in found), (
         "with our angles, far finer than the paper's"
     )
-    # Equation (5) differentiates 0.03 deg of noise twice: of these sessions it is off by 3 % in the median
-    # and by 10 % at most.
+    # Equation (5) differentiates 0.03 deg of noise twice: in these sessions its error is 3 % in the median
+    # and 10 % at most.
     assert all(abs(axis.i_edge_off) < 0.15 for answer in found for axis in answer.moments)
 
 
-def test_the_page_the_tables_and_the_series(drawn):
+def test_page_tables_and_figure_data(drawn):
     text = (drawn / "index.html").read_text(encoding="utf-8")
     balanced = Balanced()
     balanced.feed(text)
@@ -131,7 +132,7 @@ def test_the_page_the_tables_and_the_series(drawn):
     assert names >= {"fig6", "fig9a", "fig9b", "fig9c", "fig10a", "fig10b", "fig11", "fig12"}
 
 
-def test_the_papers_moments_stand_beside_ours_and_the_truth(drawn):
+def test_moments_table_compares_paper_ours_and_ground_truth(drawn):
     with (drawn / "moments.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["object"] for row in rows} == set(OBJECTS)
@@ -148,7 +149,7 @@ def test_the_papers_moments_stand_beside_ours_and_the_truth(drawn):
     assert max(corrected) < 15.0
 
 
-def test_a_missed_target_says_why(drawn):
+def test_missed_target_has_a_physical_reason(drawn):
     text = (drawn / "index.html").read_text(encoding="utf-8")
     names = [record_of(name) for name in OBJECTS]
     for quantities, reason in missed(names):
@@ -163,12 +164,12 @@ def test_a_missed_target_says_why(drawn):
     assert "% of the mass is in the shell" in why
 
 
-def test_a_kept_session_with_former_names_of_naive_answers_is_read():
+def test_record_with_former_names_of_naive_answers_is_read():
     text = record_of("salt").model_dump_json().replace('"shell":', '"surface":')
     assert SessionRecord.model_validate_json(text).naive_kg == record_of("salt").naive_kg
 
 
-def test_a_damaged_session_is_named_with_the_remedy(tmp_path):
+def test_damaged_record_is_named_with_the_remedy(tmp_path):
     carton = record_of("carton")
     damaged = json.loads(carton.model_dump_json()) | {"angles": "none"}
     (tmp_path / "sessions").mkdir()
@@ -179,7 +180,7 @@ def test_a_damaged_session_is_named_with_the_remedy(tmp_path):
     assert "analyse its recording again" in refused.output
 
 
-def test_a_folder_without_sessions_is_refused_with_the_remedy(tmp_path):
+def test_folder_without_sessions_is_refused_with_the_remedy(tmp_path):
     done = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
     assert done.exit_code == 1
     assert "make reproduce" in done.output

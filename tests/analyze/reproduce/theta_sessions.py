@@ -14,11 +14,11 @@ from tests.acquire.simulated_rig import SimulatedRig, model_of, plan_for, thing_
 from tests.analyze.simulated_session import manifest
 
 GRAVITY_TILT_SD = 5e-4
-"""rad, as the virtual rig's file has it"""
+"""sd of gravity's tilt [rad], as in the virtual rig's file"""
 
 
 def theta_session(name: str, seed: int, strikes: int = 9, axes: int = 3) -> tuple[Evidence, pb.TruthBody]:
-    """One whole session: planned, struck until every strike is good, analysed; and the truth."""
+    """Session of a virtual object, struck until every strike is good, and its ground truth."""
     thing = thing_of(name, seed)
     plan = plan_for(name, strikes, most_axes=axes)
     attempts = SimulatedRig(thing, np.random.default_rng((seed, 0x7E7A))).run(s.SessionMachine(plan))

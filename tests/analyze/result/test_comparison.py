@@ -1,4 +1,4 @@
-"""Repeated sessions of one object: who agrees, who stands out, how well answers repeat; different objects are refused in one line."""
+"""Comparison of repeated sessions of one object: agreement, outlier, repeatability, refusals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main as analyze
-from analyze.errors import EstimationError, JoinError
+from analyze.errors import EstimationError, MergeError
 from analyze.report.comparison_document import comparison_document, upper_factor
 from analyze.report.comparison_page import comparison_json, lead
 from analyze.result.comparison import SessionComparison, compare_evidence
@@ -23,28 +23,28 @@ from tests.analyze.pipeline.test_merge import recording
 from tests.analyze.simulated_session import carton, session
 
 OTHER = box_body((0.08, 0.06, 0.15), (0.026, 0.0125, 0.0055), 0.005, (0.5, -0.35, 0.79), 1e-3)
-"""as the carton, but 1.5 g of the upper part lie below the border"""
+"""as the carton, but with 1.5 g of the upper part below the dividing plane"""
 ELSEWHERE = {"rig": {"name": "another"}}
 
 
 def one(number: int, body=None, **manifest: object):
-    """Session `number` (1, 2, ...) of what passes for one object."""
+    """Session `number` (1, 2, ...) on `body`, recorded as the same object."""
     plain = session(carton(), np.random.default_rng(3), repeats=1)
     made = (
         plain
         if body is None and number == 1
         else session(body or carton(), np.random.default_rng(20 + number), repeats=1)
     )
-    told = replace(
+    struck = replace(
         made, spec=plain.spec, model=plain.model, plan=plain.plan, object_sha256=plain.object_sha256
     )
     head = plain.recordings[0].manifest
-    return recording(told, "r" * number, object=head.object, object_sha256=head.object_sha256, **manifest)
+    return recording(struck, "r" * number, object=head.object, object_sha256=head.object_sha256, **manifest)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse():
-    """What the sessions agree on does not need fine cells."""
+    """Coarse cells for speed: they do not change the agreement of sessions."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("analyze.pipeline.estimate.CELLS", 500)
         yield
@@ -52,7 +52,7 @@ def coarse():
 
 @pytest.fixture(scope="module")
 def alike() -> SessionComparison:
-    """Two of one set-up, one of another."""
+    """Three sessions on one body: two of one set-up, one of another."""
     return compare_evidence([one(2), one(3, **ELSEWHERE), one(1)])
 
 
@@ -71,7 +71,7 @@ def test_sessions_of_one_body_agree(alike):
     assert found.verdict[0].startswith("trust that all 3 sessions have one centre of mass")
 
 
-def test_precision_is_that_of_the_answers(alike):
+def test_precision_follows_from_the_answers(alike):
     found = comparison_document(alike)
     for i, axis in enumerate("xyz"):
         (row,) = [each for each in found.precision if each.name == f"centre of mass {axis}"]
@@ -82,7 +82,7 @@ def test_precision_is_that_of_the_answers(alike):
         assert (row.freedom_r, row.freedom_R) == (1, 1)
         assert row.together is not None
         assert row.together.value == pytest.approx(alike.joint.estimate.com.position[i], rel=1e-6)
-        # No more than the intervals say.
+        # The sessions scatter no more than their intervals allow.
         assert row.s_R < 2 * np.sqrt(alike.sessions[0].answer.estimate.com.covariance[i, i])
     kinds = [each.kind for each in found.precision]
     assert {kind: kinds.count(kind) for kind in kinds} == {
@@ -98,7 +98,7 @@ def test_precision_is_that_of_the_answers(alike):
             assert row.s_R < 5 * 4e-4
 
 
-def test_a_session_of_another_filling_stands_out(odd):
+def test_session_with_another_filling_is_the_outlier(odd):
     found = comparison_document(odd)
     assert not found.may_join
     assert [each.stands_out for each in found.sessions] == [False, True, False]
@@ -116,23 +116,23 @@ def test_different_objects_are_refused():
     other = session(
         box_body((0.09, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005), np.random.default_rng(1), repeats=1
     )
-    with pytest.raises(JoinError, match="are of different shapes: estimate each by itself"):
+    with pytest.raises(MergeError, match="are of different shapes: estimate each by itself"):
         compare_evidence([one(1), recording(other, "rr")])
 
 
-def test_a_session_too_short_for_an_answer_is_named():
+def test_error_names_the_session_with_too_few_strikes():
     short = one(2)
     with pytest.raises(EstimationError, match=r"rr\.mcap: .*leave this recording out of the comparison"):
         compare_evidence([one(1), replace(short, motions=short.motions[:2])])
 
 
-def test_few_sessions_know_a_spread_badly():
-    """Chi squared of 1 and of 10 degrees of freedom, 5 % points: 0.00393 and 3.940."""
+def test_upper_factor_of_an_sd_from_few_sessions():
+    """The 5 % points of chi squared with 1 and 10 degrees of freedom are 0.00393 and 3.940."""
     assert upper_factor(1) == pytest.approx(np.sqrt(1 / 0.00393), rel=1e-3)
     assert upper_factor(10) == pytest.approx(np.sqrt(10 / 3.940), rel=1e-3)
 
 
-def test_the_page_and_tables_from_the_command_line(odd, tmp_path, monkeypatch):
+def test_command_writes_page_and_tables(odd, tmp_path, monkeypatch):
     files = [tmp_path / name for name in ("a.mcap", "b.mcap")]
     for file in files:
         file.touch()
@@ -160,7 +160,7 @@ def test_the_page_and_tables_from_the_command_line(odd, tmp_path, monkeypatch):
     )
 
 
-def test_one_file_is_nothing_to_compare(tmp_path: Path):
+def test_comparison_of_one_file_is_refused(tmp_path: Path):
     done = CliRunner().invoke(analyze, ["report", "--compare", str(tmp_path / "a.mcap")])
     assert done.exit_code == 2
     assert "--compare needs two recordings or more" in done.stderr

@@ -1,4 +1,4 @@
-"""How results say the table's tilt: measured, given or assumed; and results of before it was said."""
+"""Table tilt in results: measured, given or assumed; and older results without it."""
 
 import io
 import json
@@ -28,7 +28,7 @@ def on_table(evidence: Evidence, **manifest: object) -> Evidence:
 
 
 def with_turned(evidence: Evidence, which: int = 0) -> Evidence:
-    """One strike more on an edge, turned by 180 degrees on a table that rises by RISE."""
+    """Evidence with a further strike on one edge, turned by 180 degrees, on a table tilted by RISE."""
     strike = evidence.plan.strikes[which].model_copy(update={"id": "turned", "heading_rad": np.pi})
     plan = evidence.plan.model_copy(update={"strikes": [*evidence.plan.strikes, strike]})
     motion = evidence.motions[which]
@@ -42,7 +42,7 @@ def with_turned(evidence: Evidence, which: int = 0) -> Evidence:
 
 @pytest.fixture(scope="module")
 def rising() -> Evidence:
-    """Twelve strikes on a table that rises by RISE and is stated level to 0.2 degrees."""
+    """Twelve strikes on a table tilted by RISE and stated level to 0.2 degrees."""
     return on_table(session(BODY, np.random.default_rng(3), tilt=RISE), gravity_tilt_sd_rad=np.radians(0.2))
 
 
@@ -50,7 +50,7 @@ def warnings_of(estimate):
     return {warning.code: warning.text for warning in estimate.result.warnings}
 
 
-def test_an_assumed_level_is_said_with_the_remedy(rising):
+def test_assumed_level_gives_a_warning_with_the_remedy(rising):
     few = replace(rising, motions=tuple(rising.motions[i] for i in (0, 2, 8, 10)))
     found = answer_evidence(few)
     assert "analyze plan --gravity" in warnings_of(found)[WarningCode.GRAVITY_ASSUMED]
@@ -65,7 +65,7 @@ def test_an_assumed_level_is_said_with_the_remedy(rising):
     assert "towards +x (95 % interval), not measured" in console.export_text()
 
 
-def test_a_turned_strike_measures_it(rising):
+def test_turned_strike_measures_the_tilt(rising):
     found = answer_evidence(with_turned(rising))
     (tilt,) = found.result.table_tilt
     assert tilt.towards_x.source == "measured"
@@ -77,7 +77,7 @@ def test_a_turned_strike_measures_it(rising):
     assert json.loads(found.json())["table_tilt"][0]["recordings"] == [1]
 
 
-def test_a_level_read_beforehand_is_given(rising):
+def test_level_reading_is_marked_as_given(rising):
     level = LevelReading(towards_x_rad=float(RISE), towards_x_sd_rad=2e-4)
     few = replace(on_table(rising, level=level), motions=tuple(rising.motions[i] for i in (0, 2, 8, 10)))
     found = answer_evidence(few)
@@ -89,7 +89,7 @@ def test_a_level_read_beforehand_is_given(rising):
     assert stated.sd == (2e-4, np.radians(0.2)), "what the reading leaves out is the prior's"
 
 
-def test_another_reading_is_another_levelling(rising):
+def test_another_level_reading_is_another_levelling(rising):
     level = LevelReading(towards_x_rad=0.001, towards_x_sd_rad=2e-4)
     heads = [
         each.recordings[0] for each in (rising, on_table(rising, level=level), on_table(rising, level=level))
@@ -97,7 +97,7 @@ def test_another_reading_is_another_levelling(rising):
     assert levelling_indices(heads) == [0, 1, 1]
 
 
-def test_results_of_before_keep_their_bytes(rising):
+def test_older_results_keep_their_bytes(rising):
     data = json.loads(answer_evidence(rising).json())
     del data["table_tilt"]
     before = json.dumps(data, sort_keys=True, separators=(",", ":"))

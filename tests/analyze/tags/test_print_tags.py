@@ -1,4 +1,4 @@
-"""`analyze print-tags`: what is printed is to scale, and is found again."""
+"""`analyze print-tags`: printed tags and boards are to scale and can be detected."""
 
 import re
 import zlib
@@ -26,7 +26,7 @@ def run(*arguments):
 def painted(pdf: bytes):
     """Pages as pixels (PX_PER_MM) of the filled paths in the file's drawing commands, with the sizes [mm].
 
-    Knows black rectangles and a moved origin: what the sheets' black fields are made of. No clipping, no
+    Supports black rectangles and a moved origin: all that the sheets' black areas consist of. No clipping, no
     text, no lines.
     """
     boxes = [np.array(box.split(), dtype=float) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", pdf)]
@@ -95,7 +95,7 @@ def corners_of(placed):
 
 
 @pytest.mark.parametrize(("paper", "width", "height"), [("A4", 210.0, 297.0), ("Letter", 215.9, 279.4)])
-def test_tags_are_found_in_the_file_where_they_shall_be_and_as_large(tmp_path, paper, width, height):
+def test_tags_in_the_pdf_have_the_planned_position_and_size(tmp_path, paper, width, height):
     out = run("--ids", "0-11", "--size-mm", "40", "--paper", paper, "-o", tmp_path / "t.pdf")
     assert out.exit_code == 0, out.output
     pages = painted((tmp_path / "t.pdf").read_bytes())
@@ -109,7 +109,7 @@ def test_tags_are_found_in_the_file_where_they_shall_be_and_as_large(tmp_path, p
             assert np.abs(seen[placed.tag.id] - corners_of(placed)).max() < WITHIN_MM
 
 
-def test_an_objects_own_tags(tmp_path):
+def test_tags_of_an_object_file(tmp_path):
     assert run("--object", OBJECTS / "salt.toml", "-o", tmp_path / "t.pdf").exit_code == 0
     ((image, _),) = painted((tmp_path / "t.pdf").read_bytes())
     seen = found_tags(image, "36h11")
@@ -120,7 +120,7 @@ def test_an_objects_own_tags(tmp_path):
         )
 
 
-def test_an_objects_tags_can_be_printed_before_there_is_a_scan(tmp_path):
+def test_tags_can_be_printed_before_the_shape_file_exists(tmp_path):
     head = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n'
     text = f"{head}[[marker]]\nid = 5\nsize_m = 0.025\n"
     (tmp_path / "mug.toml").write_text(text)
@@ -129,7 +129,7 @@ def test_an_objects_tags_can_be_printed_before_there_is_a_scan(tmp_path):
     assert "1 tags of 25 mm" in out.output
 
 
-def test_the_board_is_opencvs(tmp_path):
+def test_board_is_detected_by_opencv(tmp_path):
     assert run("--board", "charuco", "-o", tmp_path / "b.pdf").exit_code == 0
     ((image, _),) = painted((tmp_path / "b.pdf").read_bytes())
     board = cv2.aruco.CharucoBoard(
@@ -144,7 +144,7 @@ def test_the_board_is_opencvs(tmp_path):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_codes_are_opencvs(family):
+def test_codes_equal_opencvs(family):
     last = count(family) - 1
     code = cells(family, last)
     assert not code[[0, -1]].any()
@@ -153,23 +153,23 @@ def test_codes_are_opencvs(family):
     assert list(found_tags(drawn, family)) == [last]
 
 
-def test_the_file_is_the_same_on_every_run(tmp_path):
+def test_file_is_the_same_on_every_run(tmp_path):
     for name in ("a.pdf", "b.pdf"):
         run("--ids", "1", "-o", tmp_path / name)
     assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
 
 
-def test_many_tags_take_more_pages():
+def test_many_tags_take_several_pages():
     pages = tag_pages([Tag("36h11", i, 60.0) for i in range(13)], "A4", "x")
     assert [placed.tag.id for page in pages for placed in page.tags] == list(range(13))
     assert len(pages) == 4
     for page in pages:
         for placed in page.tags:
-            assert placed.x - placed.quiet >= 26
-            assert placed.x + 60 + placed.quiet <= page.width - 12
+            assert placed.x - placed.quiet_zone >= 26
+            assert placed.x + 60 + placed.quiet_zone <= page.width - 12
 
 
-def test_an_objects_tags_are_of_the_families_it_names(tmp_path):
+def test_tags_of_an_object_have_the_families_it_states(tmp_path):
     text = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n'
     text += "".join(
         f'[[marker]]\nfamily = "{family}"\nid = 5\nsize_m = 0.025\n'
@@ -186,14 +186,14 @@ def test_an_objects_tags_are_of_the_families_it_names(tmp_path):
         )
 
 
-def test_ids():
+def test_ids_are_parsed():
     assert parse_ids("0-3, 7,2") == [0, 1, 2, 3, 7]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
-        (("--size-mm", "200"), "too large for A4: at most 137 mm"),
+        (("--size-mm", "200"), "too large for A4: choose at most 137 mm"),
         (("--size-mm", "0.04"), "too small to be printed"),
         (("--size-mm", "nan"), "too small to be printed"),
         (("--family", "41h12"), "unknown tag family: choose 36h11"),
@@ -205,20 +205,20 @@ def test_ids():
         (("--board", "charuco", "--squares", "7"), "write columns x rows"),
         (("--board", "charuco", "--squares", "2x9"), "too few corners"),
         (("--board", "charuco", "--squares", "20x20"), "needs 200 tags, 5x5_100 has 100"),
-        (("--board", "charuco", "--square-mm", "40"), "too large for A4: at most 24 mm a square"),
+        (("--board", "charuco", "--square-mm", "40"), "too large for A4: choose squares of at most 24 mm"),
         (("--board", "charuco", "--square-mm", "4"), "too small to be printed"),
     ],
 )
-def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, arguments, says):
+def test_bad_input_gives_a_one_line_error_and_no_file(tmp_path, arguments, message):
     out = run(*arguments, "-o", tmp_path / "t.pdf")
     assert out.exit_code == 1
-    assert says in out.output
+    assert message in out.output
     assert out.output.startswith("analyze: ")
     assert out.output.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_does_not_go_together_is_wrong_usage(tmp_path):
+def test_exclusive_options_are_wrong_usage(tmp_path):
     for arguments in (
         ("--object", "o.toml", "--ids", "3"),
         ("--board", "charuco", "--size-mm", "3"),
@@ -227,16 +227,16 @@ def test_what_does_not_go_together_is_wrong_usage(tmp_path):
         assert run(*arguments, "-o", tmp_path / "t.pdf").exit_code == 2
 
 
-def test_a_board_with_narrow_squares_is_refused():
+def test_board_with_narrow_squares_is_refused():
     with pytest.raises(TagError, match="leave no white rim"):
         board_page(Board("5x5_100", 7, 9, 20.0, 18.0), "A4")
 
 
-def test_the_boards_mark_is_its_frames_origin():
+def test_boards_printed_origin_is_its_frames_origin():
     board = Board("5x5_100", 7, 9, 22.0, 15.4)
     page = board_page(board, "A4")
     assert page.origin == pytest.approx(
-        (min(field.x for field in page.fields), min(field.y for field in page.fields))
+        (min(field.x for field in page.black), min(field.y for field in page.black))
     )
     first = corner_points(board)[0]  # beside the upper left square
     assert first == pytest.approx([0.022, 8 * 0.022, 0.0])
