@@ -1,4 +1,4 @@
-"""Text of a placement card: how to put the object down for one strike."""
+"""Text of a placement card: how to put the object down for one strike, and where the striker meets it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
 TURNED_CARD = (
-    "This one is turned by 180 degrees, for the table's tilt: set the striker's stand down on the other side "
-    "of the line, at the mark, so "
-    "that it swings back over it; the object then stands on that side and tips the other way, the camera "
-    "stays. "
+    "This strike is turned by 180 degrees, to measure the table's tilt. Put the striker's stand on the other "
+    "side of the line, at the mark, so that it swings back towards the line; the object then stands on that "
+    "side too and tips the other way. Leave the camera where it is. "
 )
+"""Text that precedes the card of a turned strike."""
 AXIS_NAMES = ("x", "y", "z")
 
 
@@ -28,7 +28,7 @@ def placement_card(
     stands: bool = True,
     turned: bool = False,
 ) -> str:
-    """Text of a placement card: sides down, to the camera and away from the striker, impact height.
+    """Text of a placement card: which side goes down, which faces the camera, and the impact height.
 
     For a turned strike the camera sees the other end of the edge. If the object may not stand on the face,
     the text says so and gives the remedy.
@@ -55,7 +55,7 @@ def placement_card(
         f"{edge} on the line. "
         f"It then stands {height * 1000:.0f} mm tall; the striker meets it {impact_height * 1000:.0f} mm "
         "above the table."
-        + ("" if stands else f" That it stays on this side is expected, not sure. {IF_IT_FALLS}.")
+        + ("" if stands else f" It is expected to stay on this side, but this is not certain. {IF_IT_FALLS}.")
     )
 
 

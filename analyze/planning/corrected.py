@@ -1,4 +1,4 @@
-"""Update a plan's pivots to an object file with corrected edge radius or surface error."""
+"""Update of a plan's pivots after the object file's edge radius or surface error was corrected."""
 
 from __future__ import annotations
 
@@ -12,25 +12,32 @@ from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Pivot, StrikePlan
 
-TOUCHES = 3e-4
+TOUCHING_FRACTION = 3e-4
 """Distance of a face from the rounding, over the object's longest extent, up to which the two touch."""
 
 
-def corrected_plan(plan: StrikePlan, before: ObjectSpec, given: ObjectSpec, model: ObjectModel) -> StrikePlan:
+def corrected_plan(
+    plan: StrikePlan, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
+) -> StrikePlan:
     """Plan with every pivot updated to the corrected object file.
 
     Args:
         plan: Plan made with `before`.
         before: Object file that the plan was made with.
-        given: Corrected object file of the same shape.
+        corrected: Corrected object file of the same shape.
         model: Shape of the object.
     """
-    if (before.edge_radius_m, before.shape.surface_sd_m) == (given.edge_radius_m, given.shape.surface_sd_m):
+    if (before.edge_radius_m, before.shape.surface_sd_m) == (
+        corrected.edge_radius_m,
+        corrected.shape.surface_sd_m,
+    ):
         return plan
     strikes = [
         strike.model_copy(
             update={
-                "pivot": corrected_pivot(strike.pivot, np.array(strike.R_world_object), before, given, model)
+                "pivot": corrected_pivot(
+                    strike.pivot, np.array(strike.R_world_object), before, corrected, model
+                )
             }
         )
         for strike in plan.strikes
@@ -39,7 +46,7 @@ def corrected_plan(plan: StrikePlan, before: ObjectSpec, given: ObjectSpec, mode
 
 
 def corrected_pivot(
-    pivot: Pivot, R_world_object: Array, before: ObjectSpec, given: ObjectSpec, model: ObjectModel
+    pivot: Pivot, R_world_object: Array, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
 ) -> Pivot:
     """Pivot updated to the corrected object file.
 
@@ -50,18 +57,18 @@ def corrected_pivot(
         pivot: Pivot as planned, in O.
         R_world_object: (3, 3) rotation from O to W at rest.
         before: Object file that the plan was made with.
-        given: Corrected object file.
+        corrected: Corrected object file.
         model: Shape of the object.
     """
-    surface, now = before.shape.surface_sd_m, given.shape.surface_sd_m
+    surface, now = before.shape.surface_sd_m, corrected.shape.surface_sd_m
     sd = math.sqrt(max(pivot.sd_m**2 - surface**2, 0.0) + now**2)
     if not math.isclose(pivot.radius_m, before.edge_radius_m, rel_tol=1e-6, abs_tol=1e-9):
         return pivot.model_copy(update={"sd_m": sd})
     tip, up = R_world_object[0], R_world_object[2]
     lean = wall_lean(pivot, R_world_object, model) or 0.0
-    more = given.edge_radius_m - before.edge_radius_m
+    more = corrected.edge_radius_m - before.edge_radius_m
     point = np.array(pivot.point) + more * (up - tip * (1 + math.sin(lean)) / math.cos(lean))
-    return pivot.model_copy(update={"point": point.tolist(), "radius_m": given.edge_radius_m, "sd_m": sd})
+    return pivot.model_copy(update={"point": point.tolist(), "radius_m": corrected.edge_radius_m, "sd_m": sd})
 
 
 def wall_lean(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> float | None:
@@ -76,9 +83,9 @@ def wall_lean(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> float 
         None if no face ends at the edge, or if it leans beyond `STEEPEST_WALL`.
     """
     tip, up, planes = R_world_object[0], R_world_object[2], model.hull_planes
-    touches = np.abs(planes[:, :3] @ np.array(pivot.point) + planes[:, 3] + pivot.radius_m) < TOUCHES * float(
-        model.extent.max()
-    )
+    touches = np.abs(
+        planes[:, :3] @ np.array(pivot.point) + planes[:, 3] + pivot.radius_m
+    ) < TOUCHING_FRACTION * float(model.extent.max())
     normals = planes[touches & (planes[:, :3] @ up > -0.999), :3]
     if not len(normals):
         return None

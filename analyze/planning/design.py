@@ -8,19 +8,18 @@ from itertools import combinations
 
 import numpy as np
 
-from analyze.planning.information import COM, INERTIA, Information, spread
+from analyze.planning.information import COM, INERTIA, Information, normal_spread
 from analyze.types import Array
 
-SINGULAR = 0.05
-"""Smallest singular value of the unit normals over the square root of their number below which a set is
-refused."""
-MOMENT_WORTH = 0.5
+MIN_NORMAL_SPREAD = 0.05
+"""Smallest `normal_spread` of a set of strikes; sets below it leave a direction of c unknown."""
+MOMENT_WEIGHT = 0.5
 """Weight of a moment's ln sd relative to that of c along one direction.
 
 Without tips about all three directions one moment stays unmeasured, and with it the split between shell and
 inside."""
-PLACEMENT_WORTH = 0.15
-"""Decrease of the loss that a further axis must bring (5 % of c's error): every axis is a placement by
+AXIS_PENALTY = 0.15
+"""Decrease of the loss (5 % of c's error) that a further axis must bring, as every axis needs a placement by
 hand."""
 MAX_AXES = 6
 """Largest number of axes of a plan, unless each one still gets `STRIKES_PER_AXIS`."""
@@ -31,9 +30,9 @@ ABSOLUTE_MAX_AXES = 10
 MIN_STRIKES = 3
 """Smallest number of strikes that determine c if none was made before."""
 POOL_SIZE = 24
-"""Number of axes tried in all triples; the others enter by exchange."""
+"""Number of axes of which all triples are tried; the others enter by exchange."""
 STARTS = 3
-"""Number of sets that the search starts from."""
+"""Number of sets from which the search starts."""
 MIN_GAIN = 1e-6
 """Smallest decrease of the loss that counts as an improvement."""
 
@@ -43,9 +42,9 @@ class Design:
     """Chosen candidates, their numbers of strikes, and the predicted covariance."""
 
     chosen: tuple[int, ...]
-    """Indices into the candidates."""
+    """Indices of the chosen axes among the candidates."""
     repeats: tuple[int, ...]
-    """Number of strikes on each of them."""
+    """Number of strikes on each of the chosen candidates."""
     covariance: Array
     """(14, 14) predicted covariance of the shared unknowns, in SI units."""
 
@@ -63,7 +62,7 @@ class Design:
 def choose_design(information: Information, strikes: int, most_axes: int | None = None) -> Design | None:
     """Design with the smallest loss.
 
-    The loss is 3 ln(rms error of c) + MOMENT_WORTH ln(determinant of the inertia's sd). Sets whose normals,
+    The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln(determinant of the inertia's sd). Sets whose normals,
     together with those of the strikes made, do not span space are excluded. The search starts from the best
     triples, adds one axis at a time, and improves each set by exchange (Fedorov 1972) until no swap helps.
     The same candidates in the same order give the same design.
@@ -94,7 +93,7 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
         sets = list(dict.fromkeys(search.exchanged(members, each) for members in sets if members))
         for members in sets:
             repeats = search.distributed(members, strikes)
-            loss = search.loss(members, repeats) + PLACEMENT_WORTH * size
+            loss = search.loss(members, repeats) + AXIS_PENALTY * size
             if np.isfinite(loss) and (best is None or loss < best[0] - MIN_GAIN):
                 best = (loss, members, repeats)
         if not sets:
@@ -140,8 +139,8 @@ class _Search:
         _, moments = np.linalg.slogdet(P[:, INERTIA, INERTIA])
         count = np.trace(normals, axis1=1, axis2=2)
         least = np.maximum(np.linalg.eigvalsh(normals)[:, 0], 0.0)
-        loss = 1.5 * np.log(com) + 0.5 * MOMENT_WORTH * moments
-        return np.where(np.sqrt(least / count) < SINGULAR, np.inf, loss)
+        loss = 1.5 * np.log(com) + 0.5 * MOMENT_WEIGHT * moments
+        return np.where(np.sqrt(least / count) < MIN_NORMAL_SPREAD, np.inf, loss)
 
     def _sums(self, members: tuple[int, ...], each: int) -> tuple[Array, Array]:
         index = list(members)
@@ -256,7 +255,7 @@ def can_determine_com(information: Information) -> bool:
     if len(normals) < 3:
         return False
     return (
-        spread(normals[_widest_three(normals)]) >= SINGULAR
+        normal_spread(normals[_widest_three(normals)]) >= MIN_NORMAL_SPREAD
         or choose_design(information, MIN_STRIKES) is not None
     )
 
@@ -278,4 +277,4 @@ def is_degenerate(information: Information, members: Sequence[int]) -> bool:
     normals = [information.candidates[i].normal for i in members] + [
         each.normal for each in information.belief.struck
     ]
-    return spread(np.array(normals).reshape(-1, 3)) < SINGULAR
+    return normal_spread(np.array(normals).reshape(-1, 3)) < MIN_NORMAL_SPREAD

@@ -1,4 +1,4 @@
-"""Posterior from the strikes already made, from which the next plan starts."""
+"""Results of strikes already made, with which the next plan starts."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from analyze.planning.information import Belief, Candidate
 from analyze.planning.pivots import PivotAxis, swing
 from analyze.types import Array
 
-SAME_AXIS = np.cos(np.radians(3.0))
+SAME_AXIS_COSINE = np.cos(np.radians(3.0))
 """Cosine above which two directions are the same axis."""
-SHARES = tuple(np.linspace(1.0, 0.0, 21).tolist())
-"""Shares of the first of two results tried in covariance intersection."""
+INTERSECTION_WEIGHTS = tuple(np.linspace(1.0, 0.0, 21).tolist())
+"""Weights of the first of two results that are tried in covariance intersection."""
 MIN_HALF_EDGE = 5e-4
-"""Smallest half edge of Q [m]: the place of the object's edges is known no better."""
+"""Smallest half edge of Q [m]: the places of the object's edges are not known better."""
 
 
 @dataclass(frozen=True)
@@ -91,15 +91,19 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
     """
     of_a, of_b = np.linalg.inv(A), np.linalg.inv(B)
     merged: list[Array] = [
-        np.asarray(np.linalg.inv(share * of_a + (1 - share) * of_b), dtype=np.float64) for share in SHARES
+        np.asarray(np.linalg.inv(share * of_a + (1 - share) * of_b), dtype=np.float64)
+        for share in INTERSECTION_WEIGHTS
     ]
     best = int(np.argmin([np.trace(each) for each in merged]))
-    share, covariance = SHARES[best], merged[best]
+    share, covariance = INTERSECTION_WEIGHTS[best], merged[best]
     return covariance @ (share * of_a @ a + (1 - share) * of_b @ b), covariance
 
 
 def updated_hypothesis(believed: Hypothesis, given: EarlierResult) -> Hypothesis:
-    """Hypothesis with Q about the measured c; half edges are two standard deviations, if smaller."""
+    """Hypothesis with Q about the measured c.
+
+    Its half edges are two standard deviations of c, at most the largest one of the hypothesis `believed`.
+    """
     values, vectors = np.linalg.eigh(given.com_covariance)
     half = np.maximum(2 * np.sqrt(np.maximum(values, 0.0)), MIN_HALF_EDGE)
     half = np.minimum(half, max(float(believed.region.half.max()), MIN_HALF_EDGE))
@@ -134,8 +138,8 @@ def with_strikes_made(
         axis = _identified_axis(strike.axis_id, given, known)
         if axis is None:
             raise PlanError(
-                f"{given.name}: strike on axis {strike.axis_id!r}, which this object does not have: plan "
-                "from the first strike anew"
+                f"{given.name}: strike on axis {strike.axis_id!r}, which this object does not have: check "
+                "that it belongs to this object, or plan from the first strike anew"
             )
         weight = np.diag([strike.phi_sd**-2, 0.0 if strike.k_sd is None else strike.k_sd**-2])
         so_far = made.setdefault(axis.id, {})
@@ -162,7 +166,7 @@ def _identified_axis(name: str, given: EarlierResult, known: Mapping[str, PivotA
         ]
         if near:
             return known[min(near)[2]]
-    if axis is None or (direction is not None and float(direction @ axis.direction) < SAME_AXIS):
+    if axis is None or (direction is not None and float(direction @ axis.direction) < SAME_AXIS_COSINE):
         return None
     return axis
 

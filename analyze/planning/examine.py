@@ -1,4 +1,4 @@
-"""Check of every axis: visible to the camera, reachable by the striker, edge that holds."""
+"""Checks of every axis: a marker in view, an impact point in reach, an edge that holds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel
 from analyze.planning.information import Candidate
 from analyze.planning.pivots import PivotAxis, Swing, swing
-from analyze.planning.precision import FRAME_PX, FRAME_RATE, SeenSwing, frame_sd, strike_covariances
+from analyze.planning.precision import FRAME_PX, FRAME_RATE, TrackedSwing, frame_sd, strike_covariances
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Rejection
@@ -39,11 +39,13 @@ class Bench:
 
 
 @dataclass(frozen=True)
-class Usable:
+class UsableAxis:
     """An axis that passed every check."""
 
     candidate: Candidate
+    """The axis with its expected swing and the noise of one strike."""
     impact: ImpactPoint
+    """Where to strike."""
     energy: float
     """Energy ratio E of the strike."""
     friction: float
@@ -56,16 +58,18 @@ class Usable:
 
 @dataclass(frozen=True)
 class _Reached:
+    """Axis with a marker in view and an impact point in reach."""
+
     axis: PivotAxis
     expected: Swing
     point: ImpactPoint
-    sight: view.Sight
+    sight: view.MarkerVisibility
 
 
 def examine(
     model: ObjectModel, spec: ObjectSpec, axes: Sequence[PivotAxis], believed: Hypothesis, bench: Bench
-) -> tuple[list[Usable], list[Rejection]]:
-    """Usable axes in the order given, and rejections of the others.
+) -> tuple[list[UsableAxis], list[Rejection]]:
+    """Check all axes: usable ones in the order given, and rejections of the others.
 
     Args:
         model: Shape of the object.
@@ -83,7 +87,7 @@ def examine(
         else:
             reached.append(outcome)
     held = _friction_checks(reached, believed, bench)
-    passed: list[tuple[_Reached, SeenSwing, float]] = []
+    passed: list[tuple[_Reached, TrackedSwing, float]] = []
     for each, outcome in zip(reached, held, strict=True):
         if isinstance(outcome, Rejection):
             rejected.append(outcome)
@@ -94,10 +98,10 @@ def examine(
             rejected.append(_reject(each.axis, "speed", speed, problem))
             continue
         pixels = each.sight.pixels if each.sight.markers else FRAME_PX
-        passed.append((each, SeenSwing(each.expected, energy, frame_sd(pixels)), friction))
+        passed.append((each, TrackedSwing(each.expected, energy, frame_sd(pixels)), friction))
     covariances = strike_covariances([seen for _, seen, _ in passed], bench.frame_rate)
     usable = [
-        Usable(
+        UsableAxis(
             Candidate(each.axis, each.expected, noise),
             each.point,
             seen.energy,
@@ -127,7 +131,8 @@ def _reach(
             axis,
             "too_steep",
             expected.phi,
-            f"balances only after {np.degrees(expected.phi):.0f} deg: the edge would slip or lift",
+            f"balances only after {np.degrees(expected.phi):.0f} deg: beyond {np.degrees(MAX_PHI):.0f} deg "
+            "the edge would slip or lift",
         )
     placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
     sight = view.visible_markers(model, spec, axis, expected.phi, bench.camera)
@@ -193,7 +198,7 @@ def _friction_checks(
     return result
 
 
-def _case(each: _Reached, energy: float, believed: Hypothesis, bench: Bench) -> feasibility.Case:
+def _case(each: _Reached, energy: float, believed: Hypothesis, bench: Bench) -> feasibility.StrikeCase:
     return feasibility.strike_case(
         each.axis,
         each.expected,

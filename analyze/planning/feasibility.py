@@ -1,4 +1,4 @@
-"""Simulation of a strike on a rounded edge with dry friction: does the edge hold (method 1.6).
+"""Simulation of a strike on a rounded edge with dry friction: whether the edge holds (method 1.6).
 
 The body turns about the centre line P of an edge that rolls on the table. A half-sine push of the striker
 acts along the table at height h, then only gravity and the contact. At every instant the edge is tried as
@@ -22,7 +22,7 @@ from analyze.types import Array
 
 SLIP_LIMIT = 3e-4
 """Largest slip of an edge before balance [m]: it has no noticeable effect on the fit of the motion."""
-CONTACT = 0.003
+CONTACT_TIME = 0.003
 """Contact time of a strike [s]."""
 PUSH_STEPS = 24
 """Integration steps during contact."""
@@ -42,7 +42,7 @@ FRICTIONS = np.array(
 
 
 @dataclass(frozen=True)
-class Case:
+class StrikeCase:
     """One strike on one edge, in W at rest: x along the tip, y along the edge, z up; y = 0 at the strike."""
 
     distance: float
@@ -68,17 +68,17 @@ class Case:
     i_zy: float = 0.0
     """Entry zy of the inertia tensor about c [kg m^2]."""
     i_zz: float = np.inf
-    """Entry zz of the inertia tensor about c [kg m^2]."""
+    """Entry zz of the inertia tensor about c [kg m^2]; infinite to neglect yaw."""
     low: float = 0.0
     """y of the edge's lower end [m]."""
     high: float = 0.0
     """y of the edge's upper end [m]; equal to `low` if not known: no moments out of the plane."""
-    duration: float = CONTACT
+    duration: float = CONTACT_TIME
     """Contact time [s]."""
 
 
 @dataclass(frozen=True)
-class Tips:
+class TipOutcomes:
     """Outcome of n simulated strikes up to balance."""
 
     slip: Array
@@ -97,7 +97,7 @@ def strike_case(
     height: float,
     impulse: float,
     friction: float,
-) -> Case:
+) -> StrikeCase:
     """Simulation input for a strike on one axis.
 
     Args:
@@ -112,7 +112,7 @@ def strike_case(
     R = axis.R_world_object
     inertia = expected.mass * R @ unit_inertia @ R.T
     low, high = axis_ends(axis)
-    return Case(
+    return StrikeCase(
         distance=expected.distance,
         phi=expected.phi,
         i_com=float(inertia[1, 1]),
@@ -142,7 +142,7 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
     return min(along[0] + inset, -1e-4), max(along[1] - inset, 1e-4)
 
 
-def simulate_tips(cases: Sequence[Case], gravity: float, most_slip: float = np.inf) -> Tips:
+def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float = np.inf) -> TipOutcomes:
     """Integrate n strikes and swings up to balance, all at once.
 
     With b = phi - theta, z_c = rho + R*cos b, u = dx_P/dt - rho*theta' the contact's sliding speed, F and N
@@ -157,14 +157,14 @@ def simulate_tips(cases: Sequence[Case], gravity: float, most_slip: float = np.i
         most_slip: Slip [m] at which the integration of a case ends.
     """
     if not cases:
-        return Tips(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
+        return TipOutcomes(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
     body = _Bodies(cases, gravity)
     step = body.duration / PUSH_STEPS
     peak = body.impulse * np.pi / 2 / body.duration
     for i in range(PUSH_STEPS):
         body.step(step, peak * float(np.sin(np.pi * (i + 0.5) / PUSH_STEPS)))
     body.load_counts, body.most_slip = True, most_slip
-    result = Tips(body.slip.copy(), body.least_load.copy(), np.zeros(len(cases), dtype=bool))
+    result = TipOutcomes(body.slip.copy(), body.least_load.copy(), np.zeros(len(cases), dtype=bool))
     going = np.arange(len(cases))
     for i in range(1, round(MAX_FREE_TIME / FREE_STEP) + 1):
         body.step(np.full(len(going), FREE_STEP), np.zeros(len(going)))
@@ -179,7 +179,7 @@ def simulate_tips(cases: Sequence[Case], gravity: float, most_slip: float = np.i
     return result
 
 
-def least_friction(cases: Sequence[Case], gravity: float) -> Array:
+def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
     """Smallest friction coefficients (n,) with which each of n cases slides at most `SLIP_LIMIT`.
 
     The resolution is that of `FRICTIONS`, 0.05 or better below 0.7; inf if none of them suffices.
@@ -193,18 +193,18 @@ def least_friction(cases: Sequence[Case], gravity: float) -> Array:
     return np.append(FRICTIONS, np.inf)[last]
 
 
-def _with_friction(each: Case, friction: float) -> Case:
-    values = {field.name: getattr(each, field.name) for field in fields(Case)}
-    return Case(**{**values, "friction": float(friction)})
+def _with_friction(each: StrikeCase, friction: float) -> StrikeCase:
+    values = {field.name: getattr(each, field.name) for field in fields(StrikeCase)}
+    return StrikeCase(**{**values, "friction": float(friction)})
 
 
 class _Bodies:
     """Parameters and state (n,) of all cases: theta, theta', the contact's slip and sliding speed."""
 
-    def __init__(self, cases: Sequence[Case], gravity: float) -> None:
+    def __init__(self, cases: Sequence[StrikeCase], gravity: float) -> None:
         table = {
             field.name: np.array([getattr(each, field.name) for each in cases], dtype=np.float64)
-            for field in fields(Case)
+            for field in fields(StrikeCase)
         }
         self._p = table
         self._g = gravity

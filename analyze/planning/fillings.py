@@ -17,13 +17,14 @@ from analyze.planning.information import COM, INERTIA, MASS, moment_row
 from analyze.types import Array
 
 NAMES = ("shell", "upper", "lower")
-DRAWS = 24
+"""Names of the regions: shell, interior above and below the dividing plane."""
+FILLINGS = 24
 """Number of fillings drawn."""
-DETERMINED = 0.5
-"""Fraction of the prior sd below which a mass counts as determined."""
+DETERMINED_FRACTION = 0.5
+"""Predicted over prior sd of a mass below which it counts as determined."""
 SHARE_SD = 0.2357
 """Sd of one of three shares of a whole, if all divisions are equally likely."""
-ALIKE = np.cos(np.radians(15.0))
+SAME_MOMENT_COSINE = np.cos(np.radians(15.0))
 """Cosine above which two directions measure the same moment."""
 
 
@@ -73,7 +74,7 @@ def region_forecast(
     """
     distinct: list[Array] = []
     for direction in directions:
-        if all(abs(direction @ other) < ALIKE for other in distinct):
+        if all(abs(direction @ other) < SAME_MOMENT_COSINE for other in distinct):
             distinct.append(direction)
     lines = np.array([moment_row(direction) for direction in distinct]).reshape(-1, 6)
     pick = np.zeros((4 + len(lines), len(covariance)))
@@ -82,13 +83,15 @@ def region_forecast(
     pick[4:, INERTIA] = lines
     measured = pick @ covariance @ pick.T
     problem = _Fillings(cells, np.array(distinct).reshape(-1, 3), mass)
-    sds = np.array([problem.sd(measured, drawn) for drawn in _even_draws(DRAWS, 5)])
+    sds = np.array([problem.sd(measured, drawn) for drawn in _even_draws(FILLINGS, 5)])
     sd = np.median(sds, axis=0)
-    return RegionForecast(NAMES, sd, tuple(bool(value < DETERMINED * SHARE_SD * mass) for value in sd))
+    return RegionForecast(
+        NAMES, sd, tuple(bool(value < DETERMINED_FRACTION * SHARE_SD * mass) for value in sd)
+    )
 
 
 class _Fillings:
-    """Linearised mass, c and moments as functions of region masses and dividing plane."""
+    """Precision of the region masses of plausible fillings, linear about each filling."""
 
     def __init__(self, cells: Pieces, directions: Array, mass: float) -> None:
         self._cells, self._mass = cells, mass

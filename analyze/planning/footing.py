@@ -15,28 +15,27 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.planning.hypothesis import Region
 from analyze.planning.stable_planes import RestingPlane
 
-SHARES = (1.0, 0.5, 0.0)
-"""Fractions of Q, scaled about its centre, that a face must hold; tried in order until a set of axes
+Q_SCALES = (1.0, 0.5, 0.0)
+"""Scales of Q about its centre at which it must lie over a face; tried in order until a set of axes
 determines c."""
-STRIP = 0.02
+STRIP_AREA_FRACTION = 0.02
 """Fraction of the hull's area below which an unsure face counts as a strip of a round or bevelled flank."""
 FLANK_TURN = np.radians(25.0)
 """Largest angle [rad] between neighbouring facets of a round flank: of 16 sides or more."""
-OPPOSITE = -np.cos(np.radians(20.0))
+OPPOSITE_COSINE = -np.cos(np.radians(20.0))
 """Largest cosine between the directions to the two neighbours of a facet of a round flank."""
 
-
 IF_IT_FALLS = (
-    "If it tips over by itself there, leave these strikes out: make the others, and plan on with --given "
-    "RECORDING, which knows better "
-    "where it stands"
+    "If it tips over by itself there, leave these strikes out: make the others, then plan again with --given "
+    "RECORDING, from which the centre of mass is known better"
 )
+"""Remedy for an object that does not stay on a face where that was expected but not certain."""
 
 
 def footing(
     model: ObjectModel, planes: Sequence[RestingPlane], region: Region, share: float
 ) -> tuple[RestingPlane, ...]:
-    """Planes whose support polygon holds at least the fraction `share` of Q, in their order.
+    """Planes over whose support polygon Q lies when scaled by `share` about its centre, in their order.
 
     A share of 1 gives `stable_planes`. With less, facets of round flanks are left out: the object rolls on
     them.
@@ -45,21 +44,28 @@ def footing(
         model: Shape of the object.
         planes: Resting planes of the object.
         region: Region Q of c.
-        share: Fraction of Q, scaled about its centre.
+        share: Scale of Q about its centre.
     """
     sure = [plane.firmness(region) > 1 for plane in planes]
     if share >= 1:
         return tuple(plane for plane, stands in zip(planes, sure, strict=True) if stands)
-    least = STRIP * float(ConvexHull(model.hull_vertices).area)
+    least = STRIP_AREA_FRACTION * float(ConvexHull(model.hull_vertices).area)
     return tuple(
         plane
         for plane, stands in zip(planes, sure, strict=True)
-        if stands or (plane.firmness(region) > share and plane.area >= least and not _round(plane, planes))
+        if stands
+        or (plane.firmness(region) > share and plane.area >= least and not _is_round_flank(plane, planes))
     )
 
 
 def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Region) -> str:
-    """Warning with remedy that a plan uses faces which may not hold c; empty if it does not."""
+    """Warning with remedy that a plan uses faces on which the object may not stay; empty if it does not.
+
+    Args:
+        used: Resting planes of the plan's strikes.
+        unsure: Ids of the faces that hold the expected c, but not all of Q.
+        region: Region Q of c.
+    """
     faces = sorted({plane.id: plane for plane in used if plane.id in unsure}.items())
     if not faces:
         return ""
@@ -69,13 +75,13 @@ def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Re
         for name, plane in faces
     )
     return (
-        "edges of faces on which the object surely stands do not determine the centre of mass: the plan also "
-        "uses faces that hold it where "
-        f"it is expected: {listed}. {IF_IT_FALLS}"
+        "the faces on which the object surely stands do not suffice to determine the centre of mass: the "
+        "plan also uses faces on which it stands if its centre of mass is where it is expected: "
+        f"{listed}. {IF_IT_FALLS}"
     )
 
 
-def _round(plane: RestingPlane, planes: Sequence[RestingPlane]) -> bool:
+def _is_round_flank(plane: RestingPlane, planes: Sequence[RestingPlane]) -> bool:
     """True if a face has neighbours at small angles on two opposite sides, as facets of a round flank do."""
     ups = np.array([other.up for other in planes if other is not plane])
     along = ups @ plane.up
@@ -83,4 +89,4 @@ def _round(plane: RestingPlane, planes: Sequence[RestingPlane]) -> bool:
     aside = near - np.outer(near @ plane.up, plane.up)
     length = np.linalg.norm(aside, axis=1, keepdims=True)
     aside = aside[length[:, 0] > 0] / length[length[:, 0] > 0]
-    return len(aside) > 1 and float(np.min(aside @ aside.T)) < OPPOSITE
+    return len(aside) > 1 and float(np.min(aside @ aside.T)) < OPPOSITE_COSINE

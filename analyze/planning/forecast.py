@@ -32,8 +32,9 @@ REMEDIES = {
     "scale of the shape": "measure a length of the object and correct the shape's scale",
     "angle error of an axis": "strike other edges as well",
     "mass": "a better balance",
-    "gravity": "give g_m_s2 of your place",
+    "gravity": "give g_m_s2 of your place in the rig file",
 }
+"""Remedies by error source."""
 
 
 @dataclass(frozen=True)
@@ -191,13 +192,13 @@ def advice(
     )
     if stop:
         text = (
-            f"{head}; {planned} more would only bring {1000 * twice:.2f} mm, any number on these axes "
+            f"{head}; {planned} more would only reach {1000 * twice:.2f} mm, any number on these axes "
             f"{1000 * floor:.2f} mm: "
-            "what strikes share dominates, more strikes no longer pay; instead: "
+            "errors that strikes share dominate, more strikes no longer pay; instead: "
             f"{_remedy(worst[0], exact_shape)}"
         )
     else:
-        text = head if made else f"{head}; {further} more would bring {1000 * twice:.2f} mm"
+        text = head if made else f"{head}; {further} more would reach {1000 * twice:.2f} mm"
     if made:
         so_far = (
             f"the {made} {_strikes(made)} so far {'gives' if made == 1 else 'give'} c to {1000 * rms:.2f} mm"

@@ -18,17 +18,17 @@ from analyze.types import Array
 FILLING_ASYMMETRY = 0.2
 """Fraction of the half extent by which an unknown filling may shift c."""
 SAMPLES_ACROSS = 36
-"""Surface samples along the body's size."""
-NEEDLE = 0.5
+"""Number of surface samples along the body's size."""
+NEEDLE_WIDTH = 0.5
 """Width of a triangle, over the samples' spacing, below which it is cut along its length only."""
-TIE = 1e-3
+TIED_EIGENVALUES = 1e-3
 """Relative difference of two eigenvalues below which their directions are arbitrary."""
-ROUND = 0.05
-"""Relative difference of two eigenvalues below which our Q is round across them, independent of noise in the
-axes."""
+ROUND_EIGENVALUES = 0.05
+"""Relative difference of two eigenvalues below which our Q is round across their axes, so that it depends
+neither on the choice of these axes nor on noise that would decide it."""
 MAX_DIRECTIONS = 500
 """Largest number of directions in which the body's asymmetry is measured."""
-SIGNS = 60_000
+MAX_SIGNS = 60_000
 """Number of signs computed at a time: as many as the caches hold."""
 
 
@@ -43,7 +43,7 @@ class Region:
     half: Array
     """(3,) half edges along `axes` [m]; radii across axes of one group."""
     groups: tuple[int, int, int] = (0, 1, 2)
-    """Group of each axis."""
+    """Group of each axis; Q is round across the axes of one group."""
 
     def reach(self, directions: Array) -> Array:
         """Extent (k,) of Q from its centre [m] along unit `directions` (k, 3) in O."""
@@ -132,13 +132,19 @@ def _hypothesis(model: ObjectModel) -> Hypothesis:
 
 
 def _groups(values: Array) -> tuple[int, int, int]:
-    """Group of each of three eigenvalues (3,), largest first; neighbours within `ROUND` share one."""
-    first = int(values[0] - values[1] > ROUND * values[0])
-    return 0, first, first + int(values[1] - values[2] > ROUND * values[1])
+    """Group of each of three eigenvalues (3,), largest first.
+
+    Neighbours that differ by less than `ROUND_EIGENVALUES` of the larger share one.
+    """
+    first = int(values[0] - values[1] > ROUND_EIGENVALUES * values[0])
+    return 0, first, first + int(values[1] - values[2] > ROUND_EIGENVALUES * values[1])
 
 
 def _directions(model: ObjectModel, axes: Array) -> Array:
-    """Unit vectors (k, 3) spanned by `axes` (d, 3): the axis itself, or normals of the projected hull."""
+    """Unit vectors (k, 3) in the space of `axes` (d, 3) that turn with the body.
+
+    For one axis it is the axis itself, for more the normals of the hull projected along the other axes.
+    """
     if len(axes) == 1:
         return axes
     hull = ConvexHull(model.hull_vertices @ axes.T)
@@ -150,7 +156,7 @@ def _directions(model: ObjectModel, axes: Array) -> Array:
 def _differences(directions: Array, arm: Array, value: Array) -> Array:
     """Sums (k,) of `value` (n,) over samples `arm` (n, 3) ahead minus behind, along `directions` (k, 3)."""
     total = np.zeros(len(directions))
-    step = max(1, SIGNS // len(directions))
+    step = max(1, MAX_SIGNS // len(directions))
     for start in range(0, len(arm), step):
         piece = slice(start, start + step)
         total += np.sign(directions @ arm[piece].T) @ value[piece]
@@ -163,7 +169,7 @@ def principal_axes(second_moments: Array) -> Array:
     values, vectors = values[::-1], vectors.T[::-1]
     rows: list[Array] = []
     for value in values:
-        tied = vectors[np.abs(values - value) <= TIE * values[0] + 1e-18]
+        tied = vectors[np.abs(values - value) <= TIED_EIGENVALUES * values[0] + 1e-18]
         projector = tied.T @ tied
         for row in rows:
             projector = projector - np.outer(row, row) @ projector
@@ -188,7 +194,7 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
         np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
         / 2
     )
-    needle = (2 * area < NEEDLE * spacing * longest) & (longest > spacing)
+    needle = (2 * area < NEEDLE_WIDTH * spacing * longest) & (longest > spacing)
     pieces = _bisected(triangles[needle], spacing)
     points = [pieces.mean(axis=1)]
     areas = [np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1) / 2]

@@ -15,50 +15,59 @@ from schemas.impact_law import inverse_impact_mass, tip_speed_for_impulse
 from schemas.rig_limits import tip_speeds
 
 NOMINAL = tip_speeds()
+"""Range of the nominal striker's tip speeds."""
 GRAVITY = 9.81
 """Gravity [m/s^2], precise enough for plans."""
 TIP_RADIUS = 0.008
 """Radius of the striker's tip [m]."""
-BELOW_TOP = 0.010
+MIN_DEPTH_BELOW_TOP = 0.010
 """Smallest distance of an impact point below the object's top [m]."""
 HEIGHT_STEP = 0.001
 """Spacing of the heights tried [m]."""
-HAIR = 1.7e-8
-"""Offset of the section plane [m], so that no corner lies exactly in it."""
-PLACING = 0.004
+SECTION_OFFSET = 1.7e-8
+"""Offset of the plane y = 0 in which rays run [m], so that no corner lies exactly in it."""
+HEIGHT_ERROR = 0.004
 """Error of the height [m] at which the tip must still meet the same face."""
-SHIFT = 0.001
+MAX_FLANK_LEAD = 0.001
 """Distance [m] by which a slanting face may meet the tip's flank before its foremost point."""
-FACING = np.radians(20.0)
+MAX_GLANCE = np.radians(20.0)
 """Largest angle [rad] between surface normal and strike at which the tip does not glance off."""
-CARD = 10 / 8
+CARD_OVER_TAG_SIZE = 10 / 8
 """Edge of a marker's card over that of its black square (one white cell around 8)."""
 
 
 @dataclass(frozen=True)
 class StrikerModel:
-    """The striker as it acts at its tip. Speeds [m/s] and heights over the table [m] it can reach there."""
+    """Effective mass and restitution of the striker at its tip, with the speeds and heights it can reach."""
 
     effective_mass_kg: float = 0.2
+    """Effective mass at the tip [kg]."""
     restitution: float = 0.4
+    """Coefficient of restitution of the impact."""
     effective_mass_sd_kg: float = 0.05
+    """1 sigma of the effective mass [kg]."""
     restitution_sd: float = 0.15
+    """1 sigma of the restitution."""
     slowest_m_s: float = NOMINAL.slowest_m_s
+    """Smallest tip speed [m/s]."""
     fastest_m_s: float = NOMINAL.fastest_m_s
+    """Largest tip speed [m/s]."""
     lowest_m: float = 0.015
+    """Smallest height of the tip over the table [m]."""
     highest_m: float = 0.4
+    """Largest height of the tip over the table [m]."""
 
     def too_fast_or_slow(self, speed: float) -> str:
-        """In words, where the striker refuses a tip speed [m/s]; else empty."""
+        """Message if the striker cannot make a tip speed [m/s]; empty if it can."""
         if self.slowest_m_s <= speed <= self.fastest_m_s:
             return ""
         return (
             f"it needs a tip speed of {speed:.2f} m/s: the striker gives {self.slowest_m_s:.3g} to "
-            f"{self.fastest_m_s:.3g}"
+            f"{self.fastest_m_s:.3g} m/s"
         )
 
     def too_high_or_low(self, height: float) -> str:
-        """In words, where the tip cannot be set to a height [m]; else empty."""
+        """Message if the tip cannot be set to a height [m] over the table; empty if it can."""
         if self.lowest_m <= height <= self.highest_m:
             return ""
         lowest, highest = 1000 * self.lowest_m, 1000 * self.highest_m
@@ -70,16 +79,16 @@ class StrikerModel:
 
 @dataclass(frozen=True)
 class ImpactPoint:
-    """A place on the surface to strike, and the friction that it requires at the edge."""
+    """A place on the surface to strike, and the friction that the edge then needs."""
 
     height: float
     """Height over the table [m]."""
     point: Array
     """(3,) place [m], in O."""
     friction: float
-    """Horizontal over vertical impulse at the edge, for the expected c."""
+    """Horizontal over vertical impulse at the edge for the expected c: the friction coefficient needed."""
     worst_friction: float
-    """Largest such ratio for c elsewhere in Q."""
+    """Largest such ratio for the places of c that were examined."""
     glance: float
     """Angle between the surface's normal and the strike [rad]."""
     on_card: bool
@@ -96,7 +105,7 @@ def impact_points(
     """Places that a sphere moving along W's +x at y = 0 meets with its foremost point, by height.
 
     There is one per height step. Left out are heights at which the sphere's flank meets another part first,
-    those with an edge within `PLACING`, and those out of the striker's reach.
+    those with an edge within `HEIGHT_ERROR`, and those out of the striker's reach.
 
     Args:
         model: Shape of the object.
@@ -112,10 +121,10 @@ def impact_points(
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
     distance, glance = _profile(model, axis, heights, start)
     centres = np.array([centre for centre, _ in cards]).reshape(-1, 3)
-    near_to = np.array([0.5 * CARD * edge + TIP_RADIUS for _, edge in cards])
+    near_to = np.array([0.5 * CARD_OVER_TAG_SIZE * edge + TIP_RADIUS for _, edge in cards])
     result: list[ImpactPoint] = []
     tried = np.flatnonzero(
-        (heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m))
+        (heights >= striker.lowest_m) & (heights <= min(top - MIN_DEPTH_BELOW_TOP, striker.highest_m))
     )
     free, worst_glances = _clear_heights(heights, distance, glance, tried)
     for i, worst_glance in zip(tried[free], worst_glances[free].tolist(), strict=True):
@@ -140,14 +149,16 @@ def _clear_heights(
     """
     offset = np.abs(heights - heights[tried, None])
     flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
-    near_by = offset <= PLACING
-    met_before = np.any((offset < TIP_RADIUS) & (distance + flank < distance[tried, None] - SHIFT), axis=1)
+    near_by = offset <= HEIGHT_ERROR
+    met_before = np.any(
+        (offset < TIP_RADIUS) & (distance + flank < distance[tried, None] - MAX_FLANK_LEAD), axis=1
+    )
     worst = np.where(near_by, glance, 0.0).max(axis=1, initial=0.0)
     first, last = (np.where(near_by, distance, end) for end in (np.inf, -np.inf))
-    even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * PLACING * np.tan(
-        FACING
+    even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * HEIGHT_ERROR * np.tan(
+        MAX_GLANCE
     )
-    return np.logical_not(met_before) & (worst <= FACING) & even, worst
+    return np.logical_not(met_before) & (worst <= MAX_GLANCE) & even, worst
 
 
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
@@ -164,7 +175,7 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
     """
     R, p = axis.R_world_object, axis.p_world_object
     # Offset so that no corner lies exactly in the plane.
-    height: Array = model.vertices @ R[1] + p[1] - HAIR
+    height: Array = model.vertices @ R[1] + p[1] - SECTION_OFFSET
     a, b, c = (height[corner] > 0 for corner in model.faces.T)
     cut = model.faces[(a != b) | (a != c)]
     corners: Array = model.vertices[cut] @ R.T + p
@@ -196,7 +207,10 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
-    """Impact point with the smallest required friction for any c in Q, off the cards if possible."""
+    """Impact point at which the edge needs least friction for any c in Q; None if there are no points.
+
+    Points on a marker's card are used only if all others need more than `friction`.
+    """
     free = [point for point in points if not point.on_card and point.friction <= friction]
     return min(free or points, key=lambda point: point.worst_friction, default=None)
 

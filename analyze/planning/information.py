@@ -18,11 +18,14 @@ from analyze.planning.pivots import PivotAxis, Swing
 from analyze.types import TENSOR_ENTRIES, Array
 
 COM = slice(0, 3)
+"""Indices of c among the shared unknowns."""
 INERTIA = slice(3, 9)
+"""Indices of the six entries of the inertia about c."""
 MASS, GRAVITY, TILT, SCALE, RADIUS = range(9, 14)
-SHARED = 14
+"""Indices of the shared errors."""
+SHARED_COUNT = 14
 """Number of shared unknowns."""
-PRIVATE = 4
+AXIS_COUNT = 4
 """Number of unknowns of an axis: its line's place towards the tip and upwards, an angle, a part of k.
 
 Each further heading of the axis has one more angle."""
@@ -37,10 +40,11 @@ SOURCES = {
     "scale of the shape": (SCALE,),
     "radius of the edges": (RADIUS,),
 }
+"""Names of the shared error sources, with the indices of their unknowns."""
 
 
 @dataclass(frozen=True)
-class Errors:
+class SharedErrors:
     """Standard deviations of errors that all strikes, or all strikes on one axis, share.
 
     They correspond to `SystematicErrors` and `Scale` of the estimation.
@@ -81,7 +85,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Belief:
-    """Knowledge before the planned strikes; c is expected where the candidates assume it."""
+    """Prior of c and inertia, and strikes made, before the planned strikes.
+
+    The expected c is the one that the candidates' swings assume.
+    """
 
     com_sd: float
     """1 sigma of c in every direction [m]: c lies in the shape."""
@@ -101,11 +108,11 @@ class Information:
 
     candidates: tuple[Candidate, ...]
     belief: Belief
-    errors: Errors
+    errors: SharedErrors
 
     @cached_property
     def units(self) -> Array:
-        """Prior 1 sigma (14,) of the shared unknowns: c [m], inertia [kg m^2], then those of `Errors`."""
+        """Prior 1 sigma (14,) of the shared unknowns: c [m], inertia [kg m^2], then the shared errors."""
         e, i = self.errors, self.belief.inertia_sd
         # Off-diagonal entries have 1/sqrt 2, so that the moment about every direction is equally uncertain.
         return np.array(
@@ -153,7 +160,7 @@ class Information:
         m, i_edge = swing.mass, swing.i_edge
         # d ln k = dm/m + dg/g + dR/R - dI_edge/I_edge; I_edge = l.I.l + m*(R + rho)^2.
         by_R = 1 / R - 2 * m * (R + rho) / i_edge
-        shared = np.zeros((2, SHARED))
+        shared = np.zeros((2, SHARED_COUNT))
         shared[0, COM], shared[1, COM] = across, by_R * outwards
         shared[1, INERTIA] = -moment_row(axis.direction) / i_edge
         shared[1, MASS] = 1 - m * (R + rho) ** 2 / i_edge
@@ -164,7 +171,7 @@ class Information:
             # A larger radius moves the centre line inwards: up and away from the tip.
             shared[:, RADIUS] = -(shared[:, COM] @ (axis.plane.up - axis.tip))
             shared[1, RADIUS] -= 2 * m * (R + rho) / i_edge
-        own = np.zeros((2, PRIVATE))
+        own = np.zeros((2, AXIS_COUNT))
         own[:, 0] = -(shared[:, COM] @ axis.tip) * axis.sd
         own[:, 1] = -(shared[:, COM] @ axis.plane.up) * axis.sd
         own[0, 2], own[1, 3] = e.axis_angle, e.axis_k
@@ -193,14 +200,14 @@ class Information:
             if heading != USUAL_HEADING
         ]
         many = 1 + len(turned)
-        all_shared, all_own = np.tile(shared, (many, 1)), np.zeros((2 * many, PRIVATE + many - 1))
-        all_own[:, :PRIVATE] = np.tile(own, (many, 1))
+        all_shared, all_own = np.tile(shared, (many, 1)), np.zeros((2 * many, AXIS_COUNT + many - 1))
+        all_own[:, :AXIS_COUNT] = np.tile(own, (many, 1))
         weight = np.zeros((2 * many, 2 * many))
         weight[:2, :2] = self.weight(each, strikes)
         for i, (heading, made) in enumerate(turned, start=1):
             phi = 2 * i
             all_shared[phi, TILT] *= np.cos(heading)
-            all_own[phi, PRIVATE + i - 1], all_own[phi, ANGLE] = all_own[phi, ANGLE], 0.0
+            all_own[phi, AXIS_COUNT + i - 1], all_own[phi, ANGLE] = all_own[phi, ANGLE], 0.0
             weight[phi : phi + 2, phi : phi + 2] = made
         return all_shared, all_own, weight
 
@@ -223,7 +230,7 @@ class Information:
         known = [
             self.axis_information(each, 0) for each in self.belief.struck if each.axis.id not in leave_out
         ]
-        return np.asarray(sum(known, np.eye(SHARED)), dtype=np.float64)
+        return np.asarray(sum(known, np.eye(SHARED_COUNT)), dtype=np.float64)
 
     def covariance(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> Array:
         """Covariance (14, 14) of the shared unknowns [SI] after `repeats` strikes on each of `chosen`."""
@@ -239,16 +246,16 @@ class Information:
         axes = [*chosen, *(each for each in self.belief.struck if each.axis.id not in here)]
         many = [*repeats, *[0] * (len(axes) - len(chosen))]
         known = [self.measurements(each, strikes) for each, strikes in zip(axes, many, strict=True)]
-        count = SHARED + sum(own.shape[1] for _, own, _ in known)
-        information, first = np.eye(count), SHARED
+        count = SHARED_COUNT + sum(own.shape[1] for _, own, _ in known)
+        information, first = np.eye(count), SHARED_COUNT
         place, angle = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
         for shared, own, weight in known:
             last = first + own.shape[1]
             rows = np.zeros((len(shared), count))
-            rows[:, :SHARED], rows[:, first:last] = shared, own
+            rows[:, :SHARED_COUNT], rows[:, first:last] = shared, own
             information += rows.T @ weight @ rows
             place[first : first + ANGLE] = angle[first + ANGLE] = True
-            angle[first + PRIVATE : last] = True
+            angle[first + AXIS_COUNT : last] = True
             first = last
         P = np.linalg.inv(information)
         gain = P[COM] * self.belief.com_sd
@@ -267,7 +274,7 @@ def moment_row(direction: Array) -> Array:
     return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 
 
-def spread(normals: Array) -> float:
+def normal_spread(normals: Array) -> float:
     """Smallest singular value of unit normals (n, 3) over sqrt(n); 0 if a direction of c is unknown."""
     if len(normals) < 3:
         return 0.0

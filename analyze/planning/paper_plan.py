@@ -2,7 +2,7 @@
 
 Choices that the paper leaves open are made here:
 
-- The cloud P of a mesh is `CLOUD` points at equal steps of its area.
+- The cloud P of a mesh is `CLOUD_POINTS` points at equal steps of its area.
 - Q: eq. (1) as printed sums over all points and so grows with their number; where that leaves fewer than two
   planes, the same with means.
 - Equal eigenvalues (a square base): the object's own axes, x before y before z. A ray into a corner: the edge
@@ -32,17 +32,17 @@ from analyze.planning.hypothesis import (
 from analyze.planning.stable_planes import RestingPlane, paper_stable_planes, resting_planes
 from analyze.types import Array
 
-CLOUD = 8000
+CLOUD_POINTS = 8000
 """Number of points of the cloud P."""
-IN_PLANE = 1e-4
-"""Distance [m] from S_i up to which a point of the cloud belongs to it."""
-ALIKE = np.cos(np.radians(20.0))
-"""Cosine of the angle to n_ij up to which a hull normal counts as 'in its direction'."""
+PLANE_TOLERANCE = 1e-4
+"""Distance [m] from a plane S_i up to which a point of the cloud belongs to it."""
+SAME_DIRECTION_COSINE = np.cos(np.radians(20.0))
+"""Cosine of the largest angle to n_ij at which a hull normal counts as 'in its direction'."""
 CONTACT_ANGLE = np.radians(5.0)
 """Delta theta of eq. (2) [rad], which the paper does not give."""
-STRUCK = 3
+STRUCK_POINTS = 3
 """Number of impact points that the paper strikes."""
-SAME_FORCE = 6
+FORCE_DECIMALS = 6
 """Decimals of the force, over the smallest one, beyond which forces count as equal."""
 
 
@@ -83,7 +83,7 @@ class PaperPlan:
     @property
     def struck(self) -> tuple[PaperStrike, ...]:
         """Impact points that the paper strikes; often parallel axes or one vertex, which leave c open."""
-        return self.strikes[:STRUCK]
+        return self.strikes[:STRUCK_POINTS]
 
 
 def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperPlan:
@@ -97,7 +97,7 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
     """
-    cloud = even_cloud(model, CLOUD)
+    cloud = even_cloud(model, CLOUD_POINTS)
     planes = resting_planes(model)
     regions: tuple[Region, Region] = (paper_hypothesis(cloud), paper_hypothesis_of_means(cloud))
     found = [paper_stable_planes(planes, region) for region in regions]
@@ -106,12 +106,12 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
     if len(stable) < 2:
         raise PlanError(
             f"{model.name}: the paper's method needs two stable planes that are not parallel, it has "
-            f"{len(stable)}: use ours"
+            f"{len(stable)}: use --method ours"
         )
     strikes = [strike for plane in stable for strike in _strikes_on(model, plane, cloud, mass * gravity)]
     least = min((strike.force for strike in strikes), default=1.0)
     return PaperPlan(
-        tuple(sorted(strikes, key=lambda strike: round(strike.force / least, SAME_FORCE))), as_printed
+        tuple(sorted(strikes, key=lambda strike: round(strike.force / least, FORCE_DECIMALS))), as_printed
     )
 
 
@@ -167,7 +167,7 @@ def impact_force(
 def _strikes_on(
     model: ObjectModel, plane: RestingPlane, cloud: Array, weight: float
 ) -> Sequence[PaperStrike]:
-    support = cloud[np.abs(cloud @ plane.up - plane.level) < IN_PLANE]
+    support = cloud[np.abs(cloud @ plane.up - plane.level) < PLANE_TOLERANCE]
     if len(support) < 3:
         support = plane.polygon
     centre = support.mean(axis=0)
@@ -178,7 +178,7 @@ def _strikes_on(
         inwards = inwards - plane.up * float(inwards @ plane.up)
         inwards /= np.linalg.norm(inwards)
         along = normals @ inwards
-        candidates = points[along >= min(float(ALIKE), float(along.max()) - 1e-6)]
+        candidates = points[along >= min(float(SAME_DIRECTION_COSINE), float(along.max()) - 1e-6)]
         across = np.cross(inwards, plane.up)
         projected = candidates - np.outer((candidates - rotation_point) @ across, across)
         farthest = projected[int(np.argmax(np.linalg.norm(projected - rotation_point, axis=1).round(9)))]

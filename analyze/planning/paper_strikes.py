@@ -1,4 +1,4 @@
-"""The paper's plan as a StrikePlan, with our prediction of its precision and of its faults."""
+"""The paper's plan as a StrikePlan, with its predicted precision and the faults that our checks find."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from analyze.errors import PlanError
 from analyze.planning import feasibility, impact
 from analyze.planning.card import placement_card
-from analyze.planning.design import SINGULAR
+from analyze.planning.design import MIN_NORMAL_SPREAD
 from analyze.planning.examine import phi_spread
-from analyze.planning.information import COM, Candidate, Information, spread, unknown_direction
+from analyze.planning.information import COM, Candidate, Information, normal_spread, unknown_direction
 from analyze.planning.paper_plan import PaperStrike, paper_plan
 from analyze.planning.pivots import PivotAxis, swing
 from analyze.planning.plan import plan_hypothesis
-from analyze.planning.precision import FRAME_PX, SeenSwing, frame_sd, strike_covariances
-from analyze.planning.prepared import Prepared
+from analyze.planning.precision import FRAME_PX, TrackedSwing, frame_sd, strike_covariances
+from analyze.planning.prepared import PreparedObject
 from analyze.planning.view import visible_markers
 from analyze.types import Array
 from schemas.strike_plan import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan
@@ -25,7 +25,7 @@ TABLE_GAP = 1e-3
 """Smallest impact height that a StrikePlan can hold [m]."""
 
 
-def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> StrikePlan:
+def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int) -> StrikePlan:
     """Plan with the paper's first three impact points, the strikes distributed equally among them.
 
     The tip speed follows from the energy of eq. (2); E is that energy over the one needed for the
@@ -33,7 +33,7 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
     striker, a singular set) are listed in the plan, and the strike is kept.
 
     Args:
-        prepared: Prepared object and bench.
+        prepared: PreparedObject object and bench.
         object_sha256: Identity of object file and shape, to which the plan is bound.
         strikes: Number of strikes.
 
@@ -62,11 +62,11 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
     warnings = [*model.warnings]
     if not found.as_printed:
         warnings.append(
-            "eq. (1) as printed leaves no two stable planes (its sums grow with the number of points): taken "
-            "with means instead"
+            "eq. (1) as printed leaves fewer than two stable planes, as its sums grow with the number of "
+            "points: means are used instead"
         )
     covariance: Array | None = None
-    if spread(normals) < SINGULAR:
+    if normal_spread(normals) < MIN_NORMAL_SPREAD:
         along = ", ".join(f"{value:.2f}" for value in unknown_direction(normals))
         warnings.append(
             "the paper's first three by force are singular: they leave the centre of mass unknown along "
@@ -88,7 +88,7 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
     )
 
 
-def paper_axis(prepared: Prepared, strike: PaperStrike, name: str) -> PivotAxis:
+def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> PivotAxis:
     """Pivot axis through p^r_ij on the centre line of the edge's rounding, for vertical walls.
 
     Its point lies beside the impact point.
@@ -100,7 +100,7 @@ def paper_axis(prepared: Prepared, strike: PaperStrike, name: str) -> PivotAxis:
 
 
 def _strikes(
-    prepared: Prepared, strike: PaperStrike, axis: PivotAxis, first: int, many: int
+    prepared: PreparedObject, strike: PaperStrike, axis: PivotAxis, first: int, many: int
 ) -> tuple[Candidate, list[PlannedStrike], list[Rejection]]:
     model, spec, bench, believed = prepared.model, prepared.spec, prepared.bench, prepared.believed
     expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
@@ -135,7 +135,9 @@ def _strikes(
     if problem := bench.striker.too_high_or_low(height):
         kept("impact_unreachable", height, problem)
     pixels = sight.pixels if sight.markers else FRAME_PX
-    (noise,) = strike_covariances([SeenSwing(expected, max(energy, 1.0), frame_sd(pixels))], bench.frame_rate)
+    (noise,) = strike_covariances(
+        [TrackedSwing(expected, max(energy, 1.0), frame_sd(pixels))], bench.frame_rate
+    )
     slower, faster = speed / np.sqrt(energy), speed * 1.2
     if not bench.striker.too_fast_or_slow(speed):
         slower, faster = np.clip([slower, faster], bench.striker.slowest_m_s, bench.striker.fastest_m_s)

@@ -22,7 +22,7 @@ RIM_TURN = np.radians(20.0)
 """Angle [rad] between successive edges below which they belong to a round rim."""
 RIM_EDGES = 5
 """Smallest number of edges of a round rim."""
-STRIP = 0.03
+FACET_WIDTH_FRACTION = 0.03
 """Width of a face, over the object's extent, up to which it is a facet of a round flank."""
 STEEPEST_WALL = np.radians(60.0)
 """Lean [rad] of the face that rises from an edge beyond which its rounding's inset is not used."""
@@ -33,13 +33,15 @@ class PivotAxis:
     """Resting plane and pivot line about which the object tips, in O."""
 
     id: str
+    """Name in plans: the face, then e and the number of the edge, or t and that of a rim's tangent."""
     plane: RestingPlane
+    """Face that the object rests on."""
     direction: Array
     """(3,) unit pivot axis l, W's +y at rest; +theta about it tips."""
     tip: Array
     """(3,) unit, W's +x at rest: direction of the tip."""
     point: Array
-    """(3,) point on the rounding's centre line beside the centre of Q [m]."""
+    """(3,) point on the rounding's centre line, beside the centre of Q [m]."""
     radius: float
     """Radius of the rounding [m]."""
     sd: float
@@ -94,7 +96,7 @@ def pivot_axes(
     for plane in planes:
         start, end = plane.edges
         out = plane.outward()
-        rim = _rim(plane)
+        rim = _round_rim(plane)
         beside = believed.region.centre
         for i in np.flatnonzero(np.logical_not(rim)):
             direction = np.cross(plane.up, out[i])
@@ -121,7 +123,7 @@ def pivot_axes(
 
 
 def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity: float) -> Swing:
-    """Swing parameters R, phi, I_edge and k for a given c (method, frames and symbols).
+    """Swing parameters R, phi, I_edge and k of a tip about an axis for a given c (method, symbols).
 
     Args:
         axis: Pivot axis.
@@ -155,14 +157,14 @@ def _axis(
     straight above.
     """
     direction = np.cross(plane.up, tip)
-    wall = _wall(model, plane, tip, edge)
+    wall = _wall_lean(model, plane, tip, edge)
     radius = spec.edge_radius_m
     lean = 0.0 if wall is None else wall
     inset = radius * (1 + np.sin(lean)) / np.cos(lean)
     contact = edge[0] + direction * float(direction @ (beside - edge[0]))
     level = float(contact @ plane.up)
     own = model.edge_sd(np.array(edge))
-    if wall is None and (moulded := _moulded(model, plane, tip, contact, beside)) is not None:
+    if wall is None and (moulded := _moulded_radius(model, plane, tip, contact, beside)) is not None:
         point = contact + plane.up * (plane.level - level + moulded)
         return PivotAxis(name, plane, direction, tip, point, moulded, own, rolls, moulded=True)
     point = contact + plane.up * (plane.level - level + radius) - tip * inset
@@ -170,18 +172,20 @@ def _axis(
     return PivotAxis(name, plane, direction, tip, point, radius, sd, rolls)
 
 
-def _moulded(
+def _moulded_radius(
     model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array, beside: Array
 ) -> float | None:
     """Radius [m] of a rounding of the shape beyond `contact` (3,) [m, in O]; None if there is none."""
-    if float(np.ptp(plane.polygon @ tip)) < STRIP * float(model.extent.max()):
+    if float(np.ptp(plane.polygon @ tip)) < FACET_WIDTH_FRACTION * float(model.extent.max()):
         return None
     arm = beside - contact
     phi = float(np.arctan2(-(arm @ tip), arm @ plane.up))
     return moulded_radius((model.hull_vertices - contact) @ np.stack([tip, plane.up]).T, phi)
 
 
-def _wall(model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array, Array]) -> float | None:
+def _wall_lean(
+    model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array, Array]
+) -> float | None:
     """Lean [rad] of the face that rises from the edge, upward angle of its normal; None if there is none."""
     tolerance = 3e-4 * float(model.extent.max())
     planes = model.hull_planes
@@ -196,7 +200,7 @@ def _wall(model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array
     return lean if abs(lean) < STEEPEST_WALL else None
 
 
-def _rim(plane: RestingPlane) -> BoolArray:
+def _round_rim(plane: RestingPlane) -> BoolArray:
     """Mask (k,) of the edges of a round rim: runs of small turns on both sides."""
     out = plane.outward()
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))

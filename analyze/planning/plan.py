@@ -1,4 +1,4 @@
-"""Plan of the strikes for an object: check axes, choose the most informative set, predict precision."""
+"""Plan of the strikes for an object: the most informative set of axes, with its predicted precision."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ from analyze.errors import PlanError
 from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact
 from analyze.planning.card import TURNED_CARD, placement_card
-from analyze.planning.examine import Usable
+from analyze.planning.examine import UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
 from analyze.planning.information import Information
 from analyze.planning.pivots import PivotAxis
-from analyze.planning.prepared import Prepared
+from analyze.planning.prepared import PreparedObject
 from analyze.planning.refusal import refusal_message
-from analyze.planning.turned_strike import TURNED, Turnable, best_turnable, turnable, with_tilt_measured
+from analyze.planning.turned_strike import (
+    TURNED,
+    TurnableAxis,
+    best_turnable,
+    turnable_axes,
+    with_tilt_measured,
+)
 from schemas.strike_plan import (
     Impact,
     Pivot,
@@ -38,7 +44,7 @@ ENERGY_RANGE = (0.8, 1.6)
 
 
 @dataclass(frozen=True)
-class Request:
+class PlanRequest:
     """Number of strikes, target and options requested by the user."""
 
     strikes: int = 9
@@ -53,8 +59,8 @@ class Request:
     """Largest number of different axes, each a placement by hand; None for as many as pay."""
 
 
-def finish(
-    prepared: Prepared, object_sha256: str, request: Request, cells: Pieces | None = None
+def plan_strikes(
+    prepared: PreparedObject, object_sha256: str, request: PlanRequest, cells: Pieces | None = None
 ) -> StrikePlan:
     """Choose the most informative set of strikes and assemble the plan.
 
@@ -69,16 +75,16 @@ def finish(
             the remedy.
     """
     spec, so_far = prepared.spec, prepared.information
-    turnables: list[Turnable] = []
+    turnables: list[TurnableAxis] = []
     if request.gravity:
-        turnables = turnable(
+        turnables = turnable_axes(
             prepared.usable, prepared.model, spec, prepared.bench.camera, prepared.information.errors
         )
         prepared = replace(prepared, information=with_tilt_measured(prepared.information, turnables[0]))
     information = prepared.information
     if request.strikes < design.MIN_STRIKES and not prepared.made:
         raise PlanError(
-            f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for "
+            f"{spec.name}: {request.strikes} strikes cannot determine the centre of mass: ask for "
             f"{design.MIN_STRIKES} or more"
         )
     chosen, missed = _chosen(prepared, request, so_far)
@@ -147,7 +153,7 @@ def finish(
     )
 
 
-def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
+def plan_hypothesis(prepared: PreparedObject) -> PlanHypothesis:
     """Centre of mass, gravity and striker that the plan's speeds are computed from."""
     region, striker = prepared.believed.region, prepared.bench.striker
     return PlanHypothesis(
@@ -164,8 +170,8 @@ def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
     )
 
 
-def _chosen(prepared: Prepared, request: Request, so_far: Information) -> tuple[design.Design, str]:
-    """Design for a request, and a message if it misses the target, else an empty one."""
+def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information) -> tuple[design.Design, str]:
+    """Design for a request, and a message if it misses the target (else empty)."""
     information, model = prepared.information, prepared.model
     least = 1 if prepared.made else design.MIN_STRIKES
     most = max(forecast.MAX_STRIKES, request.strikes)
@@ -185,15 +191,18 @@ def _chosen(prepared: Prepared, request: Request, so_far: Information) -> tuple[
     best = design.choose_design(information, most) or plain
     advice = forecast.advice(information, plain, prepared.made, model.primitive is not None, so_far)
     text = (
-        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes come to {1000 * best.com_rms:.3g} "
-        "mm; "
-        f"these {sum(plain.repeats)}: {advice.text}"
+        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes reach {1000 * best.com_rms:.3g} "
+        f"mm; these {sum(plain.repeats)}: {advice.text}"
     )
     return plain, text
 
 
 def _strike(
-    name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast, heading: float = 0.0
+    name: str,
+    each: UsableAxis,
+    prepared: PreparedObject,
+    predicted: forecast.AxisForecast,
+    heading: float = 0.0,
 ) -> PlannedStrike:
     axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
     stands = axis.plane.id not in prepared.unsure
@@ -247,7 +256,7 @@ def _strike(
 
 
 def _turned_strikes(
-    turnables: Sequence[Turnable], prepared: Prepared, chosen: design.Design, planned: int
+    turnables: Sequence[TurnableAxis], prepared: PreparedObject, chosen: design.Design, planned: int
 ) -> list[PlannedStrike]:
     """Turned strike, last since the stand is moved for it, after its usual counterpart if not planned."""
     struck = {each.axis.id for each in prepared.information.belief.struck}
@@ -267,7 +276,7 @@ def _turned_strikes(
     return strikes
 
 
-def _placing_order(axis: PivotAxis, prepared: Prepared) -> tuple[float, str, int, str]:
+def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, str, int, str]:
     """Sort key: sure faces first, since their strikes show whether the object stands on the others."""
     firm = (
         min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0
@@ -275,24 +284,24 @@ def _placing_order(axis: PivotAxis, prepared: Prepared) -> tuple[float, str, int
     return -round(firm, 6), axis.plane.id, len(axis.id), axis.id
 
 
-def _warnings(prepared: Prepared, used: Sequence[Usable]) -> list[str]:
+def _warnings(prepared: PreparedObject, used: Sequence[UsableAxis]) -> list[str]:
     warnings = [
         unsure_note([each.candidate.axis.plane for each in used], prepared.unsure, prepared.believed.region)
     ]
     warnings = [text for text in warnings if text]
     if any(each.candidate.axis.rolls for each in used):
         warnings.append(
-            "round rims are used: the contact can roll; strike square to the rim, repeats show whether it did"
+            "round rims are used, on which the contact can roll: strike square to the rim; repeats show "
+            "whether it rolled"
         )
     if any(each.impact.on_card for each in used):
         warnings.append(
-            "some strikes meet a marker's card: a card of 1 mm or less matters little, move it if it comes "
+            "some strikes meet a marker's card: a card of up to 1 mm has little effect; move it if it comes "
             "off"
         )
     if any(marker.T_object_marker is None for marker in prepared.spec.marker):
         warnings.append(
-            "markers without T_object_marker are not planned with: give their places, or check by eye that "
-            "one faces the camera "
-            "(`analyze register` finds them in a recording of strikes)"
+            "markers without T_object_marker are not planned with: give their poses (`analyze register` "
+            "finds them in a recording of strikes), or check by eye that one faces the camera"
         )
     return warnings

@@ -22,17 +22,17 @@ PRIOR_SD = 1.0
 FRAME_SD = np.radians(0.03)
 """1 sigma [rad] of the tip angle per frame for a tag of `FRAME_PX` seen along the pivot axis.
 
-The pose of a plain square marker has 0.07 degrees."""
+A plain square-marker pose has 0.07 degrees."""
 FRAME_PX = 80.0
-"""Edge of that tag in the image [px]."""
+"""Edge in the image [px] of the tag that `FRAME_SD` belongs to."""
 BEST_FRAME_SD = np.radians(0.01)
 """Smallest 1 sigma [rad] of the tip angle per frame, however large the tag: blur, lens."""
 PAST_BALANCE = np.radians(25.0)
-"""Angle [rad] past phi at which the window of the fit ends, where friction gives out."""
+"""Angle [rad] past phi up to which a tip is tracked and fitted; beyond, friction no longer holds the edge."""
 MAX_DURATION = 1.5
 """Longest motion [s]."""
 STEP = 1e-4
-"""Step of the difference quotients, relative or [rad]."""
+"""Step of the numerical derivatives, relative or [rad]."""
 MIN_ENERGY_RATIO = 1.01
 """Smallest energy ratio simulated; nearer to 1 the motion past balance lasts arbitrarily long."""
 
@@ -43,8 +43,8 @@ def frame_sd(tag_px: float) -> float:
 
 
 @dataclass(frozen=True)
-class SeenSwing:
-    """Expected swing of a strike, with the noise of its tip angle in the camera."""
+class TrackedSwing:
+    """Expected swing of a strike, with the noise with which the camera measures its tip angle."""
 
     expected: Swing
     """Expected swing, of which phi and k are used."""
@@ -54,7 +54,7 @@ class SeenSwing:
     """1 sigma of the tip angle per frame [rad]."""
 
 
-def strike_covariances(strikes: Sequence[SeenSwing], frame_rate: float = FRAME_RATE) -> list[Array]:
+def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAME_RATE) -> list[Array]:
     """Covariance (2, 2) of phi [rad] and ln k from each strike (Fisher 1922).
 
     theta and theta' at release are unknown too.
@@ -88,7 +88,7 @@ def strike_covariances(strikes: Sequence[SeenSwing], frame_rate: float = FRAME_R
     return [_covariance(paths[:, i], each, frame_rate / taken) for i, each in enumerate(strikes)]
 
 
-def _covariance(theta: Array, strike: SeenSwing, frames_per_row: float) -> Array:
+def _covariance(theta: Array, strike: TrackedSwing, frames_per_row: float) -> Array:
     """Covariance (2, 2) of phi and ln k from `theta` (times, 9), with unknowns increased and decreased."""
     seen = np.cumsum(theta[:, 0] > strike.expected.phi + PAST_BALANCE) == 0
     rows = (theta[seen, 1:5] - theta[seen, 5:]) / (2 * STEP)

@@ -1,4 +1,4 @@
-"""Pivot axes of an object, found and checked, before the number of strikes is chosen."""
+"""Preparation of a plan: the pivot axes of an object are found and checked."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ import numpy as np
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import design
 from analyze.planning.earlier_results import EarlierResult, updated_hypothesis, with_strikes_made
-from analyze.planning.examine import Bench, Usable, examine
-from analyze.planning.footing import SHARES, STRIP, footing
+from analyze.planning.examine import Bench, UsableAxis, examine
+from analyze.planning.footing import Q_SCALES, STRIP_AREA_FRACTION, footing
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
-from analyze.planning.information import Belief, Errors, Information
+from analyze.planning.information import Belief, Information, SharedErrors
 from analyze.planning.pivots import pivot_axes
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
 from schemas.object_spec import ObjectSpec
-from schemas.strike_plan import (
-    Rejection,
-)
+from schemas.strike_plan import Rejection
 
 FRICTION = 0.4
 """Friction coefficient between object and table, if none is given."""
@@ -29,19 +27,24 @@ INERTIA_SD = 0.3
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """Everything about one object that does not depend on the number of strikes."""
+class PreparedObject:
+    """All that a plan needs of one object and bench before the number of strikes is chosen."""
 
     model: ObjectModel
     spec: ObjectSpec
     bench: Bench
     planes: tuple[RestingPlane, ...]
+    """All resting planes of the object, largest first."""
     stable: tuple[RestingPlane, ...]
     """Faces that are planned on."""
     believed: Hypothesis
-    usable: tuple[Usable, ...]
+    """Region Q of c, and inertia per kilogram."""
+    usable: tuple[UsableAxis, ...]
+    """Axes that passed every check."""
     rejected: tuple[Rejection, ...]
+    """Reasons why the other axes and faces are not used."""
     information: Information
+    """Information of the usable axes about c and the inertia."""
     made: int
     """Number of strikes made before."""
 
@@ -51,23 +54,23 @@ class Prepared:
         return frozenset(plane.id for plane in self.stable if plane.margin_of(self.believed.region) <= 0)
 
 
-def prepare(
+def prepare_object(
     model: ObjectModel,
     spec: ObjectSpec,
     bench: Bench,
-    errors: Errors | None = None,
+    errors: SharedErrors | None = None,
     given: EarlierResult | None = None,
-) -> Prepared:
+) -> PreparedObject:
     """Find and check the pivot axes of an object.
 
-    They belong to faces on which the object surely stands; if no set of these determines c, also to faces
+    The axes belong to faces on which the object surely stands; if no set of these determines c, also to faces
     that hold the expected c, the surer ones first.
 
     Args:
         model: Shape of the object.
         spec: Mass, edge radius, markers.
         bench: Striker, camera and table.
-        errors: Errors of the rig; those of the object are taken from `spec`.
+        errors: SharedErrors of the rig; those of the object are taken from `spec`.
         given: Earlier result of the object.
 
     Raises:
@@ -83,7 +86,7 @@ def prepare(
         every = pivot_axes(model, spec, planes, believed)
         belief = with_strikes_made(belief, given, every, believed, spec.mass_kg, bench.gravity)
     shared = replace(
-        errors or Errors(),
+        errors or SharedErrors(),
         scale=spec.shape.scale_sd,
         edge_radius=spec.edge_radius_sd_m,
         mass=spec.mass_sd_kg / spec.mass_kg,
@@ -91,9 +94,9 @@ def prepare(
     information = Information((), belief, shared)
     standing: tuple[RestingPlane, ...] = ()
     stable: list[RestingPlane] = []
-    usable: list[Usable] = []
+    usable: list[UsableAxis] = []
     left_out: list[Rejection] = []
-    for share in SHARES:
+    for share in Q_SCALES:
         known = {plane.id for plane in standing}
         standing = footing(model, planes, believed.region, share)
         scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
@@ -105,7 +108,7 @@ def prepare(
         information = replace(information, candidates=tuple(each.candidate for each in usable))
         if design.can_determine_com(information):
             break
-    return Prepared(
+    return PreparedObject(
         model,
         spec,
         bench,
@@ -125,15 +128,17 @@ def _unstable(
     """Rejection of each face on which the object may fall over; all strips of a round flank share one."""
     names = {plane.id for plane in stable}
     left = [plane for plane in planes if plane.id not in names]
-    strips = [plane for plane in left if plane.area < STRIP * sum(each.area for each in planes)]
-    text = "the object may fall over on this face: the centre of mass may lie outside its support"
+    strips = [plane for plane in left if plane.area < STRIP_AREA_FRACTION * sum(each.area for each in planes)]
+    text = "the object may fall over on this face: its centre of mass may lie outside the support"
     rejected = [
         Rejection(axis_id=plane.id, code="unstable_plane", number=plane.margin_of(believed.region), text=text)
         for plane in left
         if plane not in strips
     ]
     if strips:
-        text = "narrow faces of a round or bevelled flank: the object rolls on them; number = how many"
+        text = (
+            "narrow faces of a round or bevelled flank, on which the object rolls; the number is their count"
+        )
         rejected.append(
             Rejection(
                 axis_id=f"{strips[0].id}..{strips[-1].id}", code="flank", number=float(len(strips)), text=text

@@ -15,20 +15,20 @@ from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
 from schemas.strike_plan import Rejection
 
-BALL = 0.08
+MAX_BALL_SPREAD = 0.08
 """Relative spread of the hull's widths over all directions below which the object is a ball."""
-ROUND = 0.08
+MAX_ROUND_SPREAD = 0.08
 """Relative spread of the hull's widths across one direction below which the object is round about it."""
-FACE = 0.02
+MIN_FACE_SHARE = 0.02
 """Fraction of the hull's area below which a face counts as a strip of a round flank."""
-DIRECTIONS = 400
+WIDTH_DIRECTIONS = 400
 """Number of directions in which widths are measured."""
 MIN_BARE_SHARE = 0.005
 """Fraction of the surface below which a gap of the scan is not mentioned."""
-PART_OF_A_BALL = 0.3
+MIN_BALL_SHARE = 0.3
 """Fraction of a sphere that must be scanned to recognise it."""
 REMEDIES = {
-    unscanned.CODE: f"what is missing of the scan is in the way: {unscanned.REMEDY}",
+    unscanned.CODE: f"the gaps of the scan leave no usable edge: {unscanned.REMEDY}",
     "no_marker": "glue markers to the faces square to the edges",
     "tag_small": "print larger tags, or bring the camera nearer",
     "out_of_image": (
@@ -37,18 +37,19 @@ REMEDIES = {
     ),
     "hidden": "glue the tags where no part of the object stands before them",
     "slips": "use a mat with more friction",
-    "speed": "change the striker's effective mass or its speed limits",
+    "speed": "change the striker's effective mass or its speed limits (rig file)",
     "impact_unreachable": "glue on a plate that the striker can meet",
     "lifts": "glue the object to a base that is less wide for its height",
     "too_steep": "stand it on a smaller face, or glue on a base that allows it",
 }
 """Remedies by rejection code, the easiest first."""
-SIGHT = frozenset({"no_marker", "tag_small", "out_of_image", "hidden"})
+VISIBILITY_CODES = frozenset({"no_marker", "tag_small", "out_of_image", "hidden"})
 """Codes about visibility, of which the most frequent one gives the remedy: they are equally easy to mend."""
 FOOT = (
     "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, "
     "and plan again"
 )
+"""Remedy for objects without usable edges."""
 
 
 def refusal_message(
@@ -64,7 +65,7 @@ def refusal_message(
         model: Shape of the object.
         planes: All its resting planes.
         stable: Resting planes that are planned on.
-        candidates: Usable axes.
+        candidates: UsableAxis axes.
         rejected: Rejected axes and faces.
     """
     axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
@@ -81,8 +82,8 @@ def refusal_message(
         reasons = f"{len(axes)} {tried} rejected: {rejection_summary(axes)}"
     else:
         reasons = f"rejected: {_shape_message(model, planes, stable, 0)}"
-    unseen = [code for code, _ in counts.most_common() if code in SIGHT][:1]
-    in_the_way = {*unseen, *(code for code in counts if code not in SIGHT)}
+    unseen = [code for code, _ in counts.most_common() if code in VISIBILITY_CODES][:1]
+    in_the_way = {*unseen, *(code for code in counts if code not in VISIBILITY_CODES)}
     remedy = next((text for code, text in REMEDIES.items() if code in in_the_way), FOOT)
     return f"{model.name}: {state}; {reasons}: {remedy}"
 
@@ -91,26 +92,26 @@ def _shape_message(
     model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int
 ) -> str:
     """Message with remedy on a shape without usable edge; `unseen` counts unscanned faces and edges."""
-    across = _part_of_a_ball(model) if _missing(model) > MIN_BARE_SHARE else None
+    across = _scanned_ball_diameter(model) if _unscanned_share(model) > MIN_BARE_SHARE else None
     if across is not None:
         return (
             f"what was scanned is part of a ball of {1000 * across:.0f} mm: if the rest is round too, there "
-            "is no face to rest on and no "
-            f"edge to tip over: set it in a ring stand glued to it, or {FOOT}; if not: {unscanned.REMEDY}"
+            f"is no face to rest on and no edge to tip over: set it in a ring stand glued to it, "
+            f"or {FOOT}; if not: {unscanned.REMEDY}"
         )
-    if _ball(model):
+    if _is_ball(model):
         return (
             "it is a ball: it has no face to rest on and no edge to tip over: set it in a ring stand glued "
             f"to it, or {FOOT}"
         )
-    if unseen or (not stable and _missing(model) > FACE):
+    if unseen or (not stable and _unscanned_share(model) > MIN_FACE_SHARE):
         return (
-            f"{REMEDIES[unscanned.CODE]}; if the border of a mesh's hole is where the object ends, close it "
-            "in a mesh editor"
+            f"{REMEDIES[unscanned.CODE]}; if a hole of the mesh is an end of the object, close it in a mesh "
+            "editor"
         )
-    round_about = _round_about(model)
+    round_about = _axis_of_roundness(model)
     area = sum(plane.area for plane in planes)
-    flat = [plane for plane in planes if plane.area > FACE * area] if area > 0 else []
+    flat = [plane for plane in planes if plane.area > MIN_FACE_SHARE * area] if area > 0 else []
     if round_about is not None and not stable:
         along = ", ".join(f"{value:.2f}" for value in np.round(round_about, 2) + 0.0)
         return (
@@ -119,9 +120,8 @@ def _shape_message(
         )
     if not stable:
         return (
-            f"{len(flat)} flat faces, and on none is it sure to stay: the centre of mass may lie outside "
-            "every support: "
-            f"put it on a stand, or {FOOT}"
+            f"it has {len(flat)} flat faces, but may fall over on each: the centre of mass may lie outside "
+            f"every support: put it on a stand, or {FOOT}"
             if flat
             else f"it has no flat face to rest on, it rolls: put it on a stand, or {FOOT}"
         )
@@ -130,22 +130,22 @@ def _shape_message(
     )
 
 
-def _ball(model: ObjectModel) -> bool:
-    widths = _widths(model, _directions())
-    return float(np.ptp(widths)) < BALL * float(widths.mean())
+def _is_ball(model: ObjectModel) -> bool:
+    widths = _widths(model, _half_sphere())
+    return float(np.ptp(widths)) < MAX_BALL_SPREAD * float(widths.mean())
 
 
-def _missing(model: ObjectModel) -> float:
+def _unscanned_share(model: ObjectModel) -> float:
     """Fraction of the surface that was not scanned."""
     return 0.0 if model.scanned is None else model.scanned.bare_share
 
 
-def _part_of_a_ball(model: ObjectModel) -> float | None:
+def _scanned_ball_diameter(model: ObjectModel) -> float | None:
     """Diameter [m] of the sphere that fits the scanned surface; None if none fits, or too little is seen."""
     if model.scanned is None:
         return None
     seen = model.scanned.surely_scanned()
-    if len(seen) < DIRECTIONS:
+    if len(seen) < WIDTH_DIRECTIONS:
         return None
     origin = seen.mean(axis=0)
     arm = seen - origin
@@ -156,21 +156,21 @@ def _part_of_a_ball(model: ObjectModel) -> float | None:
     off = np.linalg.norm(arm - centre, axis=1) - radius
     area = model.scanned.area * (1 - model.scanned.bare_share)
     if (
-        float(np.ptp(np.quantile(off, [0.01, 0.99]))) > BALL * radius
-        or area < PART_OF_A_BALL * 4 * np.pi * radius**2
+        float(np.ptp(np.quantile(off, [0.01, 0.99]))) > MAX_BALL_SPREAD * radius
+        or area < MIN_BALL_SHARE * 4 * np.pi * radius**2
     ):
         return None
     return 2 * radius
 
 
-def _round_about(model: ObjectModel) -> Array | None:
+def _axis_of_roundness(model: ObjectModel) -> Array | None:
     """Unit direction (3,) in O about which the hull is round (equal widths); None if there is none."""
     vertices = model.hull_vertices - model.hull_vertices.mean(axis=0)
     for axis in np.linalg.eigh(vertices.T @ vertices)[1].T[::-1]:
         u = np.linalg.svd(axis[None])[2][1:]
         turn = np.linspace(0, np.pi, 36, endpoint=False)
         widths = _widths(model, np.outer(np.cos(turn), u[0]) + np.outer(np.sin(turn), u[1]))
-        if float(np.ptp(widths)) < ROUND * float(widths.mean()):
+        if float(np.ptp(widths)) < MAX_ROUND_SPREAD * float(widths.mean()):
             return axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
     return None
 
@@ -179,9 +179,9 @@ def _widths(model: ObjectModel, directions: Array) -> Array:
     return np.ptp(model.hull_vertices @ directions.T, axis=0)
 
 
-def _directions() -> Array:
+def _half_sphere() -> Array:
     """Unit directions (n, 3) spread evenly over the half sphere (Fibonacci lattice)."""
-    i = np.arange(DIRECTIONS) + 0.5
-    z, turn = i / DIRECTIONS, i * np.pi * (1 + np.sqrt(5))
+    i = np.arange(WIDTH_DIRECTIONS) + 0.5
+    z, turn = i / WIDTH_DIRECTIONS, i * np.pi * (1 + np.sqrt(5))
     across = np.sqrt(1 - z**2)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])

@@ -1,4 +1,4 @@
-"""Summary of rejected axes by reason, with the range of the numbers behind it, on one line."""
+"""One-line summary of rejected axes: counts by reason, with the range of the quantities behind it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from analyze.planning import unscanned
 from schemas.strike_plan import Rejection
 
-_WORDS = {
+_REASONS = {
     "slips": ("slipping", "friction needed", "", 1.0, 2),
     "lifts": ("lifting off before balance", "", "", 1.0, 0),
     "too_steep": ("too steep", "balance after", " deg", float(np.degrees(1.0)), 0),
@@ -23,13 +23,13 @@ _WORDS = {
     "flank": ("round flank", "narrow faces:", "", 1.0, 0),
     unscanned.CODE: ("not scanned", "missing beside them", " %", 100.0, 0),
 }
-"""By code: description of the axes, meaning of their number, unit, factor to it, decimals.
+"""By code: description of the axes, meaning of their number, its unit, factor to that unit, decimals.
 
-A number without meaning or unit is left out."""
+A number without meaning and unit is left out."""
 
 
 def rejection_summary(rejected: Sequence[Rejection]) -> str:
-    """Counts by reason, the most frequent first.
+    """Summary of rejections on one line, the most frequent reason first.
 
     For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach".
     """
@@ -41,9 +41,9 @@ def rejection_summary(rejected: Sequence[Rejection]) -> str:
 
 
 def _reason_text(code: str, entries: Sequence[Rejection]) -> str:
-    if code not in _WORDS:
+    if code not in _REASONS:
         return code.replace("_", " ")
-    words, what, unit, factor, decimals = _WORDS[code]
+    words, what, unit, factor, decimals = _REASONS[code]
     numbers = [factor * each.number for each in entries if each.number is not None]
     if not numbers or not (what or unit):
         return words

@@ -21,15 +21,16 @@ from analyze.geometry.rotations import plane_basis
 from analyze.planning.hypothesis import Region
 from analyze.types import Array, IntArray
 
-COPLANAR = 2e-4
+COPLANAR_FRACTION = 2e-4
 """Distance of hull vertices from a common plane, over the longest extent, up to which they are coplanar."""
 COPLANAR_ANGLE = np.radians(0.3)
-"""Largest angle [rad] between facets of one plane; splinters narrower than `COPLANAR` may point anywhere."""
+"""Largest angle [rad] between facets of one plane; narrower splinters may point
+anywhere."""
 PARALLEL_ANGLE = np.radians(1.0)
 """Largest angle [rad] between two planes that count as parallel in the paper's rule."""
-SMALLEST_AREA = 1e-3
+MIN_AREA_FRACTION = 1e-3
 """Fraction of the hull's area below which a face is no resting plane."""
-COLLINEAR = np.radians(0.5)
+MAX_COLLINEAR_TURN = np.radians(0.5)
 """Turn [rad] at a corner of a support polygon below which it is left out."""
 
 
@@ -38,6 +39,7 @@ class RestingPlane:
     """A face of the convex hull, coplanar facets merged."""
 
     id: str
+    """Name of the face in plans, such as p0; numbered from the largest."""
     up: Array
     """(3,) unit in O: W's z when the object rests on the face."""
     level: float
@@ -88,8 +90,8 @@ class RestingPlane:
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     """All faces of the convex hull, coplanar facets merged, largest first, without slivers.
 
-    A face grows from its largest facet over neighbours whose corners lie in its plane within `COPLANAR` and
-    whose normals agree within `COPLANAR_ANGLE`.
+    A face grows from its largest facet over neighbours whose corners lie in its plane within
+    `COPLANAR_FRACTION` and whose normals agree within `COPLANAR_ANGLE`.
     """
     return model.cached("resting planes", _resting_planes)
 
@@ -100,9 +102,9 @@ def _resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     a, b, c = np.moveaxis(vertices[facets], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     longest = np.max([np.linalg.norm(each, axis=1) for each in (b - a, c - b, a - c)], axis=0)
-    tolerance = COPLANAR * float(model.extent.max())
+    tolerance = COPLANAR_FRACTION * float(model.extent.max())
     splinter = 2 * areas < tolerance * longest
-    smallest = SMALLEST_AREA * float(hull.area)
+    smallest = MIN_AREA_FRACTION * float(hull.area)
     used = _too_small(hull.neighbors.astype(np.int64), normals, splinter, areas, smallest)
     found: list[tuple[Array, Array, float]] = []
     for seed in np.argsort(-areas, kind="stable"):
@@ -128,7 +130,15 @@ def _resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
 def _too_small(
     neighbours: IntArray, normals: Array, splinter: BoolArray, areas: Array, smallest: float
 ) -> BoolArray:
-    """Mask (f,) of facets that are too small for a face of `smallest` area [m^2] with all neighbours."""
+    """Mask (f,) of facets whose face must be smaller than `smallest` [m^2], whatever neighbours it includes.
+
+    Args:
+        neighbours: (f, 3) indices of each facet's neighbours.
+        normals: (f, 3) unit normals.
+        splinter: (f,) True for facets too narrow to have a reliable normal.
+        areas: (f,) areas [m^2].
+        smallest: Smallest area of a face [m^2].
+    """
     count = len(areas)
     facet, other = np.repeat(np.arange(count), 3), neighbours.ravel()
     alike = (
@@ -187,7 +197,7 @@ def _support_polygon(points: Array, up: Array) -> Array:
     def chain(indices: list[int]) -> list[int]:
         line: list[int] = []
         for i in indices:
-            while len(line) >= 2 and _turn(flat[line[-2]], flat[line[-1]], flat[i]) <= COLLINEAR:
+            while len(line) >= 2 and _turn(flat[line[-2]], flat[line[-1]], flat[i]) <= MAX_COLLINEAR_TURN:
                 line.pop()
             line.append(i)
         return line[:-1]

@@ -11,23 +11,23 @@ from analyze.planning.impact import StrikerModel
 from analyze.types import Array
 from schemas.impact_law import inverse_impact_mass
 
-READING_SD = 0.02
+STRIKE_SD = 0.02
 """1 sigma of ln(angular momentum) from strike to strike: errors of the fitted energy and of the striker's
 speed."""
 AXIS_SD = 0.04
 """1 sigma of ln(angular momentum) common to one axis: unmodelled effects (the tip's friction, a slanting
 face)."""
-TAILS = 3.0
-"""Degrees of freedom of the readings' t distribution: the arm sometimes touches twice."""
-STEPS = 30
-"""Number of iterations of the robust fit."""
-LEAST_MASS_SD, LEAST_RESTITUTION_SD = 1e-4, 1e-3
+T_FREEDOM = 3.0
+"""Degrees of freedom of the t distribution of the strikes' errors: the arm sometimes touches twice."""
+FIT_ITERATIONS = 30
+"""Iterations of the robust fit."""
+MIN_MASS_SD, MIN_RESTITUTION_SD = 1e-4, 1e-3
 """Smallest standard deviations reported: of the effective mass [kg] and of the restitution."""
 
 
 @dataclass(frozen=True)
 class Touch:
-    """One strike: tip speed and height of the striker, and the fitted motion of the object."""
+    """One strike made: tip speed and height of the striker, and the fitted motion of the object."""
 
     axis_id: str
     tip_speed: float
@@ -57,7 +57,7 @@ def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerM
 
     Args:
         striker: Striker as believed before.
-        touches: Strikes with a fitted energy; without any the striker is returned unchanged.
+        touches: Strikes with a fitted energy; without any the result is `striker`.
     """
     if not touches:
         return striker
@@ -77,16 +77,16 @@ def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerM
     slope[np.arange(len(touches)), [2 + axes.index(touch.axis_id) for touch in touches]] = AXIS_SD
     z = np.zeros(2 + len(axes))
     weight, covariance = np.ones(len(touches)), np.eye(len(z))
-    for _ in range(STEPS):
+    for _ in range(FIT_ITERATIONS):
         stiff = np.exp(-mass_sd * z[0]) / striker.effective_mass_kg
         inverse_mass = inverse_impact_mass(stiff, heights, i_edges)
         expected = np.log1p(striker.restitution) + given - np.log(inverse_mass) + slope[:, 1:] @ z[1:]
         slope[:, 0] = mass_sd * stiff / inverse_mass
-        residual = (measured - expected) / READING_SD
-        rows = slope / READING_SD
+        residual = (measured - expected) / STRIKE_SD
+        rows = slope / STRIKE_SD
         covariance = np.linalg.inv(np.eye(len(z)) + rows.T @ (rows * weight[:, None]))
         z = z + covariance @ (rows.T @ (weight * residual) - z)
-        weight = (TAILS + 1) / (TAILS + residual**2)
+        weight = (T_FREEDOM + 1) / (T_FREEDOM + residual**2)
     return _striker(striker, z, np.sqrt(np.diag(covariance)), mass_sd, bounce_sd)
 
 
@@ -96,7 +96,7 @@ def _striker(before: StrikerModel, z: Array, sd: Array, mass_sd: float, bounce_s
     return replace(
         before,
         effective_mass_kg=mass,
-        effective_mass_sd_kg=max(mass * mass_sd * float(sd[0]), LEAST_MASS_SD),
+        effective_mass_sd_kg=max(mass * mass_sd * float(sd[0]), MIN_MASS_SD),
         restitution=float(np.clip(rebound - 1, 0.0, 1.0)),
-        restitution_sd=max(rebound * bounce_sd * float(sd[1]), LEAST_RESTITUTION_SD),
+        restitution_sd=max(rebound * bounce_sd * float(sd[1]), MIN_RESTITUTION_SD),
     )

@@ -11,8 +11,8 @@ from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.station import turned_camera
 from analyze.planning import view
-from analyze.planning.examine import Usable
-from analyze.planning.information import Errors, Information
+from analyze.planning.examine import UsableAxis
+from analyze.planning.information import Information, SharedErrors
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 
@@ -21,37 +21,41 @@ TURNED = float(np.pi)
 
 
 @dataclass(frozen=True)
-class Turnable:
+class TurnableAxis:
     """Usable axis that can be struck with the object turned as well."""
 
     index: int
     """Index among the usable axes."""
-    usable: Usable
-    """The axis, with the markers that the camera sees when the object is turned."""
+    usable: UsableAxis
+    """Usable axis with the markers that the camera sees when the object is turned."""
     tilt_sd: float
     """1 sigma [rad] of gravity's tilt from half the difference of phi of two strikes, one each way."""
 
 
-def turnable(
-    usable: Sequence[Usable], model: ObjectModel, spec: ObjectSpec, camera: CameraModel, errors: Errors
-) -> list[Turnable]:
+def turnable_axes(
+    usable: Sequence[UsableAxis],
+    model: ObjectModel,
+    spec: ObjectSpec,
+    camera: CameraModel,
+    errors: SharedErrors,
+) -> list[TurnableAxis]:
     """Axes with a marker visible when the object is turned, ordered by the precision of the tilt.
 
     Striker and object turn together: heights, speeds and the edge's hold are those of the usual strike.
 
     Args:
-        usable: Usable axes.
+        usable: UsableAxis axes.
         model: Shape of the object.
         spec: Name and markers.
         camera: Camera at the usual heading.
-        errors: Errors that strikes share.
+        errors: SharedErrors that strikes share.
 
     Raises:
         PlanError: there is none; the message has the fault of the marker nearest to being visible.
     """
     other = turned_camera(camera, TURNED)
     known = any(marker.T_object_marker is not None for marker in spec.marker)
-    found: list[Turnable] = []
+    found: list[TurnableAxis] = []
     faults: list[view.Fault] = []
     for index, each in enumerate(usable):
         sight = view.visible_markers(model, spec, each.candidate.axis, each.candidate.expected.phi, other)
@@ -59,25 +63,25 @@ def turnable(
             faults.append(sight.fault)
             continue
         each_way = float(each.candidate.noise[0, 0]) + errors.strike_angle**2 + errors.axis_angle**2
-        found.append(Turnable(index, replace(each, markers=sight.markers), float(np.sqrt(each_way / 2))))
+        found.append(TurnableAxis(index, replace(each, markers=sight.markers), float(np.sqrt(each_way / 2))))
     if not found:
-        nearest = max(faults, key=lambda fault: view.CODES.index(fault.code), default=None)
+        nearest = max(faults, key=lambda fault: view.FAULT_CODES.index(fault.code), default=None)
         why = "" if nearest is None else f" ({nearest.text})"
         raise PlanError(
             f"{spec.name}: no edge can be struck with the object turned by 180 degrees, as the camera then "
-            f"sees its other side{why}: put a "
-            "marker on the opposite side too, or hang a plumb line in view (`analyze gravity`)"
+            f"sees its other side{why}: put a marker on the opposite side too, or hang a plumb line "
+            "in view (`analyze gravity`)"
         )
     return sorted(found, key=lambda each: (round(each.tilt_sd, 9), each.index))
 
 
-def with_tilt_measured(information: Information, by: Turnable) -> Information:
+def with_tilt_measured(information: Information, by: TurnableAxis) -> Information:
     """Information with the tilt's sd as after a pair of strikes, one usual and one turned."""
     before = information.errors.tilt
     after = float(1 / np.hypot(1 / max(before, 1e-9), 1 / by.tilt_sd))
     return replace(information, errors=replace(information.errors, tilt=after))
 
 
-def best_turnable(turnables: Sequence[Turnable], chosen: Collection[int]) -> Turnable:
-    """Turnable axis of best precision among those in `chosen`, or among all if none is chosen."""
+def best_turnable(turnables: Sequence[TurnableAxis], chosen: Collection[int]) -> TurnableAxis:
+    """Turnable axis of best precision among those in `chosen` (indices), or among all if none is in it."""
     return next((each for each in turnables if each.index in chosen), turnables[0])

@@ -20,24 +20,25 @@ from analyze.types import Array
 from schemas.strike_plan import Rejection
 
 CODE = "not_scanned"
-"""Rejection code."""
+"""Rejection code of faces and edges that were not scanned."""
 MAX_BARE_PLANE = 0.2
 """Largest fraction of a resting plane that may be bare: a hole within it moves no edge."""
 MAX_BARE_EDGE = 0.25
 """Largest fraction of the surface along an edge, on either side, that may be bare."""
-BESIDE = 0.04
+STRIP_WIDTH = 0.04
 """Width of the strip examined beside an edge, over the body's size."""
-TOUCHES = 0.03
+TOUCHING_HEIGHT = 0.03
 """Height over a resting plane, over the body's size, up to which the surface belongs to it; a ragged cut is
 not flat."""
-IN_PLANE = 0.01
+EDGE_TOUCHING_HEIGHT = 0.01
 """Height over a resting plane, over the body's size, up to which the surface beside an edge belongs to it."""
-DOWN, SIDEWAYS = -0.7, 0.7
-"""Cosines between a normal and up: below `DOWN` it faces the table, above `SIDEWAYS` it belongs to the upper
-side."""
+MAX_DOWN_COSINE, MAX_SIDE_COSINE = -0.7, 0.7
+"""Largest cosines between a surface's normal and up at which it faces the table, and at which it is not part
+of the upper side."""
 MIN_SAMPLES = 4
 """Smallest number of samples of a strip or plane that is judged."""
 REMEDY = "scan that side too, or give a primitive (box, cylinder)"
+"""What to do about a rejected face or edge."""
 
 
 def scanned_planes(
@@ -47,19 +48,14 @@ def scanned_planes(
     surface = model.scanned
     if surface is None:
         return tuple(planes), []
-    kept: list[RestingPlane] = []
-    rejected: list[Rejection] = []
-    for plane in planes:
-        share = _plane_share(surface, plane, body_size(model))
-        if share <= MAX_BARE_PLANE:
-            kept.append(plane)
-            continue
-        text = (
-            f"{100 * share:.0f} % of this face was not scanned and is closed flat: where the object ends "
-            f"there is not known: {REMEDY}"
-        )
-        rejected.append(Rejection(axis_id=plane.id, code=CODE, number=share, text=text))
-    return tuple(kept), rejected
+    shares = [_plane_share(surface, plane, body_size(model)) for plane in planes]
+    text = "of this face was not scanned and is closed flat: where the object ends there is not known"
+    kept = tuple(plane for plane, share in zip(planes, shares, strict=True) if share <= MAX_BARE_PLANE)
+    return kept, [
+        _rejection(plane.id, share, text)
+        for plane, share in zip(planes, shares, strict=True)
+        if share > MAX_BARE_PLANE
+    ]
 
 
 def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
@@ -67,25 +63,25 @@ def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[P
     surface = model.scanned
     if surface is None:
         return list(axes), []
-    kept: list[PivotAxis] = []
-    rejected: list[Rejection] = []
-    for axis in axes:
-        share = _edge_share(surface, axis, body_size(model))
-        if share <= MAX_BARE_EDGE:
-            kept.append(axis)
-            continue
-        text = (
-            f"{100 * share:.0f} % of the surface beside this edge was not scanned: the edge is where the "
-            f"scan ends: {REMEDY}"
-        )
-        rejected.append(Rejection(axis_id=axis.id, code=CODE, number=share, text=text))
-    return kept, rejected
+    shares = [_edge_share(surface, axis, body_size(model)) for axis in axes]
+    text = "of the surface beside this edge was not scanned: the edge is where the scan ends"
+    kept = [axis for axis, share in zip(axes, shares, strict=True) if share <= MAX_BARE_EDGE]
+    return kept, [
+        _rejection(axis.id, share, text)
+        for axis, share in zip(axes, shares, strict=True)
+        if share > MAX_BARE_EDGE
+    ]
+
+
+def _rejection(name: str, share: float, text: str) -> Rejection:
+    """Rejection of the face or edge `name`, of which the fraction `share` was not scanned."""
+    return Rejection(axis_id=name, code=CODE, number=share, text=f"{100 * share:.0f} % {text}: {REMEDY}")
 
 
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
     """Bare fraction of the surface within a plane's polygon, without its rim if enough samples remain."""
     height = surface.points @ plane.up - plane.level
-    touching = (np.abs(height) < TOUCHES * size) & (surface.normals @ plane.up < DOWN)
+    touching = (np.abs(height) < TOUCHING_HEIGHT * size) & (surface.normals @ plane.up < MAX_DOWN_COSINE)
     start, _ = plane.edges
     out = plane.outward()
     inset = np.min(np.einsum("ki,ki->k", start, out) - surface.points @ out.T, axis=1)
@@ -99,17 +95,17 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
     """Bare fraction of the strip along the edge, in the resting plane or up the wall, whichever is larger."""
     up, tip = axis.plane.up, axis.tip
     first, last = _edge(axis)
-    outer = surface.reach + BESIDE * size
+    outer = surface.reach + STRIP_WIDTH * size
     place = surface.points @ axis.direction
     low, high = sorted((float(first @ axis.direction), float(last @ axis.direction)))
-    # The ends lie near what was seen of the next faces; a rim's tangent has no length of its own.
+    # Near its ends the strip would include the adjoining faces; a rim's tangent has no length of its own.
     spare = max(outer - (high - low), 0.0) / 2 - min(surface.reach, (high - low) / 3)
     height = surface.points @ up - axis.plane.level
     away = np.hypot(height, (surface.points - first) @ tip)
     strip = (place > low - spare) & (place < high + spare) & (away > surface.reach) & (away < outer)
     facing = surface.normals @ up
-    below = (np.abs(height) < IN_PLANE * size) & (facing < DOWN)
-    return max(_share(surface, strip & below), _share(surface, strip & ~below & (facing < SIDEWAYS)))
+    below = (np.abs(height) < EDGE_TOUCHING_HEIGHT * size) & (facing < MAX_DOWN_COSINE)
+    return max(_share(surface, strip & below), _share(surface, strip & ~below & (facing < MAX_SIDE_COSINE)))
 
 
 def _edge(axis: PivotAxis) -> tuple[Array, Array]:

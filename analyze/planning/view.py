@@ -11,27 +11,26 @@ from analyze.geometry import polyhedron
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply, inverse_transform, matrix_from_vector
 from analyze.planning.pivots import PivotAxis
+from analyze.planning.precision import PAST_BALANCE
 from analyze.tracking.camera_model import project
 from analyze.types import Array, CameraModel
 from schemas.object_spec import MarkerSpec, ObjectSpec
 from schemas.rig_limits import MIN_TAG_EDGE_PX
 from schemas.tags import name_order
 
-FACING = np.radians(15.0)
+MAX_MARKER_ANGLE = np.radians(15.0)
 """Largest angle [rad] between a marker's normal and the pivot axis at which its pose does not flip."""
-PAST_BALANCE = np.radians(25.0)
-"""Angle [rad] past phi through which the marker must stay in view."""
 BORDER_PX = 10.0
 """Smallest distance of a marker from the image's border [px]."""
-STEPS = 9
+VISIBILITY_STEPS = 9
 """Number of tip angles at which a marker is checked."""
-OFF_SURFACE = 0.003
-"""Tolerance [m] of a glued tag's place measured by hand."""
+PLACE_TOLERANCE = 0.003
+"""Tolerance [m] of a glued tag's place, which is measured by hand."""
 SURFACE_SDS = 2.0
 """Standard deviations of the surface added to that tolerance."""
-CODES = ("no_marker", "out_of_image", "tag_small", "hidden")
+FAULT_CODES = ("no_marker", "out_of_image", "tag_small", "hidden")
 """Codes of faults, in the order in which a marker is checked."""
-HAIR = 1e-9
+RAY_TOLERANCE = 1e-9
 """Tolerance of a ray's contact with a face [m]."""
 
 
@@ -40,7 +39,7 @@ class Fault:
     """Reason why a tip cannot be tracked, in the terms of a Rejection."""
 
     code: str
-    """One of `CODES`."""
+    """One of `FAULT_CODES`."""
     number: float | None
     """Measured quantity behind the fault, in SI units or [px]; None if there is none."""
     text: str
@@ -48,11 +47,11 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Sight:
+class MarkerVisibility:
     """Markers visible through a tip, and the fault that applies if there are none."""
 
     markers: list[int | str]
-    """Names, the marker best aligned with the axis first."""
+    """Names of the visible markers, the one best aligned with the axis first."""
     fault: Fault
     """Fault of the marker nearest to being visible."""
     pixels: float = 0.0
@@ -83,7 +82,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
             continue
         centre = np.array(marker.T_object_marker)[:3, 3]
         outside = float(model.signed_distance(centre)[0])
-        most = OFF_SURFACE + marker.thickness_m + SURFACE_SDS * unsure
+        most = PLACE_TOLERANCE + marker.thickness_m + SURFACE_SDS * unsure
         if model.scanned is not None:
             most += model.scanned.uncertainty_at(centre)
         if -most - hollow <= outside <= most:
@@ -91,15 +90,14 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
         where = "outside" if outside > 0 else "inside"
         raise PlanError(
             f"{spec.name}: marker {marker.name} lies {1000 * abs(outside):.0f} mm {where} the surface, its "
-            "centre must lie on it "
-            f"(within {1000 * most:.0f} mm): correct T_object_marker, its last column is the centre in the "
-            "shape's frame, in metres"
+            f"centre must lie on it (within {1000 * most:.0f} mm): correct T_object_marker, "
+            "its last column is the centre in the shape's frame, in metres"
         )
 
 
 def visible_markers(
     model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel
-) -> Sight:
+) -> MarkerVisibility:
     """Markers visible from rest to `PAST_BALANCE` past phi: facing the camera, in the image, not hidden.
 
     Args:
@@ -120,25 +118,25 @@ def visible_markers(
         T_object_marker = np.array(marker.T_object_marker)
         angle = float(np.arccos(np.clip(-T_object_marker[:3, 2] @ looks, -1, 1)))
         least = min(least, angle)
-        if angle > FACING:
+        if angle > MAX_MARKER_ANGLE:
             continue
-        path = _path(axis, marker, T_object_marker, phi, camera)
-        fault = _out_of_image(path, marker.name, phi, camera) or _small(path, marker.name)
+        path = _marker_path(axis, marker, T_object_marker, phi, camera)
+        fault = _out_of_image(path, marker.name, phi, camera) or _too_small(path, marker.name)
         fault = fault or _hidden(model, axis, marker.name, T_object_marker, phi, camera)
         if fault is None:
             seen.append((round(angle, 3), marker.name, _edge(path[0])))
         else:
             faults.append(fault)
     none = f"no marker faces the camera through the tip (best is {np.degrees(least):.0f} deg off the axis)"
-    nearest = max([Fault("no_marker", least, none), *faults], key=lambda each: CODES.index(each.code))
+    nearest = max([Fault("no_marker", least, none), *faults], key=lambda each: FAULT_CODES.index(each.code))
     seen.sort(key=lambda each: (each[0], name_order(each[1])))
-    return Sight([marker_id for _, marker_id, _ in seen], nearest, seen[0][2] if seen else 0.0)
+    return MarkerVisibility([marker_id for _, marker_id, _ in seen], nearest, seen[0][2] if seen else 0.0)
 
 
-def _path(
+def _marker_path(
     axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel
 ) -> Array:
-    """Corners (STEPS, 4, 2) [px] of a marker's black square through the tip; inf behind the camera."""
+    """Corners (steps, 4, 2) [px] of a marker's black square through the tip; inf behind the camera."""
     half = marker.size_m / 2
     corners = apply(
         T_object_marker, np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
@@ -146,19 +144,19 @@ def _path(
     world = corners @ axis.R_world_object.T + axis.p_world_object
     pivot = np.array([0.0, 0.0, axis.radius])
     T_camera_world = inverse_transform(camera.T_world_camera)
-    path = np.full((STEPS, 4, 2), np.inf)
-    for step, theta in enumerate(_turns(phi)):
+    path = np.full((VISIBILITY_STEPS, 4, 2), np.inf)
+    for step, theta in enumerate(_checked_angles(phi)):
         rolled = np.array([axis.radius * theta, 0.0, 0.0])
         turned = (world - pivot) @ matrix_from_vector(np.array([0.0, theta, 0.0])).T + pivot + rolled
         in_camera = apply(T_camera_world, turned)
-        if in_camera[:, 2].min() > HAIR:
+        if in_camera[:, 2].min() > RAY_TOLERANCE:
             path[step] = project(camera, in_camera)
     return path
 
 
-def _turns(phi: float) -> list[float]:
+def _checked_angles(phi: float) -> list[float]:
     """Tip angles [rad] at which visibility is checked."""
-    return np.linspace(0.0, phi + float(PAST_BALANCE), STEPS).tolist()
+    return np.linspace(0.0, phi + float(PAST_BALANCE), VISIBILITY_STEPS).tolist()
 
 
 def _edge(corners: Array) -> float:
@@ -176,7 +174,7 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
     worst = int(np.argmax(over))
     if over[worst] <= 0:
         return None
-    turned = np.degrees(_turns(phi)[worst])
+    turned = np.degrees(_checked_angles(phi)[worst])
     text = (
         f"marker {marker_id} is {over[worst]:.0f} px too far out for the image when the object has turned by "
         f"{turned:.0f} deg"
@@ -184,14 +182,14 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
     return Fault("out_of_image", float(over[worst]), text)
 
 
-def _small(path: Array, marker_id: int | str) -> Fault | None:
+def _too_small(path: Array, marker_id: int | str) -> Fault | None:
     pixels = _edge(path[0])
     if pixels >= MIN_TAG_EDGE_PX:
         return None
     return Fault(
         "tag_small",
         pixels,
-        f"marker {marker_id} is {pixels:.0f} px wide in the image: {MIN_TAG_EDGE_PX:g} px are wanted",
+        f"marker {marker_id} is {pixels:.0f} px wide in the image: it needs {MIN_TAG_EDGE_PX:g} px",
     )
 
 
@@ -213,7 +211,7 @@ def _hidden(
         camera_world = back @ (camera.T_world_camera[:3, 3] - pivot - rolled) + pivot
         ray = axis.R_world_object.T @ (camera_world - axis.p_world_object) - start
         far = float(np.linalg.norm(ray))
-        if _meets(model, start, ray / far, far):
+        if _hits_object(model, start, ray / far, far):
             text = (
                 f"the object itself hides marker {marker_id} from the camera when it has turned by "
                 f"{np.degrees(theta):.0f} deg"
@@ -222,13 +220,13 @@ def _hidden(
     return None
 
 
-def _meets(model: ObjectModel, start: Array, direction: Array, far: float) -> bool:
+def _hits_object(model: ObjectModel, start: Array, direction: Array, far: float) -> bool:
     """True if the ray along the unit `direction` (3,) meets a face nearer than `far` [m]."""
     across = np.linalg.svd(direction[None])[2][1:]
     near = np.ones(len(model.faces), dtype=bool)
     for row in across:
-        left = (model.vertices - start) @ row < HAIR
-        right = (model.vertices - start) @ row > -HAIR
+        left = (model.vertices - start) @ row < RAY_TOLERANCE
+        right = (model.vertices - start) @ row > -RAY_TOLERANCE
         near &= left[model.faces].any(axis=1) & right[model.faces].any(axis=1)
     if not near.any():
         return False

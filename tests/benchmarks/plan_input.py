@@ -30,8 +30,8 @@ from analyze.errors import ShapeError
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.hypothesis import Region
 from analyze.planning.stable_planes import (
-    COPLANAR,
-    SMALLEST_AREA,
+    COPLANAR_FRACTION,
+    MIN_AREA_FRACTION,
     RestingPlane,
     resting_planes,
     stable_planes,
@@ -217,10 +217,10 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
     """Disagreements between trimesh and our stable planes, each with its reason.
 
     trimesh considers single facets; our faces are merged from the facets of one plane, without those below
-    `SMALLEST_AREA` of the hull. Therefore only trimesh has poses on facets too small to stand on, and two
-    poses for one face that is flat within `COPLANAR`. Only we have a pose where the projection of c lies on
-    the boundary of two facets of a face, which trimesh lets topple for ever, or where it merges normals equal
-    to three decimals.
+    `MIN_AREA_FRACTION` of the hull. Therefore only trimesh has poses on facets too small to stand on, and two
+    poses for one face that is flat within `COPLANAR_FRACTION`. Only we have a pose where the projection of c
+    lies on the boundary of two facets of a face, which trimesh lets topple for ever, or where it merges
+    normals equal to three decimals.
     """
     mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
     transforms, probabilities = trimesh.poses.compute_stable_poses(mesh, center_mass=com, threshold=0.0)
@@ -230,7 +230,7 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
     hull = ConvexHull(model.hull_vertices)
     a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    tolerance = COPLANAR * float(model.extent.max())
+    tolerance = COPLANAR_FRACTION * float(model.extent.max())
     agreed, explained, unexplained = 0, [], []
     for up, probability in zip(theirs, probabilities, strict=True):
         if any(up @ plane.up > np.cos(SAME_POSE) for plane in ours):
@@ -241,7 +241,7 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
         fraction = float(areas[same].sum()) / float(hull.area)
         if facet is None:
             unexplained.append(f"only trimesh: p = {probability:.4f}, no such facet")
-        elif fraction < SMALLEST_AREA:
+        elif fraction < MIN_AREA_FRACTION:
             explained.append("only trimesh: a facet below 0.1 % of the hull")
         elif any(np.abs(plane.polygon @ facet[:3] + facet[3]).max() < 2 * tolerance for plane in planes):
             explained.append(

@@ -57,7 +57,7 @@ def rig_file(path: Path, **sections: str) -> Path:
 
 
 def accepts(config: StrikerConfig, speed: float) -> bool:
-    """The striker's own word, without a servo."""
+    """True if the striker accepts the speed; checked without a servo."""
     striker = DynamixelStriker(config, lambda *_: None, lambda *_: None, lambda *_: None, SystemClock())
     try:
         striker._checked_velocity(speed)
@@ -72,7 +72,7 @@ def test_without_a_rig_file_plans_are_for_the_nominal_striker() -> None:
 
 
 def test_the_limits_by_hand(tmp_path: Path) -> None:
-    """0.3 rad in 0.06 s are 5 rad/s, below the limit of 8, times 50 mm."""
+    """Hand calculation: 0.3 rad in 0.06 s are 5 rad/s, below the limit of 8 rad/s, times 50 mm."""
     path = rig_file(tmp_path / "rig.toml", striker="arm_length_m = 0.05\ncocked_angle_rad = -0.3")
     striker = planned_rig(path).bench.striker
     assert striker.fastest_m_s == pytest.approx(0.25)
@@ -85,7 +85,7 @@ def test_the_limits_by_hand(tmp_path: Path) -> None:
     st.floats(0.6, 24.5),
     st.floats(0.0, 1.0),
 )
-def test_a_speed_that_may_be_planned_is_one_that_is_accepted(
+def test_every_speed_within_the_limits_is_accepted(
     arm: float, cocked: float, limit: float, share: float
 ) -> None:
     config = StrikerConfig(arm_length_m=arm, cocked_angle_rad=cocked, velocity_limit_rad_s=limit)
@@ -106,7 +106,7 @@ def test_a_speed_that_may_be_planned_is_one_that_is_accepted(
 
 @pytest.fixture(scope="module")
 def prepared() -> PreparedObject:
-    """A box before striker and rig are known."""
+    """A box prepared for planning, independent of striker and rig."""
     spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG])
     model = load_object_model(spec, None, "")
     return prepare_object(model, spec, Bench(StrikerModel(), view.default_camera(), 0.5))
@@ -143,7 +143,7 @@ def test_every_speed_of_a_plan_is_accepted(prepared: PreparedObject, seed: int) 
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-def test_a_key_that_is_not_known_is_refused_by_both_alike(tmp_path: Path, section: str) -> None:
+def test_an_unknown_key_is_refused_by_both(tmp_path: Path, section: str) -> None:
     path = rig_file(tmp_path / "rig.toml", **{section: "table_fricton = 0.6"})
     with pytest.raises(ConfigError, match=r"unknown key '.*table_fricton'") as daemons:
         read_rig(path)
@@ -171,7 +171,7 @@ def test_a_key_that_is_not_known_is_refused_by_both_alike(tmp_path: Path, sectio
         ("recorder", 'mode = "some"'),
     ],
 )
-def test_a_value_that_cannot_be_is_refused_by_both_alike(tmp_path: Path, section: str, line: str) -> None:
+def test_an_impossible_value_is_refused_by_both(tmp_path: Path, section: str, line: str) -> None:
     path = rig_file(tmp_path / "rig.toml", **{section: line})
     with pytest.raises(ConfigError) as daemons:
         read_rig(path)
@@ -229,13 +229,13 @@ def test_a_value_of_the_wrong_kind_is_named_with_how_to_write_it(
     assert str(daemons.value) == f"{path}: {says}"
 
 
-def test_an_arm_that_can_swing_at_no_speed(tmp_path: Path) -> None:
+def test_an_arm_without_a_possible_speed_is_refused(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "rig.toml", striker="cocked_angle_rad = -0.02")
     with pytest.raises(PlanError, match="has no possible speed"):
         planned_rig(path)
 
 
-def test_a_plan_asks_no_camera_and_needs_no_address(tmp_path: Path) -> None:
+def test_planning_needs_no_camera_address(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "rig.toml", camera="frame_rate_hz = 60")
     path.write_text(path.read_text(encoding="utf-8").replace('address = "10.0.0.2"\n', ""), encoding="utf-8")
     assert planned_rig(path).bench.frame_rate == 60

@@ -35,7 +35,7 @@ ANGLE_SD = math.radians(0.05)
 """1 sigma [rad] stated to our estimator for the exact angles."""
 
 
-def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
+def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
     """Centre of mass from the strikes that the paper's planner chooses, with exact angles.
 
     Args:

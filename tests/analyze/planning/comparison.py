@@ -1,7 +1,6 @@
-"""Our set of strikes beside the paper's on one body: which is singular, how near each comes to c. Used by
-test and benchmark.
+"""Comparison of our choice of strikes with the paper's on one body; used by a test and a benchmark.
 
-Same errors, same number of strikes, same estimator for both: only the choice of axes differs.
+Errors, number of strikes and estimator are the same for both: only the choice of axes differs.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.planning import design, view
 from analyze.planning.examine import Bench
-from analyze.planning.footing import SHARES, footing
+from analyze.planning.footing import Q_SCALES, footing
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import Candidate, Errors, Information, spread
+from analyze.planning.information import Candidate, Information, SharedErrors, normal_spread
 from analyze.planning.paper_plan import paper_plan
 from analyze.planning.paper_strikes import paper_axis
 from analyze.planning.pivots import PivotAxis, pivot_axes, swing
-from analyze.planning.prepared import Prepared, prepare
+from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.refusal import refusal_message
 from analyze.types import EquiPlane
 from tests.analyze.planning.random_bodies import RandomBody
@@ -33,44 +32,44 @@ K_SD = 0.01
 STRIKES = 9
 FRICTION = 0.6
 STEEPEST = np.radians(80)
-NOTHING = Errors(tilt=1e-9, axis_angle=1e-9, strike_angle=1e-9)
+NO_SHARED_ERRORS = SharedErrors(tilt=1e-9, axis_angle=1e-9, strike_angle=1e-9)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One way to plan, on one body."""
+    """Set of axes that one planning method chose for a body, and the precision it reaches."""
 
     refusal: str = ""
-    """why there is no set; empty: there is one"""
+    """reason why there is no set; empty if there is one"""
     spread: float = 0.0
-    """least singular value of the normals over sqrt(3 or more), c where it is; below `design.SINGULAR`:
-    singular"""
+    """`normal_spread` of the equi-planes at the true c; singular below `design.MIN_NORMAL_SPREAD`"""
     falls_over: bool = False
-    """c lies beyond the support of a plane: the object cannot be put down so"""
+    """True if the true c lies outside the support of a plane, so that the object falls over"""
     distances: np.ndarray | None = None
-    """(draws,) m, of c from the truth"""
+    """(draws,) distances of the estimate from the true c [m]; None if there is no estimate"""
 
     @property
     def singular(self) -> bool:
-        return not self.refusal and self.spread < design.SINGULAR
+        return not self.refusal and self.spread < design.MIN_NORMAL_SPREAD
 
 
 @dataclass(frozen=True)
 class Compared:
+    """Outcomes of the paper's and our planning for one body."""
+
     kind: str
     paper: Outcome
     paper_as_printed: bool
     ours: Outcome
-    """edges of stable planes, chosen by information; like the paper's, not asked whether they slip or can be
-    reached"""
+    """edges of stable planes chosen by information; like the paper's, without checks of slip and reach"""
     checked: Outcome
-    """with every check"""
+    """the same with every check of the axes"""
 
 
 def compare(body: RandomBody, draws: int, seed: int) -> Compared:
-    """Plan one body each way and measure it `draws` times."""
+    """Plan one body by each method and simulate the estimate of c `draws` times."""
     rng = np.random.default_rng((seed, 0xC0))
-    prepared = prepare(
+    prepared = prepare_object(
         body.model, body.spec, Bench(StrikerModel(fastest_m_s=5.0), view.default_camera(), FRICTION)
     )
     try:
@@ -91,11 +90,11 @@ def compare(body: RandomBody, draws: int, seed: int) -> Compared:
     )
 
 
-def _unchecked(body: RandomBody, prepared: Prepared) -> list[Candidate]:
-    """As `prepare`: of faces on which it surely stands, else also of those that hold the expected c."""
+def _unchecked(body: RandomBody, prepared: PreparedObject) -> list[Candidate]:
+    """Candidates on the faces that `prepare_object` chooses, without its checks of the axes."""
     believed = prepared.believed
     free: list[Candidate] = []
-    for share in SHARES:
+    for share in Q_SCALES:
         every = pivot_axes(
             body.model, body.spec, footing(body.model, prepared.planes, believed.region, share), believed
         )
@@ -108,17 +107,21 @@ def _unchecked(body: RandomBody, prepared: Prepared) -> list[Candidate]:
             for axis, expected in zip(every, swings, strict=True)
             if expected.phi < STEEPEST
         ]
-        if design.can_determine_com(Information(tuple(free), prepared.information.belief, NOTHING)):
+        if design.can_determine_com(Information(tuple(free), prepared.information.belief, NO_SHARED_ERRORS)):
             break
     return free
 
 
 def _ours(
-    body: RandomBody, prepared: Prepared, candidates: list[Candidate], draws: int, rng: np.random.Generator
+    body: RandomBody,
+    prepared: PreparedObject,
+    candidates: list[Candidate],
+    draws: int,
+    rng: np.random.Generator,
 ) -> Outcome:
     noise = np.diag([ANGLE_SD**2, K_SD**2])
     known = tuple(replace(each, axis=replace(each.axis, sd=EDGE_SD), noise=noise) for each in candidates)
-    found = design.choose_design(Information(known, prepared.information.belief, NOTHING), STRIKES)
+    found = design.choose_design(Information(known, prepared.information.belief, NO_SHARED_ERRORS), STRIKES)
     if found is None:
         return Outcome(
             refusal_message(prepared.model, prepared.planes, prepared.stable, known, prepared.rejected)
@@ -131,7 +134,7 @@ def outcome(
 ) -> Outcome:
     width = true_spread(axes, body.com)
     falls = any(axis.plane.margin(body.com[None]) <= 0 for axis in axes)
-    if falls or width < design.SINGULAR:
+    if falls or width < design.MIN_NORMAL_SPREAD:
         return Outcome(spread=width, falls_over=falls)
     return Outcome(spread=width, distances=measure(body, axes, repeats, draws, rng))
 
@@ -142,8 +145,8 @@ def true_phi(axis: PivotAxis, com: np.ndarray, shift: np.ndarray) -> float:
 
 
 def true_spread(axes: list[PivotAxis], com: np.ndarray) -> float:
-    """As the design's criterion, with c where it is."""
-    return spread(
+    """`normal_spread` of the axes' equi-planes at the true c."""
+    return normal_spread(
         np.array(
             [
                 equiplane_normal(axis.direction, axis.plane.up, true_phi(axis, com, np.zeros(3)))
@@ -156,8 +159,10 @@ def true_spread(axes: list[PivotAxis], com: np.ndarray) -> float:
 def measure(
     body: RandomBody, axes: list[PivotAxis], repeats: tuple[int, ...], draws: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Distances (draws,) [m] of the estimate from c: an error of the edge per axis, of the angle per
-    strike."""
+    """Distances (draws,) [m] of the estimate from the true c.
+
+    Each axis has an error of its edge, each strike one of its angle.
+    """
     systematic = SystematicErrors(gravity_tilt_sd=1e-9, axis_angle_sd=1e-9, strike_angle_sd=1e-9)
     prior = ComPrior.from_bounds(body.model.bounds[0], body.model.bounds[1])
     distances = np.zeros(draws)

@@ -9,9 +9,9 @@ from analyze.planning.earlier_results import EarlierResult
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import Errors
-from analyze.planning.plan import Request, finish
-from analyze.planning.prepared import FRICTION, prepare
+from analyze.planning.information import SharedErrors
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import FRICTION, prepare_object
 from analyze.planning.view import default_camera
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import StrikePlan
@@ -24,11 +24,11 @@ def make_plan(
     striker: StrikerModel,
     *,
     friction: float = FRICTION,
-    errors: Errors | None = None,
+    errors: SharedErrors | None = None,
     given: EarlierResult | None = None,
     cells: Pieces | None = None,
     **request: Any,
 ) -> StrikePlan:
-    """Plan of one object; `request` has the fields of `Request`."""
-    prepared = prepare(model, spec, Bench(striker, default_camera(), friction), errors, given)
-    return finish(prepared, object_sha256, Request(**request), cells)
+    """Plan of one object; `request` has the fields of `PlanRequest`."""
+    prepared = prepare_object(model, spec, Bench(striker, default_camera(), friction), errors, given)
+    return plan_strikes(prepared, object_sha256, PlanRequest(**request), cells)

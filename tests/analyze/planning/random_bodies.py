@@ -1,5 +1,4 @@
-"""Random bodies, convex and not, with random masses inside: what the planner is judged on. Everything
-follows from a seed."""
+"""Random bodies, convex and not, with random fillings, to test the planner; reproducible by seed."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ from tests.analyze.geometry.shapes import box_triangles, stl
 KINDS = ("box", "hull", "prism", "bottle", "angle")
 CELLS = 800
 FAR_TAG = {"id": 0, "size_m": 0.03}
-"""without its place: then the planner asks for no tag in view"""
+"""marker without a pose, so that the planner does not check its visibility"""
 
 
 @dataclass(frozen=True)
@@ -28,11 +27,11 @@ class RandomBody:
     model: ObjectModel
     com: np.ndarray
     unit_inertia: np.ndarray
-    """m^2, about c, per kilogram"""
+    """(3, 3) inertia about c per kilogram [m^2]"""
 
 
 def random_body(seed: int, kind: str | None = None) -> RandomBody:
-    """The kind goes round with the seed unless one is named."""
+    """Random body of a kind, or of the kind that the seed selects in turn."""
     rng = np.random.default_rng((seed, 0xB0D1))
     kind = kind or KINDS[seed % len(KINDS)]
     triangles = shape_of(kind, rng)
@@ -43,12 +42,12 @@ def random_body(seed: int, kind: str | None = None) -> RandomBody:
 
 
 def shape_of(kind: str, rng: np.random.Generator) -> np.ndarray:
-    """Triangles (f, 3, 3) [mm]."""
+    """Triangles (f, 3, 3) [mm] of a random body of a kind."""
     return {"box": _box, "hull": _hull, "prism": _prism, "bottle": _bottle, "angle": _angle}[kind](rng)
 
 
 def spec_for(triangles: np.ndarray, markers: list | None = None, **more: object) -> ObjectSpec:
-    """A body of 300 kg/m3 [mm]."""
+    """Object of 300 kg/m^3 with the shape of `triangles` (f, 3, 3) [mm]."""
     volume = (
         float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6e9
     )
@@ -66,8 +65,10 @@ def spec_for(triangles: np.ndarray, markers: list | None = None, **more: object)
 
 
 def random_filling(model: ObjectModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """c and the inertia about it per kilogram: a wall and two parts inside, on either side of a random
-    plane, with random masses."""
+    """c (3,) and inertia per kilogram (3, 3) of a shell and two parts inside with random masses.
+
+    The parts lie on either side of a random plane.
+    """
     cells = cells_from_voxels(
         voxelise(model, (model.volume / CELLS) ** (1 / 3), 0.025 * model.volume ** (1 / 3))
     )
@@ -106,7 +107,7 @@ def convex_triangles(points: np.ndarray) -> np.ndarray:
 
 
 def _prism(rng: np.random.Generator) -> np.ndarray:
-    """A convex polygon drawn up, tapered and leaning."""
+    """Leaning, tapered prism on a convex polygon."""
     n = int(rng.integers(3, 7))
     angle = np.sort(2 * np.pi * (np.arange(n) + rng.uniform(-0.25, 0.25, n)) / n)
     outline = np.stack([np.cos(angle), np.sin(angle)], axis=1) * rng.uniform(30, 70, 2)
@@ -114,7 +115,7 @@ def _prism(rng: np.random.Generator) -> np.ndarray:
 
 
 def _angle(rng: np.random.Generator) -> np.ndarray:
-    """An L, T or U drawn up, tapered and leaning: not convex."""
+    """Leaning, tapered prism on an L, T or U: not convex."""
     w, h, t = rng.uniform(60, 130), rng.uniform(60, 130), rng.uniform(0.25, 0.4)
     a, b = t * w, t * h
     outlines = {
@@ -151,7 +152,7 @@ def _drawn(outline: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _triangulated(outline: np.ndarray) -> np.ndarray:
-    """Ears (Meisters 1975) of a simple polygon, counter-clockwise."""
+    """Triangles of a simple polygon, counter-clockwise, by ear clipping (Meisters 1975)."""
     left = list(range(len(outline)))
     triangles = []
 
@@ -177,7 +178,7 @@ def _triangulated(outline: np.ndarray) -> np.ndarray:
 
 
 def _bottle(rng: np.random.Generator) -> np.ndarray:
-    """A profile turned round in flat sides: foot, waist, shoulder, neck."""
+    """Many-sided body of revolution with foot, waist, shoulder and neck."""
     n = int(rng.integers(4, 9))
     height = rng.uniform(100, 220)
     foot = rng.uniform(28, 45)

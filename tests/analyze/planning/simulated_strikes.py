@@ -1,7 +1,6 @@
-"""Strikes in the virtual rig's physics, without images or wall clock: what the edge really did. Used by
-test and benchmark.
+"""Strikes simulated by the virtual rig's physics, without images or wall clock.
 
-Truth (mass, c, inertia) goes into the prediction as well: what is judged is the physics of the prediction,
+Used by a test and a benchmark. The prediction is given the true mass, c and inertia: its physics is tested,
 not the hypothesis.
 """
 
@@ -24,11 +23,11 @@ from analyze.planning.stable_planes import resting_planes
 G = 9.81
 ARM_LENGTH = 0.12
 SURE = 0.002
-"""m, by which c must lie inside the support"""
+"""smallest distance [m] of c from the edges of its support"""
 SLID = 5e-4
-"""m, that an end of the edge moved against rolling, on the table: it slipped"""
+"""displacement [m] of an end of the edge on the table, relative to rolling, above which it slipped"""
 LIFTED = 1e-3
-"""m, that all of the edge rose: it left the table"""
+"""height [m] of the whole edge above which it left the table"""
 ON_TABLE = 1e-4
 STRIKER = impact.StrikerModel(0.1736, 0.4)
 REST_NS, LONGEST_NS, STEP_NS = 430_000_000, 1_600_000_000, 100_000_000
@@ -36,6 +35,8 @@ REST_NS, LONGEST_NS, STEP_NS = 430_000_000, 1_600_000_000, 100_000_000
 
 @dataclass(frozen=True)
 class Bench:
+    """Virtual object with the axes over which it can be tipped."""
+
     thing: VirtualObject
     model: ObjectModel
     axes: tuple[PivotAxis, ...]
@@ -43,7 +44,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class Trial:
-    """One strike to be made."""
+    """One strike to simulate."""
 
     axis: PivotAxis
     expected: Swing
@@ -51,13 +52,13 @@ class Trial:
     energy: float
     friction: float
     planned: bool
-    """struck where the planner would; else lower or higher"""
-    case: feasibility.Case
+    """True if struck at the height that the planner would choose; False if lower or higher"""
+    case: feasibility.StrikeCase
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What happened until balance, or until it fell back."""
+    """Largest slip [m] and lift [m] until balance or until the object rocked back."""
 
     slip: float
     lift: float
@@ -70,15 +71,15 @@ class Seen:
         return "lifts" if self.lift > LIFTED else "holds"
 
 
-def predicted(tips: feasibility.Tips, index: int) -> str:
-    """The planner's word for it."""
+def predicted(tips: feasibility.TipOutcomes, index: int) -> str:
+    """Outcome that the planner predicts: slips, lifts or holds."""
     if tips.slip[index] > feasibility.SLIP_LIMIT:
         return "slips"
     return "lifts" if tips.least_load[index] <= 0 else "holds"
 
 
 def bench(name: str, seed: int = 1) -> Bench:
-    """A virtual object with every edge of every face it really stands on."""
+    """A virtual object with every edge of every face on which it stands."""
     thing = load_object(name, seed)
     shape = thing.shape_file or ("", None)
     model = load_object_model(thing.spec, shape[1], shape[0])
@@ -93,8 +94,10 @@ def trials(
     elsewhere: float,
     rng: np.random.Generator,
 ) -> list[Trial]:
-    """Every axis with every energy and friction; a share `elsewhere` is struck at the lowest, middle or
-    highest point."""
+    """Strikes on every axis with every energy and friction.
+
+    A fraction `elsewhere` of them is at the lowest, middle or highest impact point.
+    """
     body = on.thing.body
     unit = body.inertia_com / body.mass_kg
     found: list[Trial] = []
@@ -121,7 +124,7 @@ def trials(
 
 
 def strike(on: Bench, trial: Trial) -> Seen | None:
-    """Carry it out; None: the object did not come to rest, or the arm missed it."""
+    """Simulate a strike; None if the object did not come to rest beforehand, or the arm missed it."""
     axis = trial.axis
     impulse = impact.impulse_for(trial.expected, trial.point.height, trial.energy)
     speed = impact.tip_speed_for(STRIKER, trial.expected, trial.point.height, impulse)
@@ -171,7 +174,7 @@ def _angle(state: WorldState, R: np.ndarray) -> float:
 
 
 class _Arm:
-    """Holds the arm back, brings it to a speed, lets it fly free through the contact, catches it."""
+    """Torque that holds the arm back, accelerates it, lets it coast through the contact and catches it."""
 
     def __init__(self, speed: float) -> None:
         self._rate, self._caught = speed / ARM_LENGTH, False

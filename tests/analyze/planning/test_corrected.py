@@ -1,4 +1,4 @@
-"""Edges of a plan, corrected afterwards, are those that a plan made with the corrected file would have."""
+"""Pivots updated to a corrected object file equal those of a plan made with that file."""
 
 from __future__ import annotations
 
@@ -41,21 +41,21 @@ def pivot_of(axis: PivotAxis) -> Pivot:
     ("planned", "measured"),
     [((0.001, 0.0), (0.003, 2e-4)), ((0.0, 3e-4), (0.002, 0.0)), ((0.002, 0.0), (0.0, 0.0))],
 )
-def test_a_corrected_edge_is_where_a_new_plan_would_have_it(name, planned, measured):
+def test_corrected_pivot_equals_that_of_a_new_plan(name, planned, measured):
     before, _ = described(name, *planned)
-    given, model = described(name, *measured)
-    wanted = axes_of(given, model)
+    corrected, model = described(name, *measured)
+    wanted = axes_of(corrected, model)
     for axis_id, axis in axes_of(*described(name, *planned)).items():
-        found = corrected_pivot(pivot_of(axis), axis.R_world_object, before, given, model)
+        found = corrected_pivot(pivot_of(axis), axis.R_world_object, before, corrected, model)
         off = np.array(found.point) - wanted[axis_id].point
         assert np.linalg.norm(off - axis.direction * (off @ axis.direction)) < MICROMETRE
         assert found.radius_m == pytest.approx(wanted[axis_id].radius, abs=1e-12)
         assert found.sd_m == pytest.approx(wanted[axis_id].sd, abs=1e-9)
 
 
-def test_a_radius_that_is_the_shapes_own_stays():
+def test_moulded_radius_is_kept():
     before, model = described("box", 0.001, 0.0)
-    given, _ = described("box", 0.003, 0.0)
+    corrected, _ = described("box", 0.003, 0.0)
     axis = next(iter(axes_of(before, model).values()))
     moulded = pivot_of(axis).model_copy(update={"radius_m": 0.008})
-    assert corrected_pivot(moulded, axis.R_world_object, before, given, model) == moulded
+    assert corrected_pivot(moulded, axis.R_world_object, before, corrected, model) == moulded

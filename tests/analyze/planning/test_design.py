@@ -20,13 +20,13 @@ from analyze.planning.information import (
     TILT,
     Belief,
     Candidate,
-    Errors,
     Information,
-    spread,
+    SharedErrors,
+    normal_spread,
     unknown_direction,
 )
 from analyze.planning.pivots import pivot_axes, swing
-from analyze.planning.prepared import prepare
+from analyze.planning.prepared import prepare_object
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare
@@ -49,16 +49,16 @@ def candidates(com=(0.0, 0.0, 0.0)):
 
 def information(chosen, errors=None, **belief):
     inertia = 0.05 * np.diag([1.0, 1.2, 0.8]) * 1e-3
-    return Information(tuple(chosen), Belief(0.1, inertia, 1.5e-5, **belief), errors or Errors())
+    return Information(tuple(chosen), Belief(0.1, inertia, 1.5e-5, **belief), errors or SharedErrors())
 
 
-def rms(known, many):
+def rms(known, count):
     return float(
-        np.sqrt(np.trace(known.covariance(known.candidates, [many] * len(known.candidates))[COM, COM]))
+        np.sqrt(np.trace(known.covariance(known.candidates, [count] * len(known.candidates))[COM, COM]))
     )
 
 
-def test_three_edges_of_one_vertex_are_singular():
+def test_three_edges_at_one_vertex_are_singular():
     vertex = SIZE / 2
     meeting = {}
     for candidate in candidates():
@@ -66,7 +66,7 @@ def test_three_edges_of_one_vertex_are_singular():
         if on_line:
             meeting.setdefault(int(np.argmax(np.abs(candidate.axis.direction))), candidate)
     assert len(meeting) == 3
-    assert spread(np.array([candidate.normal for candidate in meeting.values()])) < 1e-6
+    assert normal_spread(np.array([candidate.normal for candidate in meeting.values()])) < 1e-6
     assert design.choose_design(information(meeting.values()), 9) is None
 
 
@@ -76,24 +76,24 @@ def test_three_parallel_axes_are_singular():
     assert np.allclose(np.abs(unknown_direction(np.array([each.normal for each in parallel]))), [0, 1, 0])
 
 
-def test_repeats_never_beat_the_shared_errors():
+def test_repeats_do_not_reduce_shared_errors():
     chosen = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9][:4]
-    errors = Errors(edge_radius=0.0002)
-    few, many = (rms(information(chosen, errors), n) for n in (1, 10_000))
-    exact = rms(information(chosen, Errors(tilt=1e-9, axis_angle=1e-9)), 10_000)
-    assert exact < many < few
+    errors = SharedErrors(edge_radius=0.0002)
+    few, count = (rms(information(chosen, errors), n) for n in (1, 10_000))
+    exact = rms(information(chosen, SharedErrors(tilt=1e-9, axis_angle=1e-9)), 10_000)
+    assert exact < count < few
 
 
 def test_sources_add_up_to_the_error():
     chosen = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9][:3]
-    known = information(chosen, Errors(edge_radius=0.0002, scale=0.002))
+    known = information(chosen, SharedErrors(edge_radius=0.0002, scale=0.002))
     parts = known.sources(known.candidates, [3] * 3)
     assert np.isclose(sum(value**2 for value in parts.values()), rms(known, 3) ** 2, rtol=1e-6)
     assert parts["tilt of gravity"] > parts["radius of the edges"] > 0
 
 
 def test_opposite_faces_and_edges_cancel_the_tilt():
-    """Upright and upside down, over four edges each way: the tilt moves c one way and the other."""
+    """Over four edges upright and upside down, the tilt moves c in opposite directions."""
     upright = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9]
     one_face = [c for c in upright if c.axis.plane.up[2] > 0]
     tilted = [
@@ -103,10 +103,10 @@ def test_opposite_faces_and_edges_cancel_the_tilt():
     assert tilted[1] < 0.1 * tilted[0]
 
 
-def test_prediction_is_what_least_squares_scatter_shows():
-    """10 000 draws of all errors, solved linearly with the same weights, scatter as predicted."""
+def test_predicted_covariance_equals_the_scatter_of_simulated_estimates():
+    """10 000 draws of all errors, solved by linear least squares, scatter as predicted."""
     rng = np.random.default_rng(5)
-    errors = Errors(edge_radius=0.0002, scale=0.001)
+    errors = SharedErrors(edge_radius=0.0002, scale=0.001)
     chosen = [c for c in candidates() if c.axis.id in {"p0e0", "p2e1", "p4e0", "p5e1"}] or candidates()[:4]
     known = information(chosen, errors)
     shared = np.vstack([known.rows(each)[0] for each in chosen])
@@ -127,7 +127,7 @@ def test_prediction_is_what_least_squares_scatter_shows():
     )
 
 
-def test_strikes_made_count_as_if_they_were_planned():
+def test_strikes_made_count_as_planned_ones():
     chosen = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9][:3]
     fresh = information(chosen)
     weight = np.linalg.inv(NOISE + np.diag([fresh.errors.strike_angle**2, 0]))
@@ -137,11 +137,10 @@ def test_strikes_made_count_as_if_they_were_planned():
     assert np.allclose(after.covariance(chosen[:1], [3]), fresh.covariance(chosen, [5, 2, 2]))
 
 
-def test_a_strike_made_turned_feels_the_tilt_the_other_way_and_has_an_angle_error_of_its_own():
-    """Two unknowns by hand: half the difference of both phi gives the tilt, half their sum what c and edge
-    do to them."""
+def test_turned_strike_has_the_opposite_tilt_and_its_own_angle_error():
+    """Compared by hand: half the difference of both phi gives the tilt, half their sum the rest."""
     each = next(c for c in candidates() if c.axis.plane.up[2] > 0.9)
-    errors = Errors(tilt=0.01)
+    errors = SharedErrors(tilt=0.01)
     weight = np.linalg.inv(NOISE + np.diag([errors.strike_angle**2, 0]))
     both = information([each], errors, made={each.axis.id: {0.0: weight, np.pi: weight}}, struck=(each,))
     variance = (NOISE[0, 0] + errors.strike_angle**2 + errors.axis_angle**2) / 2
@@ -157,7 +156,7 @@ def test_a_strike_made_turned_feels_the_tilt_the_other_way_and_has_an_angle_erro
         )
 
 
-def test_a_single_further_strike_is_where_it_tells_most():
+def test_single_further_strike_is_the_most_informative():
     upright = [c for c in candidates() if c.axis.plane.up[2] > 0.9]
     weight = np.linalg.inv(NOISE)
     parallel = [c for c in upright if abs(c.axis.direction[1]) > 0.9]
@@ -169,7 +168,7 @@ def test_a_single_further_strike_is_where_it_tells_most():
     assert abs(upright[found.chosen[0]].axis.direction[0]) > 0.9
 
 
-def test_every_strike_is_given_out_and_no_axis_twice():
+def test_all_strikes_are_distributed_and_no_axis_is_repeated():
     for strikes in (3, 4, 5, 9, 20):
         found = design.choose_design(information(candidates()), strikes)
         assert found is not None
@@ -178,14 +177,14 @@ def test_every_strike_is_given_out_and_no_axis_twice():
         assert len(set(found.chosen)) == len(found.chosen)
 
 
-def test_more_strikes_never_tell_less():
+def test_more_strikes_do_not_increase_the_error():
     errors = [
         design.choose_design(information(candidates()), strikes).com_rms for strikes in (4, 6, 9, 12, 18, 36)
     ]
     assert all(after < before * 1.02 for before, after in pairwise(errors))
 
 
-def test_moments_about_all_three_directions_are_sought():
+def test_axes_about_all_three_directions_are_chosen():
     found = design.choose_design(information(candidates()), 9)
     directions = np.array([candidates()[i].axis.direction for i in found.chosen])
     assert np.linalg.matrix_rank(directions, tol=0.3) == 3
@@ -194,9 +193,8 @@ def test_moments_about_all_three_directions_are_sought():
 
 
 def sets_of(model, spec, scale=1.0):
-    """(up, tip, strikes) of each chosen axis, with errors in length scaled by `scale`; and the rms error
-    over the scale."""
-    prepared = prepare(model, spec, Bench(StrikerModel(fastest_m_s=9.0), view.default_camera(), 2.0))
+    """(up, tip, strikes) of each chosen axis with lengths' errors scaled, and the rms error over `scale`."""
+    prepared = prepare_object(model, spec, Bench(StrikerModel(fastest_m_s=9.0), view.default_camera(), 2.0))
     believed = prepared.believed
     free = [
         Candidate(
@@ -210,24 +208,24 @@ def sets_of(model, spec, scale=1.0):
     errors = replace(prepared.information.errors, edge_radius=spec.edge_radius_sd_m)
     found = design.choose_design(Information(tuple(free), belief, errors), 9)
     assert found is not None
-    chosen = [(free[i].axis, many) for i, many in zip(found.chosen, found.repeats, strict=True)]
-    return [(axis.plane.up, axis.tip, many) for axis, many in chosen], found.com_rms / scale
+    chosen = [(free[i].axis, count) for i, count in zip(found.chosen, found.repeats, strict=True)]
+    return [(axis.plane.up, axis.tip, count) for axis, count in chosen], found.com_rms / scale
 
 
 def same_axes(some, others):
     return len(some) == len(others) and all(
         any(
-            many == other[2]
+            count == other[2]
             and np.allclose(up, other[0], atol=0.01)
             and np.allclose(tip, other[1], atol=0.01)
             for other in others
         )
-        for up, tip, many in some
+        for up, tip, count in some
     )
 
 
 def quartered(triangles):
-    """Each triangle cut into four at the middles of its edges."""
+    """Each triangle divided into four at the middles of its edges."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate(
@@ -236,9 +234,11 @@ def quartered(triangles):
 
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 10))])
-def test_design_commutes_with_turning_scaling_and_meshing_anew(seed):
-    """A box has several best sets, mirrored; a leaning prism has one. Feasibility is left out: gravity and
-    the striker do not scale."""
+def test_design_is_invariant_to_rotation_scale_and_mesh(seed):
+    """Checks of feasibility are left out, as gravity and striker do not scale.
+
+    A box has several best sets, mirror images of each other; a leaning prism has one.
+    """
     body = random_body(seed, "prism" if seed % 2 else "box")
     triangles = body.model.vertices[body.model.faces] * 1000
     plain, error = sets_of(body.model, body.spec)
@@ -246,7 +246,7 @@ def test_design_commutes_with_turning_scaling_and_meshing_anew(seed):
     model = load_object_model(body.spec, stl(triangles @ turn.T), "b.stl")
     turned, turned_error = sets_of(model, body.spec)
     assert np.isclose(error, turned_error, rtol=5e-3)
-    back = [(turn.T @ up, turn.T @ tip, many) for up, tip, many in turned]
+    back = [(turn.T @ up, turn.T @ tip, count) for up, tip, count in turned]
     assert body.kind == "box" or same_axes(back, plain)
     finer = quartered(triangles)
     meshed, meshed_error = sets_of(load_object_model(body.spec, stl(finer), "b.stl"), body.spec)
@@ -266,8 +266,8 @@ def test_design_commutes_with_turning_scaling_and_meshing_anew(seed):
 
 
 @pytest.mark.parametrize("seeds", [(0, 4), pytest.param((0, 2, 3, 4, 5, 9, 10, 14), marks=pytest.mark.slow)])
-def test_ours_beside_the_paper_on_random_bodies(seeds):
-    """Small forms of `make bench-plan`: ours is never singular and nearer to c where both answer."""
+def test_our_design_compared_with_the_papers_on_random_bodies(seeds):
+    """A small form of `make bench-plan`: ours is never singular and, where both have a set, nearer to c."""
     results = [compare(random_body(seed), 6, seed) for seed in seeds]
     assert not any(result.ours.singular or result.checked.singular for result in results)
     for result in results:

@@ -1,5 +1,5 @@
-"""Lift and slip of an edge against hand-made answers; `make bench-plan-feasibility` compares with a
-simulation of its own physics."""
+"""Lift and slip of an edge compared with results by hand and, in a small form of
+`make bench-plan-feasibility`, with an independent simulation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.planning.feasibility import SLIP_LIMIT, Case, least_friction, simulate_tips
+from analyze.planning.feasibility import SLIP_LIMIT, StrikeCase, least_friction, simulate_tips
 from tests.analyze.planning.simulated_strikes import bench, predicted, strike, trials
 
 G = 9.81
@@ -16,17 +16,17 @@ WIDTH, HEIGHT, MASS = 0.06, 0.2, 0.5
 R, PHI = np.hypot(WIDTH, HEIGHT) / 2, np.arctan2(WIDTH, HEIGHT)
 I_COM = MASS * (WIDTH**2 + HEIGHT**2) / 12
 I_EDGE = I_COM + MASS * R**2
-"""a box of 200 mm that tips over an edge of its foot: the example of METHOD 1.4"""
+"""moment of a box of 200 mm height about its bottom edge: the example of method 1.4"""
 
 
 def box(height, friction, energy=1.15, **more):
     rate = np.sqrt(2 * energy * MASS * G * R * (1 - np.cos(PHI)) / I_EDGE)
-    return Case(R, PHI, I_COM, MASS, 0.0, height, I_EDGE * rate / height, friction, **more)
+    return StrikeCase(R, PHI, I_COM, MASS, 0.0, height, I_EDGE * rate / height, friction, **more)
 
 
 def test_strike_height_decides_whether_a_box_slides():
-    """At mu = 0.3, simulated by others: at 100 mm it slides 23 mm and does not tip, at 145 mm it slips
-    0.01 mm, at 198 mm 0.5 mm."""
+    """Independent simulation at mu = 0.3: struck at 100 mm it slides 23 mm and does not tip, at 145 mm it
+    slips 0.01 mm, at 198 mm 0.5 mm."""
     result = simulate_tips([box(height, 0.3) for height in (0.1, 0.145, 0.198)], G)
     assert result.over.tolist() == [False, True, True]
     low, best, top = result.slip
@@ -35,9 +35,9 @@ def test_strike_height_decides_whether_a_box_slides():
     assert top == pytest.approx(0.0005, abs=0.00015)
 
 
-def test_impulsive_friction_is_the_one_of_method_1_4():
-    """|R*cos phi - I_edge/(m*h)| <= mu*R*sin phi, while gravity's part of the contact is small (a short,
-    hard strike)."""
+def test_friction_needed_by_the_impulse_is_that_of_method_1_4():
+    """|R*cos phi - I_edge/(m*h)| <= mu*R*sin phi for a short, hard strike, in which gravity's part is
+    small."""
     for height in (0.12, 0.13, 0.16, 0.19):
         needed = abs(R * np.cos(PHI) - I_EDGE / (MASS * height)) / (R * np.sin(PHI))
         held, slid = simulate_tips(
@@ -46,19 +46,19 @@ def test_impulsive_friction_is_the_one_of_method_1_4():
         assert slid > 2 * held + 1e-6
 
 
-def test_energy_decides_whether_it_comes_over():
+def test_energy_ratio_decides_whether_the_box_tips_over():
     result = simulate_tips([box(0.145, 5.0, energy=energy) for energy in (0.9, 1.1)], G)
     assert result.over.tolist() == [False, True]
 
 
-def test_too_fast_a_swing_leaves_the_table():
+def test_fast_swing_lifts_off_the_table():
     """N = m*(g + R*sin b*theta'' - R*cos b*theta'^2) falls below 0 with speed."""
     result = simulate_tips([box(0.145, 50.0, energy=energy) for energy in (1.1, 40.0)], G)
     assert result.least_load[0] > 0
     assert result.least_load[1] <= 0
 
 
-def test_least_load_is_that_of_the_pendulum():
+def test_smallest_load_is_that_of_the_pendulum():
     """At release b = phi: N/(m*g) = 1 - k*R*sin^2(phi)/g - R*cos(phi)*rate^2/g, least there for a tall
     box."""
     k = MASS * G * R / I_EDGE
@@ -67,13 +67,13 @@ def test_least_load_is_that_of_the_pendulum():
     assert load == pytest.approx(1 - k * R * np.sin(PHI) ** 2 / G - R * np.cos(PHI) * rate2 / G, abs=0.01)
 
 
-def test_a_centre_beside_the_strike_asks_for_more_friction():
+def test_centre_of_mass_beside_the_strike_needs_more_friction():
     edge = {"i_zz": MASS * WIDTH**2 / 6, "low": -WIDTH / 2, "high": WIDTH / 2}
     straight, beside = simulate_tips([box(0.145, 0.4, **edge), box(0.145, 0.4, beside=0.01, **edge)], G).slip
     assert beside > straight + 1e-4
 
 
-def test_least_friction_holds_and_a_little_less_does_not():
+def test_least_friction_holds_and_less_does_not():
     case = box(0.12, 1.0)
     needed = least_friction([case], G)[0]
     assert 0.1 < needed < 1.0
@@ -84,7 +84,7 @@ def test_least_friction_holds_and_a_little_less_does_not():
     assert np.isinf(least_friction([box(0.03, 1.0)], G)[0])
 
 
-def test_cases_do_not_disturb_each_other():
+def test_cases_are_independent():
     several = [box(0.12, 0.3), box(0.145, 0.5), box(0.19, 0.1)]
     together = simulate_tips(several, G)
     for i, each in enumerate(several):
@@ -95,19 +95,21 @@ def test_cases_do_not_disturb_each_other():
 
 
 @pytest.mark.parametrize("name", ["carton", pytest.param("juice", marks=pytest.mark.slow)])
-def test_prediction_agrees_with_a_simulation_of_other_physics(name):
-    """A small form of `make bench-plan-feasibility`: strikes that hold, that slide away, and that the
-    planner would make."""
+def test_prediction_agrees_with_an_independent_simulation(name):
+    """Strikes at planned and other heights, some of which hold and some of which slide."""
     on = bench(name)
     rng = np.random.default_rng(3)
     every = trials(on, (1.15, 2.0), (0.2, 0.6), 0.3, rng)
     chosen = [every[i] for i in rng.permutation(len(every))[:10]]
     outcome = simulate_tips([trial.case for trial in chosen], G)
-    words = [
+    outcomes = [
         (predicted(outcome, i), seen.outcome)
         for i, trial in enumerate(chosen)
         if (seen := strike(on, trial)) is not None
     ]
-    assert len(words) >= 9
-    assert sum((said == "holds") == (seen == "holds") for said, seen in words) >= len(words) - 1
-    assert {seen == "holds" for _, seen in words} == {True, False}
+    assert len(outcomes) >= 9
+    assert (
+        sum((predicted_outcome == "holds") == (seen == "holds") for predicted_outcome, seen in outcomes)
+        >= len(outcomes) - 1
+    )
+    assert {seen == "holds" for _, seen in outcomes} == {True, False}

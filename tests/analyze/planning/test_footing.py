@@ -1,5 +1,4 @@
-"""Faces planned on: where it surely stands; where that is not enough, where it is expected to, which plan
-and cards say."""
+"""Faces planned on: sure ones; if these do not suffice, also those that hold the expected c."""
 
 from __future__ import annotations
 
@@ -14,11 +13,11 @@ from analyze.cards.page import render_cards
 from analyze.geometry.object_model import load_object_model
 from analyze.planning import design, view
 from analyze.planning.examine import Bench
-from analyze.planning.footing import SHARES, footing
+from analyze.planning.footing import Q_SCALES, footing
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Request, finish
-from analyze.planning.prepared import Prepared, prepare
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from analyze.verbs.plan.table import render_plan
 from schemas.strike_plan import StrikePlan, parse_strike_plan
@@ -28,17 +27,17 @@ from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, rand
 
 BENCH = Bench(StrikerModel(fastest_m_s=5.0), view.default_camera(), 0.6)
 LOPSIDED = 41
-"""a hull of random points, two of whose faces surely hold c: not enough"""
+"""seed of a hull of random points of which only two faces surely hold c"""
 
 
 @cache
-def lopsided() -> tuple[Prepared, StrikePlan]:
+def lopsided() -> tuple[PreparedObject, StrikePlan]:
     body = random_body(LOPSIDED)
-    prepared = prepare(body.model, body.spec, BENCH)
-    return prepared, finish(prepared, "0" * 64, Request(9))
+    prepared = prepare_object(body.model, body.spec, BENCH)
+    return prepared, plan_strikes(prepared, "0" * 64, PlanRequest(9))
 
 
-def test_where_sure_faces_give_no_set_those_that_hold_the_expected_c_are_used():
+def test_faces_that_hold_the_expected_c_are_used_if_sure_ones_do_not_suffice():
     prepared, plan = lopsided()
     region = prepared.believed.region
     sure = {plane.id for plane in stable_planes(prepared.planes, region)}
@@ -53,7 +52,7 @@ def test_where_sure_faces_give_no_set_those_that_hold_the_expected_c_are_used():
     )
 
 
-def test_the_note_says_what_it_rests_on_and_what_to_do():
+def test_warning_names_the_unsure_faces_and_the_remedy():
     _, plan = lopsided()
     (note,) = (text for text in plan.warnings if "where it is expected" in text)
     for name in {strike.plane_id for strike in plan.strikes if not strike.stands_surely}:
@@ -63,14 +62,14 @@ def test_the_note_says_what_it_rests_on_and_what_to_do():
     assert "--given" in note
 
 
-def test_surer_faces_come_first():
+def test_surer_faces_are_struck_first():
     prepared, plan = lopsided()
     planes = {plane.id: plane for plane in prepared.planes}
     firm = [min(planes[strike.plane_id].firmness(prepared.believed.region), 1.0) for strike in plan.strikes]
     assert np.all(np.diff(firm) < 1e-6)
 
 
-def test_terminal_cards_and_file_say_it():
+def test_terminal_cards_and_file_contain_the_warning():
     prepared, plan = lopsided()
     out = io.StringIO()
     render_plan(plan, Console(file=out, width=500))
@@ -83,15 +82,15 @@ def test_terminal_cards_and_file_say_it():
     assert parse_strike_plan(plan.model_dump_json(), "plan.json") == plan
 
 
-def test_where_sure_faces_do_nothing_changes():
+def test_sure_faces_give_no_warning():
     spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG])
-    plan = finish(prepare(load_object_model(spec, None, ""), spec, BENCH), "", Request(9))
+    plan = plan_strikes(prepare_object(load_object_model(spec, None, ""), spec, BENCH), "", PlanRequest(9))
     assert all(strike.stands_surely for strike in plan.strikes)
     assert not any("expected" in text for text in plan.warnings)
 
 
 @pytest.mark.parametrize("sides", [16, 24, 48])
-def test_facets_of_a_flank_are_no_faces_to_stand_on(sides):
+def test_facets_of_a_round_flank_are_not_planned_on(sides):
     turn = 2 * np.pi * np.arange(sides) / sides
     ring = 30 * np.column_stack([np.cos(turn), np.sin(turn)])
     triangles = convex_triangles(
@@ -100,13 +99,13 @@ def test_facets_of_a_flank_are_no_faces_to_stand_on(sides):
     spec = spec_for(triangles)
     model = load_object_model(spec, stl(triangles), "b.stl")
     planes, region = resting_planes(model), hypothesis(model).region
-    for share in SHARES:
+    for share in Q_SCALES:
         assert all(abs(plane.up[2]) > 0.99 for plane in footing(model, planes, region, share))
 
 
 @pytest.mark.parametrize("seed", [6, 7, 41, 42, 47])
-def test_ours_is_not_refused_where_the_papers_set_is_regular(seed):
-    """Hulls of random points and leaning prisms, whose faces hold c only where it is expected."""
+def test_our_plan_is_not_refused_where_the_paper_has_a_regular_set(seed):
+    """Hulls of random points and leaning prisms on whose faces c is expected, but not sure, to lie."""
     result = compare(random_body(seed), 0, seed)
     assert not result.paper.refusal
     assert not result.paper.singular

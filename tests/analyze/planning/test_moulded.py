@@ -1,5 +1,4 @@
-"""Edges that the shape itself rounds: where the centre line runs, at which angle and with which energy it
-tips."""
+"""Edges whose rounding is part of the shape: centre line, balance angle and energy of a tip."""
 
 from __future__ import annotations
 
@@ -21,8 +20,7 @@ WIDTH, DEPTH, HEIGHT = 0.08, 0.06, 0.16
 
 
 def moulded(radius, declared=0.0, turned=False):
-    """A block whose two long bottom edges are rounded in its mesh; or a cup turned on a lathe with such a
-    rim."""
+    """A block whose two long bottom edges are rounded in its mesh, or a turned cup with such a rim."""
     t = np.linspace(0, math.pi / 2, 25)
     arc = np.stack([WIDTH / 2 - radius + radius * np.sin(t), radius - radius * np.cos(t)], axis=-1)
     half = np.vstack([arc, [WIDTH / 2, HEIGHT]])
@@ -75,9 +73,9 @@ def upright_axes(spec, model):
         ),
     ],
 )
-def test_a_moulded_edge_tips_where_and_with_what_the_plan_says(radius, declared, turned):
-    """A plan that took it for a sharp corner gave 0.82 of the energy at 15 mm, and 0.16 where the rounding
-    was declared as well."""
+def test_moulded_edge_tips_at_the_predicted_angle_and_energy(radius, declared, turned):
+    """If the rounding were taken for a sharp corner, a plan would give 0.82 of the energy at 15 mm, and 0.16
+    if it were declared as well."""
     spec, model = moulded(radius, radius if declared else 0.0, turned)
     believed, axes = upright_axes(spec, model)
     assert len(axes) == 2
@@ -106,13 +104,13 @@ def test_a_moulded_edge_tips_where_and_with_what_the_plan_says(radius, declared,
             assert (theta[first] > body.phi) == over
 
 
-def test_its_ends_are_where_the_face_that_it_stands_on_ends():
+def test_ends_of_a_moulded_edge_are_those_of_the_resting_face():
     spec, model = moulded(0.015)
     _, axes = upright_axes(spec, model)
     assert axis_ends(axes[0]) == pytest.approx((-DEPTH / 2, DEPTH / 2), abs=1e-6)
 
 
-def test_the_facets_of_a_cylinder_are_no_face_with_a_rounding():
+def test_facets_of_a_cylinder_are_not_moulded_edges():
     spec = ObjectSpec(
         name="can",
         mass_kg=0.5,

@@ -1,5 +1,4 @@
-"""Edges of noisy clouds (the paper's Fig. 10, small), stable planes beside trimesh's, and what may not
-depend on frame, unit or mesh."""
+"""Edges of noisy clouds (the paper's Fig. 10, small), stable planes compared with trimesh, invariances."""
 
 from __future__ import annotations
 
@@ -25,14 +24,14 @@ from tests.benchmarks.plan_input import (
 BOX = BODIES["box 60 x 200 x 50"]
 IDENTITY = np.eye(3)
 ANGLE = 1e-4
-"""rad; a binary STL keeps coordinates to 1e-7 of the size"""
+"""[rad]; a binary STL stores coordinates to 1e-7 of the size"""
 
 
 @pytest.mark.parametrize(
     ("noise", "limit"), [(1.0, 0.1), (5.0, 0.4), pytest.param(15.0, 1.7, marks=pytest.mark.slow)]
 )
-def test_edges_of_a_noisy_box_lie_where_its_faces_meet(noise, limit):
-    """Limits [mm] are a tenth of the noise; the raw hull sticks out by all of it."""
+def test_edges_of_a_noisy_box(noise, limit):
+    """Limits [mm] are about a tenth of the noise; the raw hull is too large by all of it."""
     found = edge_errors(BOX(), noise, seed=1, outward=False)
     assert len(found.fitted) == found.edges == 24
     assert found.fitted.max() < limit
@@ -41,7 +40,7 @@ def test_edges_of_a_noisy_box_lie_where_its_faces_meet(noise, limit):
     assert found.raw_shift > 0.9 * noise
 
 
-def test_noise_that_points_outwards_moves_planes_by_its_mean_and_is_covered_by_what_is_declared():
+def test_outward_noise_moves_planes_by_its_mean_within_the_declared_surface_error():
     noise = 3.0
     found = edge_errors(BOX(), noise, seed=2, outward=True, surface_sd_mm=noise / 2)
     assert np.allclose(found.fitted, np.sqrt(2) * noise / 2, rtol=0.08)
@@ -96,7 +95,7 @@ def same_faces_and_axes(plain, other, turn=IDENTITY, scale=1.0):
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
-def test_faces_and_axes_turn_and_grow_with_the_object(seed):
+def test_faces_and_axes_rotate_and_scale_with_the_object(seed):
     rng = np.random.default_rng(seed)
     for _, mesh in generated_bodies(5, seed=10 + seed):
         plain = faces_and_axes(mesh)
@@ -114,7 +113,7 @@ def test_faces_and_axes_do_not_depend_on_the_mesh(seed):
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_planes_of_a_cloud_turn_with_it(seed):
-    """Within the noise: other points are searched first, the same ones are fitted."""
+    """Equal within the noise: the search starts from other points, but the same ones are fitted."""
     points = noisy_cloud(BOX(), 1.0, seed, outward=False)
     turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     plain, turned = model_of_cloud(points), model_of_cloud(points @ turn.T)
@@ -125,16 +124,16 @@ def test_planes_of_a_cloud_turn_with_it(seed):
         assert np.isclose(there.offset, plane.offset, atol=5e-5)
 
 
-def test_a_cylinder_of_many_sides_has_two_ends_and_no_flank_to_stand_on():
+def test_cylinder_of_many_sides_rests_on_its_ends_only():
     planes = resting_planes(model_of_mesh(trimesh.creation.cylinder(36, 150, sections=256)))
     ends = [plane for plane in planes if plane.area > 0.05 * np.pi * 0.036**2 * 2 and abs(plane.up[2]) > 0.99]
     assert len(ends) == 2
 
 
 @pytest.mark.parametrize("turn", range(12))
-def test_a_needle_of_a_face_keeps_its_tip(turn):
-    """A wedge whose one face is a triangle with an angle of 0.3 degrees: lost where its tip came in the
-    middle of the sorted corners."""
+def test_needle_shaped_face_keeps_its_tip(turn):
+    """A wedge with a triangular face of 0.3 degrees: its tip was lost if it was in the middle of the sorted
+    corners."""
     points = np.array([[0, 0, 0], [200, 0, 0], [199, 1, 0], [190, 20, 120], [100, 5, 60]], dtype=float)
     mesh = trimesh.convex.convex_hull(
         points @ Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix().T

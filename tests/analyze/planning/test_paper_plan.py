@@ -1,4 +1,4 @@
-"""The paper's steps 3.1.1 to 3.1.3 against hand-made answers, and what they do to simple objects."""
+"""The paper's steps 3.1.1 to 3.1.3 compared with results by hand, and applied to simple objects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from analyze.planning.hypothesis import even_cloud, paper_hypothesis, paper_hypo
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_plan import CONTACT_ANGLE, impact_force, paper_plan, rotation_points
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.prepared import prepare
+from analyze.planning.prepared import prepare_object
 from analyze.planning.stable_planes import resting_planes
 from schemas.strike_plan import PlanMethod, parse_strike_plan
 from tests.analyze.geometry.shapes import spec_of
@@ -30,12 +30,12 @@ def model_of(shape, **more):
 
 BENT = np.array([[-2.0, 3, 0], [-2, -3, 0], [4, 0, 0]]) * 0.001
 FAR = np.array([[20.0, 0, 0], [-20, 0, 0], [0, 20, 0], [0, -20, 0]]) * 0.001
-"""in pairs, so that their sums cancel: only there to widen the extent"""
+"""pairs whose sums cancel: they only widen the extent"""
 SUMS = (2 * np.hypot(2, 3) - 4) * 0.001
 
 
 def test_eq_1_by_hand():
-    """Along x the sums of lengths are 2*sqrt(13) and 4, along y they are alike; 1 mm on top."""
+    """Along x the sums of lengths are 2*sqrt(13) and 4, along y they are equal; 1 mm is added."""
     assert np.allclose(paper_hypothesis(np.vstack([BENT, FAR])).half[:2], [SUMS + 0.001, 0.001])
     assert np.allclose(paper_hypothesis_of_means(np.vstack([BENT, FAR])).half[:2], [SUMS / 7 + 0.001, 0.001])
 
@@ -52,7 +52,7 @@ def test_eq_1_grows_with_the_number_of_points_and_means_do_not():
     assert np.allclose(paper_hypothesis_of_means(thrice).half, paper_hypothesis_of_means(cloud).half)
 
 
-def test_cloud_is_even_whatever_the_mesh():
+def test_cloud_is_uniform_over_the_surface():
     model, _ = model_of({"box": {"size_m": TALL}})
     cloud = even_cloud(model, 4000)
     share = np.mean(np.abs(np.abs(cloud[:, 2]) - 0.1) < 1e-9)
@@ -78,9 +78,9 @@ def test_square_base_takes_the_objects_axes():
     assert np.allclose(np.abs(points[:, :2]), [[0.025, 0], [0.025, 0], [0, 0.025], [0, 0.025]], atol=1e-9)
 
 
-def test_eq_2_is_energy_over_the_way_of_the_force():
-    """Impact 0.2 m up, 0.06 m behind the edge: m*g*(|r| - 0.2) over the way along the force while r turns
-    by 5 degrees."""
+def test_eq_2_is_energy_over_the_path_of_the_force():
+    """Impact 0.2 m above and 0.06 m behind the edge: m*g*(|r| - 0.2) over the path along the force while r
+    turns by 5 degrees."""
     up, inwards = np.array([0, 0, 1.0]), np.array([-1.0, 0, 0])
     force = impact_force(np.zeros(3), np.array([-0.06, 0, 0.2]), up, inwards, weight=0.5)
     start = np.arctan2(0.2, -0.06)
@@ -109,9 +109,9 @@ def test_paper_refuses_its_own_cylinder():
         paper_plan(model, 0.034)
 
 
-def test_papers_plan_is_a_strike_plan_that_says_what_is_wrong_with_it():
+def test_papers_plan_lists_its_faults():
     model, spec = model_of({"box": {"size_m": TALL}})
-    prepared = prepare(model, spec, Bench(StrikerModel(), view.default_camera(), 0.4))
+    prepared = prepare_object(model, spec, Bench(StrikerModel(), view.default_camera(), 0.4))
     plan = paper_strike_plan(prepared, "0" * 64, 9)
     assert plan.method is PlanMethod.PAPER
     assert [strike.id for strike in plan.strikes] == [f"s{i}" for i in range(1, 10)]

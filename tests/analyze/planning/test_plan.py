@@ -1,4 +1,4 @@
-"""Whole plans: physics of what is asked of the striker, information, refusals, JSON."""
+"""Complete plans: physics of the strikes, precision, refusals, JSON."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.places import OBJECTS
 STRIKER = StrikerModel()
 SIZE = np.array([0.08, 0.06, 0.15])
 SD_LIMIT = 0.001
-"""m, with 0.1 degrees per angle"""
+"""[m], for 0.1 degrees per angle"""
 
 
 def side_markers(turn=None, size=SIZE, only=range(6)):
@@ -101,7 +101,7 @@ def test_strikes_hit_at_y_zero_in_plus_x_and_ids_are_in_order():
         assert np.allclose(R @ strike.pivot.point + p, [0, 0, strike.pivot.radius_m], atol=1e-9)
 
 
-def test_impulse_and_speed_carry_the_energy_over():
+def test_impulse_and_speed_give_the_planned_energy():
     for strike in plan_of_box().strikes:
         omega = strike.impulse_n_s.target * strike.impact_height_m / strike.i_edge_predicted_kg_m2
         i_edge, phi = strike.i_edge_predicted_kg_m2, strike.phi_predicted_rad
@@ -124,7 +124,7 @@ def test_same_object_gives_the_same_plan():
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_plan_turns_with_the_object(seed):
+def test_plan_rotates_with_the_object(seed):
     turn = Rotation.random(rng=seed).as_matrix()
     plain, turned = plan_of_box(), box_plan(turn=turn)
     assert np.isclose(plain.predicted_com_sd_m, turned.predicted_com_sd_m, rtol=1e-3)
@@ -136,7 +136,7 @@ def test_plan_turns_with_the_object(seed):
 
 
 @pytest.mark.parametrize("strikes", [3, 5, 12])
-def test_number_of_strikes_is_kept(strikes):
+def test_requested_number_of_strikes_is_planned(strikes):
     plan = plan_of_box(strikes)
     assert len(plan.strikes) == strikes
     assert len(axes_of(plan)) >= 3
@@ -147,8 +147,8 @@ def test_too_few_strikes_are_refused():
         box_plan(2)
 
 
-def test_parallel_axes_only_are_refused_with_a_remedy():
-    """Markers on the two y sides alone: every visible axis is parallel to y."""
+def test_only_parallel_axes_are_refused_with_a_remedy():
+    """With markers on the two y sides only, every visible axis is parallel to y."""
     with pytest.raises(
         PlanError,
         match=r"0\.00, 1\.00, 0\.00.*without a tag that faces along them \(best is off by \d+ deg\).*: glue",
@@ -169,7 +169,7 @@ def test_flat_slab_is_refused():
         make_plan(model, spec, "", STRIKER)
 
 
-def test_weak_striker_is_refused_with_its_number():
+def test_too_slow_striker_is_refused_with_the_speed_needed():
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
     model = load_object_model(spec, None, "")
     with pytest.raises(
@@ -190,7 +190,7 @@ def test_rejections_name_axis_code_and_number():
     assert all(np.degrees(r.number) > 50 for r in steep)
 
 
-def test_striker_keeps_clear_of_edges_and_of_what_stands_out_below():
+def test_tip_keeps_clear_of_edges_and_of_parts_that_stick_out_below():
     """A plate with a post on it: the tip meets the post high enough that its flank passes the plate."""
     plate, post = (
         box_triangles(np.array([80.0, 60, 20]), (0, 0, 10)),
@@ -213,7 +213,7 @@ def test_striker_keeps_clear_of_edges_and_of_what_stands_out_below():
     assert all(abs(abs(p.point[0]) - 0.04) < 1e-6 for p in on_plate)
 
 
-def test_cards_are_avoided_where_possible():
+def test_impact_points_on_marker_cards_are_avoided():
     expected = ImpactPoint(0.1, np.zeros(3), 0.05, 0.1, 0.0, on_card=True)
     beside = ImpactPoint(0.12, np.zeros(3), 0.2, 0.25, 0.0, on_card=False)
     slips = ImpactPoint(0.14, np.zeros(3), 0.6, 0.7, 0.0, on_card=False)

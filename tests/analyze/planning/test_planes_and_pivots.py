@@ -1,4 +1,4 @@
-"""Resting planes, Q, pivots and centre lines of bodies whose answers are known."""
+"""Resting planes, Q, pivots and centre lines of bodies with known results."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_object_stands_on_the_table_and_tips_over_its_far_edge():
         assert np.isclose(world[:, 0].max(), 0.002, atol=MICROMETRE)
 
 
-def test_swing_of_a_uniform_box_is_the_analytic_one():
+def test_swing_of_a_uniform_box_is_analytic():
     _, believed, _, axes = box_axes()
     upright = [axis for axis in axes if abs(axis.plane.up[2]) > 0.9 and abs(axis.tip[0]) > 0.9]
     solid = np.diag(np.sum(SIZE**2) - SIZE**2) / 12
@@ -158,7 +158,7 @@ def test_paper_drops_one_of_two_parallel_planes():
     assert [round(plane.area, 6) for plane in kept] == [0.012, 0.01]
 
 
-def test_paper_region_grows_with_the_number_of_points_ours_does_not():
+def test_papers_region_grows_with_the_number_of_points_and_ours_does_not():
     spec = spec_of({"file": "f.stl", "unit": "mm"})
     model = load_object_model(spec, stl(frustum(30, 20, 120)), "f.stl")
     few, many = even_cloud(model, 12), even_cloud(model, 3000)
@@ -181,9 +181,8 @@ def test_region_turns_with_the_object():
 
 @pytest.mark.parametrize("shape", ["square frustum", "square box", "prism of six"])
 @pytest.mark.parametrize("angle_deg", [15, 30, 45])
-def test_nothing_hangs_on_the_frame_where_the_shape_leaves_the_axes_open(shape, angle_deg):
-    """A regular base has no axes of its own: Q is round there, and which faces it stands on safely stays
-    the same."""
+def test_bodies_without_principal_axes_do_not_depend_on_the_frame(shape, angle_deg):
+    """A regular base has no principal axes: Q is round, and the stable faces do not depend on the frame."""
     triangles = {
         "square frustum": frustum(44, 100, 120),
         "square box": frustum(60, 60, 150),
@@ -205,7 +204,7 @@ def test_nothing_hangs_on_the_frame_where_the_shape_leaves_the_axes_open(shape, 
     assert np.allclose(*margins, atol=2e-5)
 
 
-def test_what_is_nearly_square_is_planned_as_if_it_were():
+def test_nearly_square_base_is_treated_as_square():
     spec = spec_of({"box": {"size_m": [0.06, 0.06, 0.15]}})
     near = spec_of({"box": {"size_m": [0.06, 0.0603, 0.15]}})
     square, other = (hypothesis(load_object_model(each, None, "")).region for each in (spec, near))

@@ -1,4 +1,4 @@
-"""Plans that start from a result so far, plans for a target, and the advice to stop."""
+"""Plans that start from earlier results, plans for a target, and the advice to stop."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from analyze.planning.earlier_results import EarlierResult, StrikeMade, merge_re
 from analyze.planning.examine import Bench
 from analyze.planning.forecast import MAX_STRIKES, strikes_for
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import Errors
-from analyze.planning.plan import Request, finish
-from analyze.planning.prepared import prepare
+from analyze.planning.information import SharedErrors
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import prepare_object
 from analyze.planning.view import default_camera
 from analyze.reading.recording import open_recording
 from analyze.verbs.plan import plan_object as plan_files
@@ -47,12 +47,12 @@ def box():
 
 @cache
 def prepared():
-    return prepare(*box(), BENCH)
+    return prepare_object(*box(), BENCH)
 
 
 @cache
 def first_plan(strikes):
-    return finish(prepared(), "", Request(strikes))
+    return plan_strikes(prepared(), "", PlanRequest(strikes))
 
 
 @cache
@@ -101,9 +101,8 @@ def test_another_objects_result_is_refused():
             make_plan(model, spec, "", BENCH.striker, strikes=3, given=wrong)
 
 
-def test_results_that_share_unknown_errors_are_never_joined_to_more_than_they_know():
-    """Covariance intersection: no direction surer than the surest of both, and c between them; whatever
-    the order."""
+def test_merged_results_do_not_understate_their_covariance():
+    """Covariance intersection: no direction is surer than the surest of both, in either order."""
     _, given = given_after(6)
     flat, tall = (
         replace(given, com=COM + shift, com_covariance=np.diag(sd) ** 2)
@@ -123,7 +122,7 @@ def test_results_that_share_unknown_errors_are_never_joined_to_more_than_they_kn
     assert np.allclose(same.com_covariance, given.com_covariance), "the same twice is known no better"
 
 
-def test_an_edge_made_under_another_name_is_known_by_its_place():
+def test_edge_with_another_id_is_recognised_by_its_place():
     model, spec = box()
     first, given = given_after(6)
     edges = {f"old {strike.axis_id}": edge_line(strike) for strike in first.strikes}
@@ -141,52 +140,53 @@ def test_an_edge_made_under_another_name_is_known_by_its_place():
     assert [strike.axis_id for strike in plans[0].strikes] == [strike.axis_id for strike in plans[1].strikes]
 
 
-def test_target_is_met_with_the_fewest_strikes():
+def test_target_is_reached_with_the_fewest_strikes():
     found = strikes_for(prepared().information, 0.0004, 3)
     assert found is not None
-    many, reached = found
+    count, reached = found
     assert reached.com_rms <= 0.0004
-    plan = finish(prepared(), "", Request(9, 0.0004))
-    assert len(plan.strikes) == many
+    plan = plan_strikes(prepared(), "", PlanRequest(9, 0.0004))
+    assert len(plan.strikes) == count
     assert plan.prediction.target_reached
-    tighter = finish(prepared(), "", Request(9, 0.0001))
-    assert len(tighter.strikes) > many
+    tighter = plan_strikes(prepared(), "", PlanRequest(9, 0.0001))
+    assert len(tighter.strikes) > count
 
 
-def test_target_out_of_reach_says_how_near_it_comes():
-    plan = finish(prepared(), "", Request(9, 1e-6))
+def test_target_out_of_reach_is_reported_with_the_error_reached():
+    plan = plan_strikes(prepared(), "", PlanRequest(9, 1e-6))
     assert len(plan.strikes) == 9
     assert plan.prediction.target_reached is False
-    assert "0.001 mm is out of reach: 36 strikes come to 0." in plan.prediction.advice
+    assert "0.001 mm is out of reach: 36 strikes reach 0." in plan.prediction.advice
 
 
-def test_more_strikes_asked_for_may_be_used_for_the_target():
-    usual, many = (
+def test_larger_requested_number_may_be_used_for_the_target():
+    usual, count = (
         choose_design(prepared().information, strikes).com_rms for strikes in (MAX_STRIKES, 2 * MAX_STRIKES)
     )
-    target = (usual + many) / 2
-    assert many < target < usual
-    plan = finish(prepared(), "", Request(2 * MAX_STRIKES, target))
+    target = (usual + count) / 2
+    assert count < target < usual
+    plan = plan_strikes(prepared(), "", PlanRequest(2 * MAX_STRIKES, target))
     assert plan.prediction.target_reached
     assert plan.prediction.com_rms_m <= target
     assert MAX_STRIKES < len(plan.strikes) <= 2 * MAX_STRIKES
 
 
-def test_whether_to_stop_does_not_hang_on_how_many_were_asked_for():
+def test_advice_to_stop_does_not_depend_on_the_requested_number():
     model, spec = box()
     given = given_after(6)[1]
     plans = [
-        make_plan(model, spec, "", BENCH.striker, strikes=many, friction=0.6, given=given) for many in (1, 9)
+        make_plan(model, spec, "", BENCH.striker, strikes=count, friction=0.6, given=given)
+        for count in (1, 9)
     ]
     assert plans[0].prediction.stop == plans[1].prediction.stop
 
 
-def test_advice_to_stop_when_what_strikes_share_dominates():
+def test_advice_to_stop_when_shared_errors_dominate():
     model, spec = box()
-    many = first_plan(36)
-    assert many.prediction.stop
-    assert "36 more would only bring 0." in many.prediction.advice
-    assert "more strikes no longer pay; instead: " in many.prediction.advice
+    count = first_plan(36)
+    assert count.prediction.stop
+    assert "36 more would only reach 0." in count.prediction.advice
+    assert "more strikes no longer pay; instead: " in count.prediction.advice
     again = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, given=given_after(36)[1])
     assert "the 36 strikes so far give c to 0." in again.prediction.advice
     assert "stop striking" in again.prediction.advice
@@ -196,16 +196,18 @@ def test_advice_to_stop_when_what_strikes_share_dominates():
     assert np.isclose(np.sqrt(np.sum(sources**2)), few.prediction.com_rms_m, rtol=1e-6)
 
 
-def test_a_level_table_and_good_edges_help():
+def test_level_table_gives_a_smaller_error():
     model, spec = box()
-    level = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, errors=Errors(tilt=1e-5))
-    tilted = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, errors=Errors(tilt=0.01))
+    level = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, errors=SharedErrors(tilt=1e-5))
+    tilted = make_plan(
+        model, spec, "", BENCH.striker, strikes=3, friction=0.6, errors=SharedErrors(tilt=0.01)
+    )
     assert level.predicted_com_sd_m < tilted.predicted_com_sd_m
 
 
 @pytest.mark.slow
-def test_a_recordings_result_is_taken_up(tmp_path: Path):
-    """The committed sample: estimated, its posterior becomes the prior; the result's JSON does the same."""
+def test_plan_from_a_recording_or_its_result(tmp_path: Path):
+    """The sample recording and the JSON of its result give the same plan."""
     from analyze.pipeline.estimate import estimate_recording
     from analyze.result.document import result_json
 
@@ -221,7 +223,7 @@ def test_a_recordings_result_is_taken_up(tmp_path: Path):
     taught = plan_object(thing, PlanOptions(strikes=2, given=(SAMPLE,))).plan
     assert taught.prediction == plan.prediction
     assert [strike.axis_id for strike in taught.strikes] == [strike.axis_id for strike in plan.strikes]
-    # Only the recording holds what the striker gave.
+    # Only the recording has the striker's impacts.
     assert taught.hypothesis.striker.restitution_sd < 0.5 * plan.hypothesis.striker.restitution_sd
     (tmp_path / "other.json").write_text(result.replace(estimate.result.inputs.object_sha256, "0" * 64))
     with pytest.raises(PlanError, match="is of another object"):
@@ -240,16 +242,20 @@ def _attachment(recording: Path) -> bytes:
         )
 
 
-def test_a_target_that_is_reached_already_is_said():
+def test_target_already_reached_is_reported():
     model, spec = box()
-    plan = finish(prepare(model, spec, BENCH, Errors(), given_after(9)[1]), "", Request(target_com=0.01))
+    plan = plan_strikes(
+        prepare_object(model, spec, BENCH, SharedErrors(), given_after(9)[1]),
+        "",
+        PlanRequest(target_com=0.01),
+    )
     assert plan.prediction is not None
     assert plan.prediction.stop
     assert plan.prediction.advice.startswith("10 mm is reached already: stop. ")
 
 
-def test_the_rig_of_the_last_recording_given_is_the_one_planned_for(tmp_path):
-    """A plan that goes on is struck on the rig that made the recording, unless another is named."""
+def test_plan_uses_the_rig_of_the_latest_recording(tmp_path):
+    """A further plan is made for the rig that made the recording, unless another is given."""
     with open_recording(SAMPLE) as recording:
         rig_file = tmp_path / "rig.toml"
         rig_file.write_bytes(recording.attachments["rig.toml"])

@@ -1,4 +1,4 @@
-"""Strikes made teach the striker that the next plan's speeds are for."""
+"""Update of the striker's effective mass and restitution by strikes made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AXES = {"a": (3.0e-4, 0.45, 60.0, 0.09), "b": (5.5e-4, 0.30, 45.0, 0.13), "c": (
 
 
 def energy(mass: float, restitution: float, speed: float, axis: str) -> float:
-    """E of a strike, from the impulse of two bodies that touch; written apart from the planner."""
+    """Energy ratio E of a strike, from the impulse of two colliding bodies; independent of the planner."""
     moment, phi, k, height = AXES[axis]
     effective_mass = 1 / (1 / mass + height**2 / moment)
     omega = (1 + restitution) * effective_mass * speed * height / moment
@@ -26,7 +26,7 @@ def energy(mass: float, restitution: float, speed: float, axis: str) -> float:
 def touches(
     mass: float, restitution: float, rng: np.random.Generator, axes: str = "abc", each: int = 2
 ) -> list[Touch]:
-    """Strikes with the scatter that the virtual rig shows."""
+    """Simulated strikes with the scatter of the virtual rig."""
     found = []
     for axis in axes:
         left_out = rng.normal(0, 0.04)
@@ -42,7 +42,7 @@ def predicted_energy(striker: StrikerModel, axis: str) -> float:
     return energy(striker.effective_mass_kg, striker.restitution, 0.4, axis)
 
 
-def test_the_next_energy_is_predicted_far_better():
+def test_update_improves_the_predicted_energy():
     rng = np.random.default_rng(4)
     before, after = [], []
     for _ in range(40):
@@ -57,7 +57,7 @@ def test_the_next_energy_is_predicted_far_better():
     assert np.sqrt(np.mean(np.square(after))) < 0.1 < 0.5 * np.sqrt(np.mean(np.square(before)))
 
 
-def test_what_it_states_is_honest():
+def test_stated_standard_deviations_are_correct():
     rng = np.random.default_rng(5)
     off = []
     for _ in range(60):
@@ -74,7 +74,7 @@ def test_what_it_states_is_honest():
     assert (np.sqrt(np.mean(np.square(off), axis=0)) < 1.27).all()
 
 
-def test_a_second_touch_of_the_arm_does_not_mislead():
+def test_double_contact_of_the_arm_has_little_effect():
     rng = np.random.default_rng(6)
     clean = touches(0.17, 0.4, rng, each=3)
     spoilt = [replace(clean[0], energy_ratio=1.5 * clean[0].energy_ratio), *clean[1:]]
@@ -83,13 +83,13 @@ def test_a_second_touch_of_the_arm_does_not_mislead():
     )
 
 
-def test_without_strikes_nothing_is_learned_and_limits_stay():
+def test_no_strikes_leave_the_striker_unchanged_and_limits_are_kept():
     assert updated_striker(BELIEVED, []) is BELIEVED
     found = updated_striker(BELIEVED, touches(0.25, 0.6, np.random.default_rng(7)))
     assert (found.slowest_m_s, found.highest_m) == (BELIEVED.slowest_m_s, BELIEVED.highest_m)
 
 
-def test_a_calibrated_striker_is_hardly_moved():
+def test_calibrated_striker_hardly_changes():
     sure = replace(BELIEVED, effective_mass_sd_kg=0.001, restitution_sd=0.005)
     found = updated_striker(sure, touches(0.25, 0.6, np.random.default_rng(8)))
     assert abs(found.restitution - 0.4) < 0.02

@@ -1,4 +1,4 @@
-"""Scans with a side missing: what closes them is no face to rest on, its border no edge to tip over."""
+"""Scans with a missing side: no strike rests on the side that closes the gap or tips over its rim."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tests.analyze.planning.random_bodies import FAR_TAG
 SIZE = np.array([75.0, 65.0, 130.0])
 RADIUS = 0.001
 LEVEL, SLOPE = -57.0, 0.15
-"""mm: the cut's height over the middle of the bottom, 8 mm under it, and its slope along x"""
+"""height [mm] of the cut in the middle, 8 mm above the bottom, and its slope along x"""
 
 
-def thing(name: str, mass: float = 0.182) -> ObjectSpec:
+def spec_of_scan(name: str, mass: float = 0.182) -> ObjectSpec:
     return spec_of(
         {"file": name, "unit": "mm"}, mass, [FAR_TAG], edge_radius_m=RADIUS, edge_radius_sd_m=0.0003
     )
@@ -38,20 +38,20 @@ def xyz(points) -> bytes:
     return "\n".join("{:.4f} {:.4f} {:.4f}".format(*point) for point in points).encode()
 
 
-def cloud(mesh: trimesh.Trimesh, many: int, noise: float = 0.1) -> np.ndarray:
-    points = np.asarray(trimesh.sample.sample_surface(mesh, many, seed=1)[0])
+def cloud(mesh: trimesh.Trimesh, count: int, noise: float = 0.1) -> np.ndarray:
+    points = np.asarray(trimesh.sample.sample_surface(mesh, count, seed=1)[0])
     return points + np.random.default_rng(0).normal(0, noise, points.shape)
 
 
 @cache
-def cut_cloud(many: int) -> bytes:
-    points = cloud(trimesh.creation.box(SIZE), many)
+def cut_cloud(count: int) -> bytes:
+    points = cloud(trimesh.creation.box(SIZE), count)
     return xyz(points[points[:, 2] > LEVEL + SLOPE * points[:, 0]])
 
 
 @cache
 def cut_mesh(ragged: float = 0.0) -> bytes:
-    """A box without its bottom, cut slanting, its border ragged by up to `ragged` [mm] either way."""
+    """STL of a box without its bottom, cut at a slant, with a rim ragged by `ragged` [mm] either way."""
     box = trimesh.creation.box(SIZE)
     for _ in range(5):
         box = box.subdivide()
@@ -66,7 +66,7 @@ def cut_mesh(ragged: float = 0.0) -> bytes:
 
 
 def holed_mesh(hole: float) -> bytes:
-    """A fine box; without the triangles that lie within `hole` [mm] of the middle of its +x side."""
+    """STL of a finely meshed box without triangles within `hole` [mm] of the middle of its +x side."""
     box = trimesh.creation.box(SIZE)
     for _ in range(5):
         box = box.subdivide()
@@ -76,11 +76,11 @@ def holed_mesh(hole: float) -> bytes:
 
 @cache
 def model_of(data: bytes, name: str) -> ObjectModel:
-    return load_object_model(thing(name), data, name)
+    return load_object_model(spec_of_scan(name), data, name)
 
 
 def planned(data: bytes, name: str) -> tuple[ObjectModel, StrikePlan]:
-    spec, model = thing(name), model_of(data, name)
+    spec, model = spec_of_scan(name), model_of(data, name)
     return model, make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=1.0)
 
 
@@ -100,7 +100,7 @@ CUTS = ("sparse.xyz", "cut.xyz", pytest.param("dense.xyz", marks=pytest.mark.slo
 
 
 @pytest.mark.parametrize("name", CUTS)
-def test_every_planned_edge_of_a_box_without_its_bottom_is_the_boxs(name):
+def test_planned_edges_of_a_box_without_bottom_are_edges_of_the_box(name):
     half = SIZE / 2000 - RADIUS
     strikes = plan_of_a_cut_box(name).strikes
     for strike in strikes:
@@ -114,19 +114,19 @@ def test_every_planned_edge_of_a_box_without_its_bottom_is_the_boxs(name):
 
 
 @pytest.mark.parametrize("name", CUTS)
-def test_what_is_not_planned_with_is_named_with_its_share(name):
+def test_unscanned_faces_and_edges_are_rejected_with_their_share(name):
     unseen = [each for each in plan_of_a_cut_box(name).rejected if each.code == "not_scanned"]
     assert sum("e" in each.axis_id for each in unseen) >= 4
     assert all(each.number > 0.5 for each in unseen)
     assert all("scan that side too" in each.text for each in unseen)
 
 
-def test_a_ragged_border_is_said():
+def test_ragged_rim_is_reported():
     notes = plan_of_a_cut_box("ragged.stl").warnings
-    assert any("its border uneven by 2.0 mm" in note for note in notes)
+    assert any("its rim uneven by 2.0 mm" in note for note in notes)
 
 
-def test_a_small_hole_changes_nothing():
+def test_small_hole_does_not_change_the_plan():
     model, plan = planned(holed_mesh(5.0), "holed.stl")
     assert model.scanned is not None
     assert model.scanned.bare_share > 0
@@ -136,15 +136,14 @@ def test_a_small_hole_changes_nothing():
     assert np.isclose(plan.predicted_com_sd_m, whole.predicted_com_sd_m, rtol=1e-3)
 
 
-def test_hollows_of_a_cloud_were_seen():
-    """A stool of three plates: between its feet, and at its open sides, the hull spans air; the scan has
-    seen what is behind."""
+def test_hollows_of_a_cloud_count_as_scanned():
+    """The hull of a stool of three plates spans air between its feet, behind which the scan has points."""
     parts = [(70, 60, 20, 0, 0, 50), (70, 12, 80, 0, 24, 0), (70, 12, 80, 0, -24, 0)]
     bodies = [
         trimesh.creation.box(part[:3], trimesh.transformations.translation_matrix(part[3:])) for part in parts
     ]
     stool = trimesh.boolean.union(bodies)
-    spec = thing("stool.xyz")
+    spec = spec_of_scan("stool.xyz")
     model = load_object_model(spec, xyz(cloud(stool, 15_000)), "stool.xyz")
     believed = hypothesis(model)
     planes = stable_planes(resting_planes(model), believed.region)
@@ -164,7 +163,7 @@ def refusal(data: bytes, name: str) -> str:
 
 
 @pytest.mark.parametrize("level", [-0.3, pytest.param(-24.0, marks=pytest.mark.slow), -34.0])
-def test_a_ball_without_its_bottom_is_part_of_a_ball(level):
+def test_ball_without_bottom_is_recognised(level):
     points = cloud(trimesh.creation.icosphere(5, 40.0), 6000)
     line = refusal(xyz(points[points[:, 2] > level]), "ball.xyz")
     assert "part of a ball of 80 mm" in line
@@ -172,17 +171,16 @@ def test_a_ball_without_its_bottom_is_part_of_a_ball(level):
     assert "scan that side too" in line
 
 
-def test_a_dome_that_shows_nothing_else_asks_for_the_missing_side():
-    """A round lid, scanned from above: all it seems to stand on is where the scan ends."""
+def test_dome_is_refused_with_the_missing_side():
+    """A round lid scanned from above: its only resting face is the end of the scan."""
     points = cloud(trimesh.creation.icosphere(5, 40.0), 12_000) * [1.0, 1.0, 1.6]
     line = refusal(xyz(points[points[:, 2] > 5]), "lid.xyz")
-    assert "what is missing of the scan is in the way: scan that side too" in line
+    assert "the gaps of the scan leave no usable edge: scan that side too" in line
 
 
 @pytest.mark.parametrize("name", ["cut.xyz", "cut.stl"])
-def test_a_marker_under_a_gap_may_lie_as_far_off_as_the_gap_is_wide(name):
-    """On the true bottom, 8 mm under the scan's end; a metre in place of a millimetre is a mistake there
-    as well."""
+def test_marker_in_a_gap_may_be_off_by_the_width_of_the_gap(name):
+    """A marker on the true bottom, 8 mm below the scan's end, is accepted; one 0.2 m below is refused."""
     model = model_of(cut_cloud(12_000) if name == "cut.xyz" else cut_mesh(), name)
 
     def at(height: float) -> ObjectSpec:
@@ -195,7 +193,7 @@ def test_a_marker_under_a_gap_may_lie_as_far_off_as_the_gap_is_wide(name):
 
 
 def stand(thickness: float) -> trimesh.Trimesh:
-    """A stem of 30 x 30 x 120 mm on a plate of 100 x 100 mm, `thickness` thick."""
+    """A stem of 30 x 30 x 120 mm on a plate of 100 x 100 mm and `thickness` [mm]."""
     move = trimesh.transformations.translation_matrix
     plate = trimesh.creation.box((100, 100, thickness), move((0, 0, thickness / 2)))
     return trimesh.boolean.union([plate, trimesh.creation.box((30, 30, 120), move((0, 0, 60)))])
@@ -210,10 +208,9 @@ def stand(thickness: float) -> trimesh.Trimesh:
         (4.0, 0.3),
     ],
 )
-def test_the_edges_of_a_plate_under_a_stem(thickness, noise):
-    """The plate's upper side is no face of the hull: what is seen of it must neither turn the walls nor
-    carry the rim beyond the plate."""
-    spec = thing("stand.xyz")
+def test_edges_of_a_plate_under_a_stem(thickness, noise):
+    """Points of the plate's upper side, which is no face of the hull, do not disturb its walls and rim."""
+    spec = spec_of_scan("stand.xyz")
     model = load_object_model(spec, xyz(cloud(stand(thickness), 20_000, noise)), "stand.xyz")
     believed = hypothesis(model)
     below = [plane for plane in stable_planes(resting_planes(model), believed.region) if plane.up[2] > 0.99]
@@ -232,10 +229,12 @@ def test_the_edges_of_a_plate_under_a_stem(thickness, noise):
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.5])
-def test_the_rim_of_a_round_base_is_followed_down_its_wall(noise):
-    """The outermost points of the base end before its rim: that is no reason to draw the rim back."""
+def test_rim_of_a_round_base_is_extrapolated_from_its_wall(noise):
+    """The rim is not limited to the outermost points of the base, which lie inside it."""
     round_body = trimesh.creation.cylinder(36.0, 150.0, sections=256)
-    surface = load_object_model(thing("can.xyz"), xyz(cloud(round_body, 20_000, noise)), "can.xyz").cloud
+    surface = load_object_model(
+        spec_of_scan("can.xyz"), xyz(cloud(round_body, 20_000, noise)), "can.xyz"
+    ).cloud
     assert surface is not None
     assert not any(surface.unwalled)
     low = surface.vertices[surface.vertices[:, 2] < -0.0745]

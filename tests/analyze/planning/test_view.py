@@ -1,5 +1,4 @@
-"""Tags in view: why a tip cannot be watched is said with its own number and remedy; a tag that floats or
-sinks is refused."""
+"""Visibility of tags through a tip: faults with number and remedy, and tags off the surface."""
 
 from __future__ import annotations
 
@@ -12,9 +11,9 @@ from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Request, finish
-from analyze.planning.precision import SeenSwing, strike_covariances
-from analyze.planning.prepared import prepare
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.precision import TrackedSwing, strike_covariances
+from analyze.planning.prepared import prepare_object
 from analyze.planning.view import default_camera, refuse_off_surface
 from analyze.types import CameraModel
 from schemas.rig_limits import MIN_TAG_EDGE_PX
@@ -27,7 +26,7 @@ STRIKER = StrikerModel(fastest_m_s=5.0)
 
 def box_with(markers, camera=None, friction=1.0):
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=markers)
-    return prepare(
+    return prepare_object(
         load_object_model(spec, None, ""), spec, Bench(STRIKER, camera or default_camera(), friction)
     )
 
@@ -40,7 +39,7 @@ def codes(prepared):
     return {entry.code for entry in prepared.rejected}
 
 
-def test_tags_of_3_mm_are_too_small_and_a_plan_says_so():
+def test_tags_too_small_in_the_image_are_reported():
     prepared = box_with(sized(0.003))
     small = [entry for entry in prepared.rejected if entry.code == "tag_small"]
     assert small
@@ -48,11 +47,11 @@ def test_tags_of_3_mm_are_too_small_and_a_plan_says_so():
     with pytest.raises(
         PlanError, match=r"with a tag too small in the image \(\d+(?: to \d+)? px\).*: print larger tags"
     ) as caught:
-        finish(prepared, "", Request(9))
+        plan_strikes(prepared, "", PlanRequest(9))
     assert "\n" not in str(caught.value)
 
 
-def test_the_least_size_is_the_one_that_the_rig_is_checked_for():
+def test_smallest_tag_is_that_of_the_rig_limits():
     """The near face is 0.52 m from the camera: 2.75 px/mm."""
     exact = MIN_TAG_EDGE_PX / (1430 / (0.55 - SIZE[1] / 2))
     only = [marker for marker in side_markers() if marker["id"] in {2, 3}]
@@ -60,7 +59,7 @@ def test_the_least_size_is_the_one_that_the_rig_is_checked_for():
     assert "tag_small" in codes(box_with([marker | {"size_m": exact * 0.999} for marker in only]))
 
 
-def test_tags_out_of_the_image():
+def test_tags_out_of_the_image_are_reported():
     lens = default_camera()
     moved = lens.T_world_camera.copy()
     moved[0, 3] += 0.15
@@ -71,12 +70,11 @@ def test_tags_out_of_the_image():
     with pytest.raises(
         PlanError, match=r"12 with the tag out of the image \(by \d+ to \d+ px\): move or turn the camera"
     ):
-        finish(prepared, "", Request(9))
+        plan_strikes(prepared, "", PlanRequest(9))
 
 
-def test_where_a_tag_is_in_the_image_is_told_by_the_lens():
-    """A fisheye draws what is far out nearer: from 0.1 m before the box it sees tags that a pinhole of its
-    focal length does not."""
+def test_visibility_uses_the_lens_model():
+    """From 0.1 m before the box a fisheye sees tags that a pinhole of its focal length does not."""
     T = default_camera().T_world_camera.copy()
     T[1, 3] = -0.1 - SIZE[1] / 2
     pinhole = CameraModel(656, 492, np.array([[300.0, 0, 327.5], [0, 300, 245.5], [0, 0, 1]]), np.zeros(5), T)
@@ -88,26 +86,26 @@ def test_where_a_tag_is_in_the_image_is_told_by_the_lens():
     assert out[0] > out[1]
 
 
-def test_a_tag_in_a_recess_is_hidden():
-    """A slab stands 60 mm before the tag's face, on the same foot."""
+def test_tag_hidden_by_the_object_is_reported():
+    """A slab on the same foot stands 60 mm in front of the tag's face."""
     body = np.concatenate(
         [box_triangles(np.array([80.0, 60, 150])), box_triangles(np.array([80.0, 80, 20]), (0, -70, -65))]
     )
     body = np.concatenate([body, box_triangles(np.array([80.0, 20, 150]), (0, -100, 0))])
     marker = next(marker for marker in side_markers() if marker["id"] == 3)
     spec = spec_of({"file": "b.stl", "unit": "mm"}, 0.2, markers=[marker])
-    prepared = prepare(
+    prepared = prepare_object(
         load_object_model(spec, stl(body), "b.stl"), spec, Bench(STRIKER, default_camera(), 1.0)
     )
     hidden = [entry for entry in prepared.rejected if entry.code == "hidden"]
     assert hidden
     assert "hides marker 3" in hidden[0].text
     with pytest.raises(PlanError, match="glue"):
-        finish(prepared, "", Request(9))
+        plan_strikes(prepared, "", PlanRequest(9))
 
 
 def moved(by_m, index=0):
-    """Marker `index` of the box, lifted off its face."""
+    """Markers of the box, with marker `index` moved `by_m` [m] off its face."""
     markers = side_markers()
     pose = np.array(markers[index]["T_object_marker"])
     pose[:3, 3] += by_m * pose[:3, 2]
@@ -121,42 +119,46 @@ def check(markers, **shape):
 
 
 @pytest.mark.parametrize(
-    ("by", "says"), [(0.050, "marker 0 lies 50 mm outside"), (-0.010, "marker 0 lies 10 mm inside")]
+    ("by", "message"), [(0.050, "marker 0 lies 50 mm outside"), (-0.010, "marker 0 lies 10 mm inside")]
 )
-def test_a_tag_off_the_surface_is_refused(by, says):
-    with pytest.raises(PlanError, match=says) as caught:
+def test_tag_off_the_surface_is_refused(by, message):
+    with pytest.raises(PlanError, match=message) as caught:
         check(moved(by))
     assert "\n" not in str(caught.value)
 
 
-def test_a_tag_on_the_surface_within_a_hand_s_accuracy_is_taken():
+def test_tag_within_the_accuracy_of_a_hand_measurement_is_accepted():
     for by in (-0.0025, 0.0, 0.0025):
         check(moved(by))
     check([marker | {"size_m": 0.09} for marker in side_markers()])
     check([marker | {"thickness_m": 0.004} for marker in moved(0.006)])
 
 
-def test_a_surface_that_is_not_well_known_asks_less():
+def test_surface_error_widens_the_tolerance():
     with pytest.raises(PlanError):
         check(moved(0.008))
     check(moved(0.008), surface_sd_m=0.003)
 
 
-def test_slow_frames_tell_less():
-    """A sixth of the frames: at best 2.4 times the sd from noise, and no more than the unknowns themselves
-    at 2 frames a second."""
+def test_lower_frame_rate_gives_larger_sd():
+    """A sixth of the frames gives at best 2.4 times the sd; at 2 frames per second the prior limits it."""
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
     model = load_object_model(spec, None, "")
     fast, slow = (
-        prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate)) for rate in (120.0, 20.0)
+        prepare_object(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate))
+        for rate in (120.0, 20.0)
     )
     expected = fast.usable[0].candidate.expected
     rates = (2.0, 20.0, 119.0, 120.0, 241.0, 480.0)
     noise = {
-        rate: np.sqrt(strike_covariances([SeenSwing(expected, 1.15, 5e-4)], rate)[0][0, 0]) for rate in rates
+        rate: np.sqrt(strike_covariances([TrackedSwing(expected, 1.15, 5e-4)], rate)[0][0, 0])
+        for rate in rates
     }
     assert 2.2 < noise[20.0] / noise[120.0] < 4.0
     assert noise[119.0] == pytest.approx(noise[120.0], rel=0.05)
     assert noise[241.0] / noise[480.0] == pytest.approx(np.sqrt(480 / 241), rel=0.05)
     assert noise[20.0] < noise[2.0] < 1.1
-    assert finish(slow, "", Request(9)).predicted_com_sd_m > finish(fast, "", Request(9)).predicted_com_sd_m
+    assert (
+        plan_strikes(slow, "", PlanRequest(9)).predicted_com_sd_m
+        > plan_strikes(fast, "", PlanRequest(9)).predicted_com_sd_m
+    )
