@@ -88,7 +88,7 @@ class SessionRunner:
         self._machine = machine.SessionMachine(given.plan)
         self._anchor_ns = 0
         self._ordered = 0
-        """number of strikes that the striker was told to make"""
+        """number of strikes commanded to the striker"""
         self._kept = 0
         """number of strikes whose record is in the file"""
         self._frames = 0

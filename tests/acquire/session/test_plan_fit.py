@@ -99,16 +99,16 @@ class Daemon:
 
 def test_unsuitable_plan_is_refused_before_the_recording_is_opened(tmp_path: Path) -> None:
     toml, made = spec_and_plan()
-    thing, path = tmp_path / "object.toml", tmp_path / "plan.json"
-    thing.write_text(toml)
+    object_path, path = tmp_path / "object.toml", tmp_path / "plan.json"
+    object_path.write_text(toml)
     path.write_text(made.model_dump_json())
     daemon = Daemon(limits(arm_length_m=0.05))
     with pytest.raises(SessionError) as caught:
-        SessionRunner(daemon, SessionInput(thing, path), tmp_path / "r.mcap").run()  # type: ignore[arg-type] - what is called of it
+        SessionRunner(daemon, SessionInput(object_path, path), tmp_path / "r.mcap").run()  # type: ignore[arg-type]
     line = str(caught.value)
     problem = "s1, s2, s3, s4 may need 0.1 to 1 m/s, the striker swings at 0.025 to 0.4 m/s"
     assert line.startswith(f"{path}: does not fit this rig's striker: {problem}")
-    assert line.endswith(f": plan for this rig: `analyze plan {thing} --rig RIG.toml -o {path}`")
+    assert line.endswith(f": plan for this rig: `analyze plan {object_path} --rig RIG.toml -o {path}`")
     assert daemon.calls == ["rig"]
 
 
