@@ -1,6 +1,6 @@
 """Base of all documents that the packages exchange.
 
-Validated when read, with every problem reported in one line.
+A document is validated when it is read; all its problems are reported in one line.
 
 Frames: W world (z up, table z = 0), O object (the shape file's frame), C camera (OpenCV), M marker. See
 schemas/README.md. SI units throughout.

@@ -24,7 +24,7 @@ GATHER_FROM_ROWS = 50
 
 
 def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
-    """Rows of results and of failures, those that exist.
+    """Existing rows of the given results, followed by those of the given failures.
 
     Args:
         output: folder of the results.

@@ -83,7 +83,7 @@ def provenance_text(provenance: Mapping[str, object]) -> str:
 
 
 def printable(text: str) -> str:
-    """`text` with JSON escapes for what XML forbids, USD truncates at, or nobody would see."""
+    """`text` with JSON escapes for characters that XML forbids, USD truncates at, or readers cannot see."""
     return UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 

@@ -16,7 +16,7 @@ MAX_NAMED_STRIKES = 12
 
 @dataclass(frozen=True)
 class PlannedStrikes:
-    """Ids of the planned strikes, and of those that were not made, in the plan's order."""
+    """Ids of the planned strikes and of the missing ones, both in the plan's order."""
 
     planned: tuple[str, ...]
     missing: tuple[str, ...]

@@ -205,7 +205,7 @@ def _whole(value: Any) -> int | None:
 def _model(entries: Mapping[str, Any], name: str) -> LensModel:
     """Lens model from `distortion_model` (ROS, Kalibr), `model` (ours) or `fisheye_model` (OpenCV's sample).
 
-    A pinhole if the file states none.
+    It is pinhole if the file states none.
     """
     camera = _first(entries, ("cameramodel",))
     if camera is not None and _plain(camera) not in _MODELS:

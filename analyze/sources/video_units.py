@@ -36,9 +36,9 @@ def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
 
 
 def _assembled(messages: Iterable[Unit]) -> Iterator[Unit]:
-    """Pictures assembled from parts.
+    """Whole pictures, assembled from messages that contain parts of them.
 
-    Parameter sets go with the next slice, further slices with the one before.
+    Parameter sets belong to the next slice, further slices to the picture of the slice before.
     """
     ahead, whole = b"", None
     for logged, part in messages:

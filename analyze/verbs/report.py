@@ -102,7 +102,7 @@ class _Page:
 
 
 def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    from analyze.report.report import verdict_in_words, write_report
+    from analyze.report.report import answer_summary, write_report
     from analyze.report.report_document import report_json
     from analyze.report.report_tables import report_tables
     from analyze.result.score import score_if_virtual
@@ -112,7 +112,7 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
     return _Page(
         lambda output: write_report(answer, output, score),
         lambda: report_tables(answer),
-        lambda: report_json(answer, verdict_in_words(answer), score),
+        lambda: report_json(answer, answer_summary(answer), score),
     )
 
 

@@ -184,7 +184,7 @@ def pack_chunk_of_channel(
 def pack_chunk_of_one(
     offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]
 ) -> PackedChunk:
-    """`pack_chunk` for one message, in a fifth of the time.
+    """Pack the frame of a chunk of one message, in a fifth of the time of the general `pack_chunk`.
 
     At line rate there are 365 such chunks in a second.
     """

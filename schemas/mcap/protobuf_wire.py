@@ -79,7 +79,7 @@ def read_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
 def timestamp_field(time_ns: int) -> bytes:
     """Field 1, a google.protobuf.Timestamp, of a time since 1970 [ns].
 
-    Takes a tenth of protobuf's own time.
+    It takes a tenth of the time of protobuf's own encoder.
     """
     seconds, nanos = divmod(time_ns, 10**9)
     if nanos >= 1 << 28:  # three times in four: five bytes, without the loop

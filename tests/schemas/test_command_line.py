@@ -1,4 +1,4 @@
-"""A problem is one line and an exit code, whichever command it is."""
+"""A problem is one line and an exit code, in both commands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Mine(Exception):
         (click.Abort(), INTERRUPTED, "hit: interrupted\n"),
     ],
 )
-def test_what_a_verb_raises(
+def test_expected_errors_become_one_line_and_an_exit_code(
     raised: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     @one_line_errors("hit", Mine)
@@ -42,7 +42,7 @@ def test_what_a_verb_raises(
     assert capsys.readouterr() == ("", line)
 
 
-def test_a_mistake_of_ours_keeps_its_traceback_and_a_result_passes() -> None:
+def test_unexpected_error_keeps_its_traceback() -> None:
     @one_line_errors("hit", Mine)
     def verb(number: int) -> float:
         """Divide."""
@@ -55,18 +55,18 @@ def test_a_mistake_of_ours_keeps_its_traceback_and_a_result_passes() -> None:
 
 
 @pytest.mark.parametrize("text", ["nan", "-NaN", "0", "-1", "much"])
-def test_what_is_no_number_of_a_range(text: str) -> None:
+def test_value_outside_the_range_is_refused(text: str) -> None:
     with pytest.raises(click.BadParameter):
         NumberRange(0, min_open=True).convert(text, None, None)
 
 
-def test_numbers_of_a_range() -> None:
+def test_value_in_the_range_is_accepted() -> None:
     assert NumberRange(0, min_open=True).convert("inf", None, None) == float("inf")
     assert NumberRange(0.1, 3.0).convert("3", None, None) == 3.0
 
 
-def test_no_option_of_either_command_takes_nan_for_a_number() -> None:
-    """Sizes to print are no ranges: they are refused where the paper is known."""
+def test_no_option_of_either_command_accepts_nan() -> None:
+    """Sizes to print have no fixed range: they are checked against the paper."""
     from acquire.cli import main as acquire
     from analyze.cli import main as analyze
 

@@ -1,4 +1,4 @@
-"""Documents: what is accepted, and that what is not gets one line that names the thing and the remedy."""
+"""Documents: valid ones are accepted, others give one line that names the entry and the remedy."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_markers_name_is_its_family_and_number(name):
 
 
 @pytest.mark.parametrize("name", [587, -1, "7", "36h11-7", "25h9-35", "9x9-1", ""])
-def test_what_names_no_marker_is_refused(name):
+def test_text_that_names_no_marker_is_refused(name):
     with pytest.raises(ValueError, match=r"is not the name of a marker|has no tag"):
         family_and_id(name)
 
@@ -61,7 +61,7 @@ def test_names_are_sorted_by_family_and_number():
     ]
 
 
-def test_a_good_object():
+def test_valid_object():
     spec = parse_object_spec(GOOD, "carton.toml")
     assert spec.shape.box is not None
     assert spec.mass_kg == 0.044
@@ -96,7 +96,7 @@ def test_a_good_object():
         ("name = ", "name == ", "not valid TOML"),
     ],
 )
-def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
+def test_invalid_objects_give_one_line_that_names_the_entry(old, new, says):
     with pytest.raises(DocumentError) as caught:
         parse_object_spec(GOOD.replace(old, new), "carton.toml")
     message = str(caught.value)
@@ -170,8 +170,8 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
         (
             "marker = 3\n",
             (
-                "marker: should be [[marker]] (markers on the object: id, size_m and T_object_marker of each), "
-                "not 3"
+                "marker: should be [[marker]] (markers on the object: id, size_m and T_object_marker of "
+                "each), not 3"
             ),
         ),
     ],
@@ -183,7 +183,7 @@ def test_every_missing_and_unknown_key_is_named_with_its_table_and_the_remedy(te
     assert "\n" not in str(caught.value)
 
 
-def test_what_a_plan_lacks_is_named_and_the_plan_is_to_be_made_anew():
+def test_plan_with_missing_entries_names_them_and_the_remedy():
     with pytest.raises(DocumentError) as caught:
         parse_strike_plan('{"object_name": "x", "strikes": []}', "plan.json")
     assert str(caught.value) == (

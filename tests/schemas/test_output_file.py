@@ -1,4 +1,4 @@
-"""Where a file may be written: the same answer for both commands."""
+"""Output files are accepted and refused alike in both commands."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from schemas.output_file import OutputError, why_unwritable
 from schemas.output_file import refuse_unwritable as analyze_refuses
 
 
-def test_a_new_name_and_one_to_replace_are_fine(tmp_path: Path) -> None:
+def test_new_and_existing_output_names_are_accepted(tmp_path: Path) -> None:
     (tmp_path / "old").touch()
     assert why_unwritable(tmp_path / "new", tmp_path / "old") is None
     assert why_unwritable(tmp_path / "old") is None
 
 
 @pytest.mark.parametrize("name", ["gone/new", "folder", "old/new"])
-def test_both_commands_refuse_alike_and_make_no_folder(tmp_path: Path, name: str) -> None:
+def test_both_commands_refuse_a_missing_folder_alike(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder").mkdir()
     (tmp_path / "old").touch()
     with pytest.raises(RecorderError) as of_acquire:
@@ -30,6 +30,6 @@ def test_both_commands_refuse_alike_and_make_no_folder(tmp_path: Path, name: str
     assert not (tmp_path / "gone").exists()
 
 
-def test_what_is_read_is_not_replaced(tmp_path: Path) -> None:
+def test_output_must_not_replace_an_input(tmp_path: Path) -> None:
     (tmp_path / "old").touch()
     assert "is also an input" in (why_unwritable(tmp_path / "old", tmp_path / "old") or "")

@@ -1,4 +1,4 @@
-"""The name that recordings and results carry of the program that wrote them."""
+"""Name and version of the program that recordings and results contain."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_checkout_gives_its_commit_and_says_when_files_differ(checkout: Path) -> None:
+def test_checkout_gives_its_commit_and_dirty_mark(checkout: Path) -> None:
     head = git(checkout, "rev-parse", "HEAD")[:12]
     git(checkout, "tag", "-a", "v1", "-m", "a tag is no commit")
     assert commit(checkout) == head
@@ -34,7 +34,7 @@ def test_a_checkout_gives_its_commit_and_says_when_files_differ(checkout: Path) 
     assert commit(checkout) == f"{head}-dirty"
 
 
-def test_a_hooks_environment_does_not_mislead(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_git_hook_variables_are_ignored(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     head = commit(checkout)
     monkeypatch.setenv("GIT_DIR", "/nowhere")
     assert commit(checkout) == head
@@ -53,5 +53,5 @@ def test_an_empty_checkout_has_no_commit(tmp_path: Path) -> None:
     assert commit(tmp_path) == ""
 
 
-def test_the_version_stands_first() -> None:
+def test_version_comes_first() -> None:
     assert software_version().startswith("percuss ")

@@ -1,4 +1,4 @@
-"""Entries of a TOML file are edited; comments, layout and all other entries stay."""
+"""Editing entries of a TOML file keeps comments, layout and all other entries."""
 
 import tomllib
 
@@ -25,14 +25,14 @@ kind = "manual"
 """
 
 
-def test_only_the_table_changes():
+def test_only_the_named_table_changes():
     new = with_table(TEXT, "camera.calibration", {"K": "[[5, 6], [7, 8]]", "rms_px": "0.1"})
     assert new == TEXT.replace(
         "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "K = [[5, 6], [7, 8]]\nrms_px = 0.1\n"
     )
 
 
-def test_a_table_that_is_not_there_is_added_at_the_end():
+def test_missing_table_is_added_at_the_end():
     new = with_table('[camera]\naddress = "x"', "camera.calibration", {"a": "1"})
     assert new == '[camera]\naddress = "x"\n\n[camera.calibration]\na = 1\n'
 
@@ -40,7 +40,7 @@ def test_a_table_that_is_not_there_is_added_at_the_end():
 @pytest.mark.parametrize(
     "text", ["[camera]\ncalibration = { a = 1 }\n", "camera.calibration.a = 1\n", "camera = 3\n", "not toml"]
 )
-def test_a_table_that_is_written_otherwise_is_changed_rightly_or_not_at_all(text):
+def test_table_in_another_notation_is_changed_correctly_or_not_at_all(text):
     new = with_table(text, "camera.calibration", {"a": "2"})
     assert new is None or tomllib.loads(new)["camera"]["calibration"] == {"a": 2}
 
@@ -68,12 +68,12 @@ def test_an_entry_is_written_into_some_of_the_tables_of_an_array():
     assert "in the file" not in text
 
 
-def test_an_array_that_is_not_written_as_tables_is_left_alone():
+def test_array_not_written_as_tables_is_left_alone():
     assert with_entry_in_each("marker = [{ id = 1 }]\n", "marker", "pose", {0: "[2]"}) is None
     assert with_entry_in_each(OBJECT, "marker", "pose", {2: "[2]"}) is None
 
 
-def test_one_entry_of_a_table_is_written_and_its_others_stay():
+def test_one_entry_of_a_table_is_written_and_the_others_stay():
     assert with_entry(TEXT, "camera.calibration", "K", "[[5]]") == TEXT.replace(
         "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "K = [[5]]\nold = 1\n"
     )
@@ -84,7 +84,7 @@ def test_one_entry_of_a_table_is_written_and_its_others_stay():
     assert with_entry("[camera]\ncalibration = { a = 1 }\n", "camera.calibration", "a", "2") is None
 
 
-def test_a_table_that_was_added_at_the_end_is_edited_again():
+def test_added_table_can_be_edited_again():
     first = with_table('[camera]\naddress = "x"\n\n[striker]\nid = 1\n', "camera.calibration", {"a": "1"})
     assert first is not None
     second = with_table(first, "camera.calibration", {"a": "2", "b": "[3, 4]"})

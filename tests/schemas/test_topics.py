@@ -22,14 +22,14 @@ ALL = [value for value in vars(topics).values() if isinstance(value, topics.Topi
 
 
 @pytest.mark.parametrize("topic", ALL, ids=lambda topic: topic.schema_name)
-def test_the_schema_stands_alone(topic):
+def test_schema_of_each_topic_is_self_contained(topic):
     pool = DescriptorPool()
     for file in FileDescriptorSet.FromString(topic.schema_data()).file:
         pool.Add(file)
     assert pool.FindMessageTypeByName(topic.schema_name).full_name == topic.schema_name
 
 
-def test_every_topic_is_in_the_written_contract():
+def test_every_topic_is_documented():
     text = (ROOT / "schemas" / "README.md").read_text(encoding="utf-8")
     for topic in ALL:
         name = topic.name.replace("/main/", "/<name>/")

@@ -221,7 +221,7 @@ def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
 
 
 def _consistent(falls: list[Fall]) -> list[Fall]:
-    """The longest fall and those that agree with it within their uncertainty.
+    """Longest fall, and all falls that agree with it within their uncertainty.
 
     A hand's swing that resembles a fall does not agree.
     """

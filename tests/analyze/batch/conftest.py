@@ -1,4 +1,4 @@
-"""An archive of two recordings of one object and a broken file of each kind, and a run over it."""
+"""Fixtures: an archive of two recordings of one object and a broken file of each kind, and a run over it."""
 
 from __future__ import annotations
 

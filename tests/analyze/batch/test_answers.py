@@ -1,4 +1,4 @@
-"""What questions and summaries give: numbers of rows that are made here, no recording."""
+"""Queries and summaries of rows that are generated here, without recordings."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def results(tmp_path_factory):
     return output
 
 
-def test_a_summary_says_how_the_answers_repeat_and_drift(results):
+def test_summary_reports_scatter_and_drift_of_results(results):
     found = summarise(read_recording_rows(results))
     assert found.recordings == DAYS
     assert found.objects == (("tea [box]", "a" * 64, DAYS, 4 * DAYS, 3 * DAYS, 0),)
@@ -85,12 +85,12 @@ def test_a_summary_says_how_the_answers_repeat_and_drift(results):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".html", ".parquet"])
-def test_a_summary_is_written(results, tmp_path, suffix):
+def test_summary_is_saved_in_each_format(results, tmp_path, suffix):
     for path in save_summary(summarise(read_recording_rows(results)), tmp_path / f"s{suffix}"):
         assert path.stat().st_size
 
 
-def test_what_is_printed_is_what_is_there(results, capsys):
+def test_printed_summary_contains_all_rows(results, capsys):
     render_summary(summarise(read_recording_rows(results)))
     printed = capsys.readouterr().out
     assert "tea [box]" in printed
@@ -111,20 +111,20 @@ def test_what_is_printed_is_what_is_there(results, capsys):
     assert "[red]:smile:" in capsys.readouterr().out
 
 
-def test_a_question_that_fails_while_it_is_answered_is_one_line(results):
+def test_query_that_fails_while_it_runs_is_one_line(results):
     with pytest.raises(ArchiveError, match="Conversion Error") as caught:
         run_query(results, "select cast(object as int) from recordings where status = 'ok'")
     assert "\n" not in str(caught.value)
 
 
-def test_columns_of_one_name_get_names_of_their_own(results):
+def test_equal_column_names_are_made_unique(results):
     answer = run_query(
         results, "select a.key, b.key from recordings a join recordings b using (key) order by 1 limit 1"
     )
     assert answer.to_pylist() == [{"key": "k0", "key_1": "k0"}]
 
 
-def test_an_answer_as_json_and_csv(results, tmp_path, capsys):
+def test_query_answer_as_json_and_csv(results, tmp_path, capsys):
     sql = (
         "select sum(strikes_used) as n, 'nan'::double as x, [1, 2] as l, interval 3 days as i, "
         "'\\xAA'::blob as b from recordings"
@@ -139,7 +139,7 @@ def test_an_answer_as_json_and_csv(results, tmp_path, capsys):
     assert row["l"] == "[1, 2]"
 
 
-def test_a_row_that_is_damaged_is_named(tmp_path):
+def test_damaged_row_file_is_named(tmp_path):
     (tmp_path / "row.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(ArchiveError, match=r"row\.parquet: damaged: remove it"):
         read_rows([tmp_path / "row.parquet"])

@@ -1,4 +1,4 @@
-"""What lies in an archive, by names alone: links, signs of globs, what is left out."""
+"""Finding recordings in an archive by name: links, glob characters, exclusions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from analyze.errors import ArchiveError
 
 @pytest.fixture
 def folder(tmp_path) -> Path:
-    """Below a folder whose name a pattern might match, and which has signs of globs in it."""
+    """Archive below a folder whose own name contains glob characters and matches the exclusions."""
     root = tmp_path / "test [a]" / "archive"
     for name in ("one.mcap", "two-test.mcap", "2025/three.mcap", "2026/tests/fo ur ä.mcap", "2026/notes.txt"):
         path = root / name
@@ -31,7 +31,7 @@ def names(folder: Path, *exclude: str, place: str = "") -> list[str]:
 ALL = ["2025/three.mcap", "2026/tests/fo ur ä.mcap", "one.mcap", "two-test.mcap"]
 
 
-def test_a_folder_is_itself_whatever_its_name(folder):
+def test_folder_with_glob_characters_in_its_name_is_found(folder):
     assert names(folder) == ALL
 
 
@@ -45,11 +45,11 @@ def test_a_folder_is_itself_whatever_its_name(folder):
         ("2026/tests", [ALL[0], *ALL[2:]]),
     ],
 )
-def test_what_is_left_out(folder, pattern, left):
+def test_excluded_recordings(folder, pattern, left):
     assert names(folder, pattern) == left
 
 
-def test_globs(folder, monkeypatch):
+def test_globs_find_recordings(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert [Path(source.url).name for source in find_sources(["20*"])] == ["three.mcap", "fo ur ä.mcap"]
     assert [Path(source.url).name for source in find_sources(["**/t*.mcap"])] == [
@@ -65,7 +65,7 @@ def test_globs(folder, monkeypatch):
     )
 
 
-def test_links_are_followed_and_none_in_a_circle(folder, tmp_path):
+def test_links_are_followed_but_not_in_a_circle(folder, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
     (disk / "far.mcap").write_bytes(b"xy")
@@ -86,7 +86,7 @@ def test_links_are_followed_and_none_in_a_circle(folder, tmp_path):
     )
 
 
-def test_a_folder_that_may_not_be_read_is_named(folder, monkeypatch):
+def test_folder_without_read_permission_is_named(folder, monkeypatch):
     scandir = os.scandir
 
     def refuse(place):

@@ -1,4 +1,4 @@
-"""Archives in a bucket, and work on a cluster: servers on loopback, results as on one machine."""
+"""Archives in a bucket, and runs on a Dask cluster, with servers on loopback: results as on one machine."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OF_PLACE = ("url", "source_id", "size_bytes")
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
-    """Smaller than the one for all runs."""
+    """Archive that is smaller than that of the other tests."""
     folder = tmp_path_factory.mktemp("small")
     (folder / "a").mkdir()
     whole = quick_session(folder / "a" / "session-0.mcap", body_of(0), 0, 3).path
@@ -113,25 +113,25 @@ def test_small_topics_cost_few_bytes(bucket, archive, tmp_path, monkeypatch):
         assert list(here.frame_meta()) == list(there.frame_meta())
 
 
-def test_to_verify_it_all_of_a_recording_is_fetched(bucket, archive, tmp_path):
-    """Also what lies outside the strikes' windows, which an analysis leaves where it is."""
+def test_verification_fetches_the_whole_recording(bucket, archive, tmp_path):
+    """It also fetches images outside the strikes' windows, which an analysis does not."""
     with sparse_copies(find_sources([f"{bucket}/a"])[0], tmp_path, whole=True) as path:
         assert path.read_bytes() == (archive / "a" / "session-0.mcap").read_bytes()
 
 
-def test_a_bucket_that_is_not_there_is_one_line(bucket):
+def test_missing_bucket_is_one_line(bucket):
     with pytest.raises(ArchiveError, match="s3://nowhere") as caught:
         find_sources(["s3://nowhere/x"])
     assert "\n" not in str(caught.value)
 
 
-def test_a_protocol_that_nobody_knows_is_one_line():
+def test_unknown_protocol_is_one_line():
     with pytest.raises(ArchiveError, match="nosuch"):
         find_sources(["nosuch://a/b"])
 
 
 class Deaf:
-    """A bucket's file system whose network is down, in words of its own."""
+    """File system of a bucket whose network is down, which raises its own kind of error."""
 
     protocol = "s3"
 
@@ -139,7 +139,7 @@ class Deaf:
         raise RuntimeError("could not connect\nto the endpoint")
 
 
-def test_a_network_that_is_down_is_no_defect(tmp_path, monkeypatch):
+def test_network_failure_is_not_reported_as_a_defect(tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.batch.archive.url_to_fs", lambda place: (Deaf(), place))
     with pytest.raises(ArchiveError, match="s3://a/b: cannot be listed: could not connect to the endpoint"):
         find_sources(["s3://a/b"])
@@ -172,13 +172,13 @@ def test_a_cluster_gives_the_same_results(archive, finished, tmp_path):
     assert numbers(tmp_path / "out") == numbers(finished[0])
 
 
-def test_no_scheduler_is_one_line(archive, tmp_path, monkeypatch):
+def test_missing_scheduler_is_one_line(archive, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.batch.cluster._CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(ArchiveError, match="no Dask scheduler"):
         run(str(archive), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 
 
-def test_a_dask_worker_serves_the_run_that_asks(tmp_path, monkeypatch):
+def test_dask_worker_uses_folder_and_limits_of_the_present_run(tmp_path, monkeypatch):
     closed = []
 
     class FakeWorker:

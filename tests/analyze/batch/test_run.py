@@ -1,4 +1,4 @@
-"""Runs over an archive: everything accounted for, nothing done twice, nothing lost."""
+"""Runs over an archive: every recording is accounted for, none is analysed twice, no result is lost."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def run_again(archive, output, **options):
 
 
 def plain(output):
-    """Rows without what two runs need not share."""
+    """Rows without the columns that may differ between two runs."""
     return sorted(
         read_recording_rows(output).drop_columns([*STAMPS, "url"]).to_pylist(),
         key=lambda row: (row["key"] or "", row["source_id"]),
@@ -49,12 +49,12 @@ def plain(output):
 
 @pytest.fixture
 def copied(finished, tmp_path):
-    """The results, to be changed."""
+    """Copy of the results, which a test may change."""
     return Path(shutil.copytree(finished[0], tmp_path / "out"))
 
 
 class LocalWorker:
-    """Worker without a process of its own, whose start would take longer than these runs."""
+    """Worker in this process: starting a process would take longer than these runs."""
 
     def __init__(self, output, limits):
         self.scratch = output / "unfinished" / "here"
@@ -72,7 +72,7 @@ class LocalWorker:
 
 @pytest.fixture
 def in_process(monkeypatch):
-    """Analyse in this process: for runs whose processes are not under test."""
+    """Analyse in this process, for tests that do not concern worker processes."""
     monkeypatch.setattr("analyze.batch.run.WorkerProcess", LocalWorker)
 
 
@@ -90,7 +90,7 @@ def test_every_file_is_accounted_for(archive, finished):
             assert "\n" not in row["reason"]
 
 
-def test_the_numbers_are_those_of_the_bodies(finished):
+def test_rows_contain_the_true_parameters(finished):
     for row in read_recording_rows(finished[0]).to_pylist():
         if row["status"] == "ok":
             centre = [row[f"com_{axis}_m"] for axis in "xyz"]
@@ -111,7 +111,7 @@ def test_the_numbers_are_those_of_the_bodies(finished):
             assert json.loads(row["result_json"])["inputs"]["content_id"] == row["content_id"]
 
 
-def test_a_second_run_does_nothing(archive, finished):
+def test_second_run_analyses_nothing(archive, finished):
     work = todo(archive, finished[0])
     assert not work.todo
     assert len(work.unchanged) == 2 + len(KINDS)
@@ -122,7 +122,7 @@ def test_a_second_run_does_nothing(archive, finished):
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_file_that_is_touched_is_looked_into_and_its_row_stands(archive, copied, tmp_path):
+def test_touched_file_is_opened_and_keeps_its_row(archive, copied, tmp_path):
     moved = tmp_path / "archive"
     shutil.copytree(archive / "a", moved)
     before = {path.name: path.stat().st_mtime_ns for path in (copied / "recordings").iterdir()}
@@ -135,7 +135,7 @@ def test_a_file_that_is_touched_is_looked_into_and_its_row_stands(archive, copie
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive, copied, tmp_path):
+def test_changed_file_is_analysed_again_and_its_old_row_removed(archive, copied, tmp_path):
     moved = tmp_path / "archive"
     moved.mkdir()
     shutil.copy(archive / "a" / "session-0.mcap", moved / "one.mcap")
@@ -151,9 +151,7 @@ def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_file_named_like_one_that_gave_nothing_is_done_too_and_what_is_gone_is_no_failure(
-    archive, copied, tmp_path
-):
+def test_file_beside_a_failed_one_is_analysed_and_a_removed_file_is_no_failure(archive, copied, tmp_path):
     moved = tmp_path / "archive"
     moved.mkdir()
     (moved / "box.mcap").write_bytes(b"")
@@ -169,7 +167,7 @@ def test_a_file_named_like_one_that_gave_nothing_is_done_too_and_what_is_gone_is
     assert not any(row["url"].endswith("box.mcap") for row in read_recording_rows(copied).to_pylist())
 
 
-def test_an_object_file_that_changes_under_way_is_refused(tmp_path):
+def test_object_file_that_changes_during_the_run_is_refused(tmp_path):
     path = shutil.copy("docs/examples/teabox.toml", tmp_path)
     settings = BatchSettings.with_object(Path(path))
     settings.refuse_changed_object()
@@ -178,14 +176,14 @@ def test_an_object_file_that_changes_under_way_is_refused(tmp_path):
         settings.refuse_changed_object()
 
 
-def test_other_settings_are_another_result(archive, finished):
+def test_other_settings_analyse_everything_again(archive, finished):
     settings = dataclasses.replace(BatchSettings(), seed=1)
     assert len(
         plan_work(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo
     ) == 2 + len(KINDS)
 
 
-def test_a_failure_on_the_same_file_leaves_older_results(archive, copied, request):
+def test_failure_on_an_unchanged_file_keeps_its_result(archive, copied, request):
     folder, other = str(archive / "a"), dataclasses.replace(BatchSettings(), seed=1)
     rows = sorted(path.name for path in (copied / "recordings").iterdir())
     hasty = BatchOptions(jobs=1, limits=Limits(0.01, 0))
@@ -197,13 +195,13 @@ def test_a_failure_on_the_same_file_leaves_older_results(archive, copied, reques
     assert all(outcome.known for outcome in again.outcomes)
 
 
-def test_shards_are_disjoint_and_whole(archive, tmp_path):
+def test_shards_are_disjoint_and_complete(archive, tmp_path):
     parts = [{source.url for source in todo(archive, tmp_path, shard=(i, 3)).todo} for i in (1, 2, 3)]
     assert sum(len(part) for part in parts) == len(set().union(*parts)) == 2 + len(KINDS)
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_ledger_that_ends_in_mid_line_loses_only_that_line(archive, copied):
+def test_ledger_with_an_unfinished_line_loses_only_that_line(archive, copied):
     ledger = copied / "ledger" / "all.jsonl"
     ledger.write_bytes(ledger.read_bytes()[:-30])
     work = todo(archive, copied)
@@ -212,12 +210,12 @@ def test_a_ledger_that_ends_in_mid_line_loses_only_that_line(archive, copied):
     assert not todo(archive, copied).todo
 
 
-def test_two_runs_at_a_time_are_refused(copied):
+def test_second_run_at_the_same_time_is_refused(copied):
     with Ledger(copied, "all", 1), pytest.raises(ArchiveError, match="another run"):
         Ledger(copied, "all", 2)
 
 
-def test_too_long_and_too_large_are_rows_with_the_reason(archive, tmp_path):
+def test_time_and_memory_limits_give_rows_with_the_reason(archive, tmp_path):
     for limits, failure in (
         (Limits(seconds=0.05), "time_limit"),
         (Limits(memory_bytes=200 << 20), "out_of_memory"),
@@ -233,7 +231,7 @@ def test_too_long_and_too_large_are_rows_with_the_reason(archive, tmp_path):
         assert "raise --" in read_recording_rows(output).to_pylist()[0]["reason"]
 
 
-def test_a_worker_that_dies_is_a_row_and_the_next_recording_is_done(archive, copied):
+def test_worker_that_dies_gives_a_row_and_the_next_recording_is_analysed(archive, copied):
     source = find_sources([str(archive / "a" / "session-0.mcap")])[0]
     request = Request(source, dataclasses.replace(BatchSettings(), seed=9), str(copied))
     with WorkerProcess(copied, Limits()) as worker:
@@ -248,7 +246,7 @@ def test_a_worker_that_dies_is_a_row_and_the_next_recording_is_done(archive, cop
 
 
 @pytest.mark.slow
-def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
+def test_run_that_was_killed_is_finished_by_the_next(archive, finished, tmp_path):
     output = tmp_path / "out"
     command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "1"]
     process = subprocess.Popen(
@@ -269,7 +267,7 @@ def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_was_finished_and_leaves_no_process(archive, finished, tmp_path):
+def test_ctrl_c_keeps_finished_rows_and_leaves_no_process(archive, finished, tmp_path):
     output = tmp_path / "out"
     command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "2"]
     process = subprocess.Popen(
@@ -290,7 +288,7 @@ def test_ctrl_c_keeps_what_was_finished_and_leaves_no_process(archive, finished,
     assert plain(output) == plain(finished[0])
 
 
-def test_rows_that_were_gathered_are_those_that_lie_alone(copied, monkeypatch):
+def test_gathered_rows_equal_the_single_files(copied, monkeypatch):
     alone = read_recording_rows(copied)
     monkeypatch.setattr("analyze.batch.stored_results.GATHER_FROM_ROWS", 1)
     assert read_recording_rows(copied).equals(alone)
@@ -303,7 +301,7 @@ def test_rows_that_were_gathered_are_those_that_lie_alone(copied, monkeypatch):
     assert read_recording_rows(copied).num_rows == len(KINDS), "what is in neither place is not there"
 
 
-def test_a_question_reaches_the_tables_and_nothing_else(finished):
+def test_query_can_read_the_tables_and_nothing_else(finished):
     answer = run_query(
         finished[0], "select axis, count(*) as n from strikes group by axis order by axis"
     ).to_pylist()

@@ -53,7 +53,7 @@ def model_of(shape: str) -> ObjectModel:
 
 
 def inertia_of(second: list[float], rotation: np.ndarray, size: float) -> np.ndarray:
-    """With second moments (3,) along the columns of `rotation`, trace `size`."""
+    """Inertia tensor (3, 3) from second moments (3,) along the columns of `rotation`, with trace `size`."""
     moments = sum(second) - np.array(second)
     tensor = rotation @ np.diag(moments * size / moments.sum()) @ rotation.T
     return (tensor + tensor.T) / 2
@@ -75,9 +75,9 @@ def body_of(shape: str = "box", name: str = "thing", inertial: Inertial | None =
 
 @st.composite
 def inertials(draw) -> Inertial:
-    """From a grain to the heaviest that is struck.
+    """Inertial parameters from a grain to the heaviest object that can be struck.
 
-    Flat and long bodies, principal axes turned anyhow, two or three moments alike too.
+    They include flat and long bodies, any principal axes, and two or three equal moments.
     """
     second = [draw(st.sampled_from([1.0, 1.0, 0.3]) | st.floats(2e-3, 1.0)) for _ in range(3)]
     quaternion = [draw(st.floats(-1, 1)) for _ in range(4)]

@@ -1,7 +1,4 @@
-"""Every format keeps the same promise.
-
-The file loads in its own reader, with the same ten parameters and the same shape.
-"""
+"""Contract of all formats: the file loads in its reader with the same ten parameters and shape."""
 
 from __future__ import annotations
 
@@ -40,7 +37,7 @@ def written(body: ExportBody, wanted: Format, folder: Path) -> Path:
 
 
 @FORMATS
-def test_the_same_ten_parameters_whatever_the_body(wanted, tmp_path):
+def test_ten_parameters_are_read_back_for_any_body(wanted, tmp_path):
     box = body_of()
 
     @settings(max_examples=EXAMPLES, database=None)
@@ -55,7 +52,7 @@ def test_the_same_ten_parameters_whatever_the_body(wanted, tmp_path):
 
 @FORMATS
 @pytest.mark.parametrize("shape", SHAPES)
-def test_every_shape_and_a_hostile_name(wanted, shape, tmp_path):
+def test_every_shape_and_a_hostile_name_are_read_back(wanted, shape, tmp_path):
     body = body_of(shape, HOSTILE)
     path = written(body, wanted, tmp_path)
     refuse_changed_parameters(body.inertial, read_back(path, wanted), wanted)
@@ -79,11 +76,8 @@ def said_in(path: Path, wanted: Format) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_mujoco_moves_it_as_newton_says(shape, tmp_path):
-    """Not by what the file says but by what the engine does.
-
-    Accelerations under a wrench, and the shape where O has it.
-    """
+def test_mujoco_simulates_the_body_by_newtons_laws(shape, tmp_path):
+    """The engine accelerates the body under a wrench by Newton's laws; its shape is placed as in O."""
     body = body_of(shape)
     model = mujoco.MjModel.from_xml_path(str(written(body, Format.MJCF, tmp_path)))
     model.opt.gravity[:] = 0
@@ -104,8 +98,8 @@ def test_mujoco_moves_it_as_newton_says(shape, tmp_path):
         np.testing.assert_allclose(model.geom_size[1], size, rtol=1e-12)
 
 
-def test_usd_turns_the_prim_axes_into_the_principal_ones(tmp_path):
-    """By USD's own quaternions: each turned axis is an eigenvector of the tensor, with its moment."""
+def test_usd_quaternion_rotates_prim_axes_to_principal_axes(tmp_path):
+    """By USD's own quaternions: each rotated axis is an eigenvector of the tensor, with its moment."""
     inertial = body_of().inertial
     stage = Usd.Stage.Open(str(written(body_of(), Format.USD, tmp_path)))
     own = UsdPhysics.MassAPI(stage.GetDefaultPrim())
@@ -134,7 +128,7 @@ def test_usd_has_the_shape_in_metres_with_z_up(shape, tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".usda", ".usd", ".usdc"])
-def test_usd_is_encoded_as_the_ending_says(ending, tmp_path):
+def test_usd_suffix_selects_the_encoding(ending, tmp_path):
     path = tmp_path / f"out{ending}"
     write_body(body_of("mesh"), Format.USD, path)
     assert path.read_bytes().startswith(b"#usda" if ending == ".usda" else b"PXR-USDC")
@@ -142,7 +136,7 @@ def test_usd_is_encoded_as_the_ending_says(ending, tmp_path):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_urdf_has_the_tensor_in_the_axes_of_the_link_and_the_shape_where_o_has_it(shape, tmp_path):
+def test_urdf_tensor_is_along_link_axes_and_shape_is_in_frame_o(shape, tmp_path):
     body = body_of(shape)
     path = written(body, Format.URDF, tmp_path)
     inertia = ET.parse(path).getroot().find("link/inertial/inertia").attrib
@@ -160,7 +154,7 @@ def test_urdf_has_the_tensor_in_the_axes_of_the_link_and_the_shape_where_o_has_i
     )  # a cylinder is drawn with 32 sides
 
 
-def test_sdf_has_the_tensor_in_the_axes_of_the_link(tmp_path):
+def test_sdf_tensor_is_along_link_axes(tmp_path):
     body = body_of("mesh")
     link = ET.parse(written(body, Format.SDF, tmp_path)).getroot().find("model/link")
     assert [float(number) for number in link.find("inertial/pose").text.split()] == [
@@ -204,7 +198,7 @@ def test_names_are_valid_in_every_format(name, expected):
 
 
 @pytest.mark.parametrize("name", ["--", "---->", "-\\-", "a-", "\\u002d-", HOSTILE, "\ud7ff\ue000𝔘"])
-def test_a_comment_holds_any_name_and_gives_it_back(name):
+def test_provenance_comment_keeps_any_name(name):
     text = provenance_text({"object": name})
     assert "--" not in text
     ET.fromstring(f"<a><!--{text}--></a>")
@@ -212,11 +206,8 @@ def test_a_comment_holds_any_name_and_gives_it_back(name):
 
 
 @FORMATS
-def test_what_is_read_otherwise_is_no_export(wanted, tmp_path, monkeypatch):
-    """A reader that finds another body, by a little more than the format's precision.
-
-    An error, and what stood there still stands.
-    """
+def test_file_that_is_read_back_differently_is_not_written(wanted, tmp_path, monkeypatch):
+    """A difference just above the format's precision is an error, and the existing file stays."""
     path = tmp_path / f"out{wanted.suffixes[0]}"
     path.write_text("before")
     body = body_of("mesh")
@@ -246,20 +237,20 @@ def test_each_parameter_is_compared(what):
         refuse_changed_parameters(body, replace(body, **{what: getattr(body, what) * np.nan}), Format.URDF)
 
 
-def test_what_the_reader_refuses_is_no_export(tmp_path):
-    """MuJoCo takes no body whose moments no body has."""
+def test_file_that_the_reader_refuses_is_not_written(tmp_path):
+    """MuJoCo refuses moments that no rigid body can have."""
     flat = replace(body_of().inertial, inertia=np.diag([1e-4, 1e-4, 3e-4]))
     with pytest.raises(ExportError, match="mujoco does not read what was written"):
         write_body(body_of(inertial=flat), Format.MJCF, tmp_path / "out.xml")
     assert not list(tmp_path.iterdir())
 
 
-def test_usd_that_cannot_be_written_is_the_systems_error(tmp_path):
+def test_usd_write_failure_is_an_os_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="usd-core could not write it"):
         write_usd(body_of(), tmp_path / "file" / "out.usda")
 
 
-def test_a_folder_that_is_not_there(tmp_path):
+def test_missing_output_folder_is_named(tmp_path):
     with pytest.raises(OutputError, match="there is no folder"):
         write_body(body_of(), Format.URDF, tmp_path / "no" / "out.urdf")

@@ -1,7 +1,4 @@
-"""`analyze export` from a recording or a result to the file.
-
-What it writes, what it says, what it refuses.
-"""
+"""`analyze export` from a recording or a result: files, messages and refusals."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ def run(*arguments: object) -> tuple[int, str, str]:
 
 
 def line_of(*arguments: object) -> str:
-    """The one line with which a command refuses."""
+    """The one line of a refused command."""
     code, _, error = run(*arguments)
     assert code == 1, error
     assert error.count("\n") == 1, error
@@ -44,7 +41,7 @@ def line_of(*arguments: object) -> str:
 
 @pytest.fixture(scope="module")
 def answered(tmp_path_factory) -> Path:
-    """A folder with what `estimate --json` printed for the sample, and its object file."""
+    """Folder with the output of `estimate --json` for the sample recording, and its object file."""
     folder = tmp_path_factory.mktemp("answered")
     code, out, error = run("estimate", SAMPLE, "--json")
     assert code == 0, error
@@ -56,11 +53,11 @@ def answered(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def result(answered) -> Result:
-    """The sample's: moments about x, y and z."""
+    """Result of the sample recording, with moments about x, y and z."""
     return Result.model_validate_json((answered / "result.json").read_text())
 
 
-def test_a_recording_becomes_a_body(answered, tmp_path):
+def test_export_from_a_recording(answered, tmp_path):
     path = tmp_path / "carton.urdf"
     code, out, error = run("export", SAMPLE, "--format", "urdf", "-o", path)
     assert (code, out) == (0, f"URDF: {path}; read back: the same ten parameters\n")
@@ -70,7 +67,7 @@ def test_a_recording_becomes_a_body(answered, tmp_path):
 
 
 @pytest.mark.parametrize("wanted", list(Format), ids=lambda each: each.value)
-def test_a_result_becomes_the_same_body_in_every_format(answered, wanted, tmp_path):
+def test_export_from_a_result_in_every_format(answered, wanted, tmp_path):
     path = tmp_path / f"carton{wanted.suffixes[0]}"
     files = answered / "result.json", "--object", answered / "object.toml"
     code, out, error = run("export", *files, "--format", wanted.value, "-o", path)
@@ -84,7 +81,7 @@ def test_a_result_becomes_the_same_body_in_every_format(answered, wanted, tmp_pa
     assert path.read_bytes() == once
 
 
-def test_measured_only_says_what_is_prior_and_what_would_measure_it(answered, tmp_path):
+def test_measured_only_names_prior_entries_and_edges_that_would_measure_them(answered, tmp_path):
     path = tmp_path / "carton.urdf"
     files = answered / "result.json", "--object", answered / "object.toml"
     error = line_of("export", *files, "--format", "urdf", "-o", path, "--measured-only")
@@ -103,7 +100,7 @@ def with_inertia(result: Result, prior: list[str]) -> Result:
     return result.model_copy(update={"inertia_measured": measured, "inertia": inertia})
 
 
-def test_what_is_measured_throughout_passes(result):
+def test_fully_measured_result_passes(result):
     refuse_prior(with_inertia(result, []), spec_of("box"), model_of("box"), "r.mcap")
 
 
@@ -126,14 +123,14 @@ def test_what_is_measured_throughout_passes(result):
         ("xyz", ["Iyz"], r"Iyz of the inertia is from the shape: no edge of this object would measure"),
     ],
 )
-def test_the_edges_of_a_box_that_would_measure(result, axes, prior, said):
+def test_edges_of_a_box_that_would_measure_prior_entries(result, axes, prior, said):
     moments = [moment for moment in result.moments if "xyz"[int(np.argmax(np.abs(moment.direction)))] in axes]
     lacking = with_inertia(result, prior).model_copy(update={"moments": moments})
     with pytest.raises(ExportError, match=said):
         refuse_prior(lacking, spec_of("box"), model_of("box"), "r.mcap")
 
 
-def test_what_rolls_when_it_lies_never_tells_the_moment_about_its_axis(result):
+def test_lying_cylinder_never_determines_the_moment_about_its_axis(result):
     upright = [moment for moment in result.moments if abs(moment.direction[2]) < 0.1]
     lacking = with_inertia(result, ["Izz"]).model_copy(update={"moments": upright})
     with pytest.raises(
@@ -142,7 +139,7 @@ def test_what_rolls_when_it_lies_never_tells_the_moment_about_its_axis(result):
         refuse_prior(lacking, spec_of("cylinder"), model_of("cylinder"), "r.mcap")
 
 
-def test_a_slanted_edge_measures_what_no_edge_of_a_box_does(result):
+def test_slanted_edge_measures_a_product_of_inertia(result):
     """The wedge has edges across x and y: one determines Ixy once Ixx and Iyy are known."""
     spec, model = spec_of("mesh"), model_of("mesh")
     with pytest.raises(
@@ -153,7 +150,7 @@ def test_a_slanted_edge_measures_what_no_edge_of_a_box_does(result):
         refuse_prior(with_inertia(result, ["Ixy"]), spec, model, "r.mcap")
 
 
-def test_a_centre_of_mass_that_was_not_observed(result):
+def test_unobserved_centre_of_mass_is_refused(result):
     com = result.centre_of_mass.model_copy(
         update={"observed": False, "unobserved_direction": [0.0, 0.6, -0.8]}
     )
@@ -167,12 +164,12 @@ def test_a_centre_of_mass_that_was_not_observed(result):
         )
 
 
-def test_an_older_result_that_does_not_say_which_is_measured_counts_as_prior(result):
+def test_older_result_without_inertia_measured_counts_as_prior(result):
     older = result.model_copy(update={"inertia_measured": None})
     assert prior_entries(older) == list(TENSOR_ENTRIES)
 
 
-def test_the_file_says_which_numbers_are_measured(result):
+def test_file_states_which_numbers_are_measured(result):
     said = provenance(with_inertia(result, ["Ixy"]), "thing", "percuss 1")
     assert said["content_id"] == result.inputs.content_id
     sources = {name: entry["source"] for name, entry in said["inertia"].items()}
@@ -207,7 +204,7 @@ def test_the_file_says_which_numbers_are_measured(result):
         ),
     ],
 )
-def test_a_result_of_no_body(result, change, said):
+def test_impossible_body_is_refused(result, change, said):
     with pytest.raises(ExportError, match=said):
         inertial_of(change(result), "result.json")
 
@@ -235,24 +232,24 @@ def test_a_result_needs_its_own_object_file(answered, tmp_path):
         ("urdf", "no/a.urdf", "there is no folder"),
     ],
 )
-def test_a_name_that_would_mislead_is_refused_before_the_work(wanted, name, said, tmp_path):
+def test_misleading_suffix_is_refused_before_the_estimate(wanted, name, said, tmp_path):
     assert said in line_of("export", SAMPLE, "--format", wanted, "-o", tmp_path / name)
 
 
-def test_the_recording_is_not_replaced(tmp_path):
+def test_output_must_not_replace_the_recording(tmp_path):
     recording = tmp_path / "r.urdf"
     recording.write_bytes(SAMPLE.read_bytes())
     assert "is also an input" in line_of("export", recording, "--format", "urdf", "-o", recording)
 
 
-def test_a_missing_reader_is_one_line_before_the_work(monkeypatch, tmp_path):
+def test_missing_reader_is_one_line_before_the_estimate(monkeypatch, tmp_path):
     monkeypatch.setitem(readers.READERS, Format.SDF, ("no_such_module", "rod"))
     error = line_of("export", SAMPLE, "--format", "sdf", "-o", tmp_path / "a.sdf")
     assert "rod: install it with pip install 'percuss[export]'" in error
 
 
-def test_a_scan_lies_beside_the_file_and_is_named(answered, tmp_path):
-    """Through the command, for a result of an object with a shape file."""
+def test_scanned_mesh_is_written_beside_the_file(answered, tmp_path):
+    """Through the command line, for a result of an object with a shape file."""
     stated = json.loads((answered / "result.json").read_text())
     (tmp_path / "wedge.obj").write_bytes(wedge_obj())
     shape = 'shape = {file = "wedge.obj", unit = "mm"}'

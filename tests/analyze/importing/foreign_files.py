@@ -1,7 +1,4 @@
-"""Recordings of others, written by their own libraries.
-
-Foxglove MCAP files by foxglove-sdk, ROS 2 bags by rosbags.
-"""
+"""Recordings of other programs: Foxglove MCAP files by foxglove-sdk, ROS 2 bags by rosbags."""
 
 from __future__ import annotations
 
@@ -47,7 +44,7 @@ def coded(image, suffix):
 
 
 def encoded(image, encoding):
-    """Bytes and step of a grey image in an encoding of raw images."""
+    """Bytes and row length [bytes] of a grey image in an encoding of raw images."""
     height, width = image.shape
     channels = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}.get(encoding, 1)
     if encoding in {"uyvy", "yuv422", "yuyv", "yuv422_yuy2"}:

@@ -57,7 +57,7 @@ def _images(recording: Recording, start_ns=None, end_ns=None) -> list[tuple[int,
 
 @pytest.mark.parametrize("b_frames", ["0", "3"])
 @pytest.mark.parametrize("codec", ["libx264", "libx265"])
-def test_h264_and_h265_are_kept_and_read_back(tmp_path, codec, b_frames):
+def test_h264_and_h265_are_stored_as_coded_and_read_back(tmp_path, codec, b_frames):
     more = {"x265-params": "log-level=none:keyint=20"} if codec == "libx265" else {"g": "20"}
     path = write_video(tmp_path / "a.mp4", tip(), codec=codec, bf=b_frames, preset="ultrafast", **more)
     with VideoSource(path) as source:
@@ -86,7 +86,7 @@ def test_h264_and_h265_are_kept_and_read_back(tmp_path, codec, b_frames):
         assert strike.contact_time_ns == 0
 
 
-def test_a_video_is_analysed_like_a_recording_of_ours(tmp_path):
+def test_imported_video_is_analysed_like_a_recording(tmp_path):
     file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip(), crf="10"))
     [motion] = read_evidence(read_head(file)).motions
     assert motion.verdict is Verdict.GOOD, motion.reason
@@ -95,7 +95,7 @@ def test_a_video_is_analysed_like_a_recording_of_ours(tmp_path):
     assert motion.fit.k == pytest.approx(K, rel=0.01)
 
 
-def test_slow_motion_that_says_30(tmp_path):
+def test_slow_motion_that_states_30_hz(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip(), range(0, 33_333 * len(tip()), 33_333), crf="10")
     [motion] = read_evidence(
         read_head(imported(tmp_path, path, source=SourceOptions(capture_hz=RATE)))
@@ -104,7 +104,7 @@ def test_slow_motion_that_says_30(tmp_path):
     assert motion.fit.k == pytest.approx(K, rel=0.01)
 
 
-def test_a_dropped_stretch_is_said(tmp_path):
+def test_missing_frames_are_reported(tmp_path):
     times = [number * STEP_US for number in range(len(tip())) if not 40 <= number < 47]
     images = [image for number, image in enumerate(tip()) if not 40 <= number < 47]
     with prepare(
@@ -120,7 +120,7 @@ def test_a_dropped_stretch_is_said(tmp_path):
         } == {40: 7}
 
 
-def test_other_codecs_are_stored_without_loss_in_the_window_alone(tmp_path):
+def test_other_codecs_are_stored_losslessly_in_the_windows_only(tmp_path):
     still = [tip()[0]] * 120
     path = write_video(tmp_path / "a.mkv", [*still, *tip()], codec="ffv1", pixels="gray")
     with open_recording(imported(tmp_path, path)) as recording:
@@ -133,7 +133,7 @@ def test_other_codecs_are_stored_without_loss_in_the_window_alone(tmp_path):
     assert np.array_equal(images[0], still[0])
 
 
-def test_a_folder_of_images(tmp_path):
+def test_import_of_an_image_folder(tmp_path):
     folder = tmp_path / "images"
     folder.mkdir()
     with (folder / "times.csv").open("w", newline="") as file:
@@ -148,7 +148,7 @@ def test_a_folder_of_images(tmp_path):
     assert all(np.array_equal(image, drawn) for (_, image), drawn in zip(images, tip(), strict=True))
 
 
-def test_one_video_of_the_session_is_split(tmp_path):
+def test_video_of_a_whole_session_is_split(tmp_path):
     gone = [np.full_like(tip()[0], 120)] * 40
     hand = [tip()[0].copy() for _ in range(20)]
     for image in hand:
@@ -171,7 +171,7 @@ def test_one_video_of_the_session_is_split(tmp_path):
     ]
 
 
-def test_which_strike_is_which(tmp_path):
+def test_assignment_of_clips_to_strikes(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip())
     with prepare(
         ImportOptions((path, path), *setting(tmp_path, ("s1", "s2", "s3")), ("s3", "s3"), whole=True)
@@ -185,7 +185,7 @@ def test_which_strike_is_which(tmp_path):
         prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2"))))
 
 
-def test_the_resting_object_places_the_camera(tmp_path):
+def test_camera_pose_from_the_resting_object(tmp_path):
     file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip(), crf="10"), placed=False)
     with open_recording(file) as recording:
         found = np.array(recording.manifest.cameras[0].calibration.T_world_camera)
@@ -197,13 +197,13 @@ def test_the_resting_object_places_the_camera(tmp_path):
     assert motion.fit.phi == pytest.approx(PHI, abs=np.radians(0.2))
 
 
-def test_another_cameras_images_are_refused(tmp_path):
+def test_images_of_another_size_are_refused(tmp_path):
     path = write_video(tmp_path / "a.mp4", [image[:200] for image in tip()[:5]])
     with pytest.raises(ImportRefused, match=r"has 320 x 200 px, .* is of 320 x 240"):
         prepare(ImportOptions((path,), *setting(tmp_path)))
 
 
-def test_the_same_video_gives_the_same_content(tmp_path):
+def test_same_video_gives_the_same_content_id(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:20])
     ids = []
     for name in ("one.mcap", "two.mcap"):
@@ -217,7 +217,7 @@ def test_the_same_video_gives_the_same_content(tmp_path):
         write_recording(prepared, tmp_path / "one.mcap")
 
 
-def test_a_rig_file_says_how_the_table_slopes(tmp_path):
+def test_level_reading_comes_from_the_rig_file(tmp_path):
     files = setting(tmp_path)
     files[2].write_text(
         "g_m_s2 = 9.79\n[level]\ntowards_x_rad = 0.001\ntowards_x_sd_rad = 0.0002\n" + files[2].read_text()
@@ -232,7 +232,7 @@ def test_a_rig_file_says_how_the_table_slopes(tmp_path):
         assert recording.manifest.level.towards_x_rad == 0.001
 
 
-def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
+def test_part_file_of_another_import_is_left_alone(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:5])
     (tmp_path / "o.mcap.part").write_bytes(b"theirs")
     with (
@@ -243,8 +243,8 @@ def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
     assert (tmp_path / "o.mcap.part").read_bytes() == b"theirs"
 
 
-def test_a_recording_of_ours_is_not_imported_again(tmp_path):
-    """Its video is in decoding order, which a reader by time does not return."""
+def test_recording_is_not_imported_again(tmp_path):
+    """Its video is in decoding order, which a reader that sorts by time does not return."""
     file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
     with pytest.raises(
         ImportRefused,
@@ -253,7 +253,7 @@ def test_a_recording_of_ours_is_not_imported_again(tmp_path):
         open_source(file, SourceOptions())
 
 
-def test_a_video_is_not_watched_and_says_so_in_one_line(tmp_path):
+def test_watching_an_imported_video_is_refused_in_one_line(tmp_path):
     file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12]), whole=True)
     done = CliRunner().invoke(main, ["watch", str(file)], input="")
     assert done.exit_code == 1
@@ -262,7 +262,7 @@ def test_a_video_is_not_watched_and_says_so_in_one_line(tmp_path):
     assert "analyze estimate" in done.output
 
 
-def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long(tmp_path, monkeypatch):
+def test_bucket_copy_contains_chunks_that_continue_without_a_key_picture(tmp_path, monkeypatch):
     """Chunks that go on without a key picture, which 64 MiB make, here 20 kB.
 
     What lies before the strike is fetched back to the key.
@@ -289,7 +289,7 @@ def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long
     assert all(np.array_equal(one[1], other[1]) for one, other in zip(images, expected, strict=True))
 
 
-def test_nothing_is_written_unasked(tmp_path):
+def test_nothing_is_written_without_confirmation(tmp_path):
     gone = [np.full_like(tip()[0], 120)] * 30
     path = write_video(tmp_path / "a.mp4", [*tip(), *gone, *gone, *gone, *tip()])
     files = zip(("--object", "--plan", "--camera"), map(str, setting(tmp_path, ("s1", "s2"))), strict=True)
@@ -317,8 +317,8 @@ def test_nothing_is_written_unasked(tmp_path):
     assert "exists already" in again.output
 
 
-def test_an_object_that_was_pushed_a_little_rests_anew(tmp_path):
-    """A finger nudges it, and strikes a while later: the onset is the strike's, not the nudge's."""
+def test_nudge_before_the_strike_is_not_its_onset(tmp_path):
+    """A finger nudges the object and strikes it later: the onset is that of the strike."""
     nudged = [picture(theta, (1.5, 0.0)) for theta in angles()[REST - 15 :]]
     one = [*[tip()[0]] * 40, *[nudged[0]] * 40, *nudged]
     with prepare(
@@ -330,8 +330,8 @@ def test_an_object_that_was_pushed_a_little_rests_anew(tmp_path):
     assert window.onset.rest_ns * 1e-9 * RATE == pytest.approx(40, abs=8)
 
 
-def test_what_moved_while_no_image_was_taken_is_no_strike():
-    """As between two previews of a recording: it was put down turned."""
+def test_motion_during_a_pause_between_images_is_no_strike():
+    """As between two previews of a recording, where the object was put down in another orientation."""
     finder = OnsetFinder([3])
     still, turned = tip()[0], picture(0.3)
     found = [finder.add(TimedImage(i * 8_333_333, still)) for i in range(40)]

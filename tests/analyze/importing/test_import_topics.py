@@ -1,4 +1,4 @@
-"""A tip in a Foxglove MCAP file and in a ROS 2 bag becomes a recording of ours, and is analysed as one."""
+"""A tip in a Foxglove MCAP file or a ROS 2 bag is imported as a recording and analysed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def run(folder, source, *more, lens=True):
 
 
 @pytest.mark.parametrize("kind", ["foxglove", "sqlite3", "mcap"])
-def test_a_tip_is_analysed(tmp_path, kind):
+def test_imported_tip_is_analysed(tmp_path, kind):
     if kind == "foxglove":
         source = write_foxglove(tmp_path / "a.mcap", list(tip()), "bgr8", intrinsics=INTRINSICS)
     else:
@@ -59,7 +59,7 @@ def test_a_tip_is_analysed(tmp_path, kind):
         assert recording.manifest.cameras[0].frame_rate_hz == pytest.approx(RATE, rel=1e-4)
 
 
-def test_the_lens_of_the_bag_and_the_camera_placed_by_the_object(tmp_path):
+def test_lens_from_the_bag_and_pose_from_the_object(tmp_path):
     source = write_bag(tmp_path / "bag", list(tip()), intrinsics=INTRINSICS)
     done, output = run(tmp_path, source, lens=False)
     assert done.exit_code == 0, done.output
@@ -80,7 +80,7 @@ def test_the_lens_of_the_bag_and_the_camera_placed_by_the_object(tmp_path):
         ([], "its lens is unknown: give --camera"),
     ],
 )
-def test_one_line_where_it_is_not_as_asked(tmp_path, more, said):
+def test_wrong_import_options_are_one_line(tmp_path, more, said):
     source = write_foxglove(tmp_path / "a.mcap", list(tip())[:3], calibrated=False)
     done, output = run(tmp_path, source, *more, lens=bool(more))
     assert done.exit_code == 1
@@ -88,7 +88,7 @@ def test_one_line_where_it_is_not_as_asked(tmp_path, more, said):
     assert not output.exists()
 
 
-def test_what_is_of_messages_alone_is_refused_elsewhere(tmp_path):
+def test_topic_option_is_refused_for_other_sources(tmp_path):
     (tmp_path / "a.mp4").write_bytes(b"")
     done, _ = run(tmp_path, tmp_path / "a.mp4", "--topic", "/cam/image")
     assert "--topic applies to MCAP files and ROS 2 bags" in done.output

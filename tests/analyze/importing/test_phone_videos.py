@@ -27,7 +27,7 @@ def refused(folder, path, placed=False, strikes=("s1",), **options) -> str:
     return str(caught.value)
 
 
-def test_slow_motion_that_says_its_rate_is_undone(tmp_path):
+def test_slow_motion_with_stated_capture_rate_is_corrected(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
     with VideoSource(path) as source:
         assert source.rate_hz == pytest.approx(240, rel=1e-4)
@@ -36,7 +36,7 @@ def test_slow_motion_that_says_its_rate_is_undone(tmp_path):
     assert remark.startswith("a.mp4: plays at 30 frames a second and states that 240 were captured")
 
 
-def test_who_says_another_rate_is_believed_and_told(tmp_path):
+def test_given_capture_rate_wins_over_the_stated_one(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
     with VideoSource(path, capture_hz=120) as source:
         assert source.rate_hz == pytest.approx(120, rel=1e-4)
@@ -44,7 +44,7 @@ def test_who_says_another_rate_is_believed_and_told(tmp_path):
 
 
 @pytest.mark.parametrize("said", ["120.000000", "30.0", "nan", "-3", "fast", ""])
-def test_a_rate_that_is_the_videos_own_or_none_changes_nothing(tmp_path, said):
+def test_capture_rate_that_is_the_playing_rate_or_invalid_changes_nothing(tmp_path, said):
     path = write_video(tmp_path / "a.mp4", tip()[:20], captured=said)
     with VideoSource(path) as source:
         assert source.rate_hz == pytest.approx(RATE, rel=1e-3)
@@ -58,13 +58,13 @@ def ramp(folder):
     return write_video(folder / "ramp.mp4", images, [0, *np.cumsum(steps).tolist()])
 
 
-def test_a_slow_part_is_refused_where_one_rate_is_said(tmp_path):
+def test_slowed_part_is_refused_with_a_capture_rate(tmp_path):
     said = refused(tmp_path, ramp(tmp_path), source=SourceOptions(capture_hz=240))
     assert "its frame rate is 240 a second in one part and 30 in another" in said
     assert "import the video as the camera recorded it" in said
 
 
-def test_a_slow_part_is_told_where_none_is(tmp_path):
+def test_slowed_part_is_reported_without_a_capture_rate(tmp_path):
     with prepare(ImportOptions((ramp(tmp_path),), *setting(tmp_path))) as prepared:
         assert any(
             "240 a second in one part and 30 in another: if a slow-motion effect" in remark
@@ -72,7 +72,7 @@ def test_a_slow_part_is_told_where_none_is(tmp_path):
         )
 
 
-def test_few_frames_a_second_ask_for_the_rate_and_alike_is_said_once(tmp_path):
+def test_low_frame_rate_asks_for_capture_fps_and_equal_remarks_appear_once(tmp_path):
     paths = [
         write_video(tmp_path / f"s{number}.mp4", tip(), played(tip()), turned=180) for number in (1, 2, 3)
     ]
@@ -85,7 +85,7 @@ def test_few_frames_a_second_ask_for_the_rate_and_alike_is_said_once(tmp_path):
     assert turned.startswith("s1.mp4 and 2 more: is displayed rotated by 180 deg")
 
 
-def test_one_capture_rate_for_videos_that_play_differently_is_told(tmp_path):
+def test_one_capture_rate_for_different_playing_rates_is_reported(tmp_path):
     paths = (
         write_video(tmp_path / "s1.mp4", tip(), played(tip())),
         write_video(tmp_path / "s2.mp4", tip(), played(tip(), 2 * PLAYED_US)),
@@ -98,14 +98,14 @@ def test_one_capture_rate_for_videos_that_play_differently_is_told(tmp_path):
         )
 
 
-def test_a_camera_held_by_hand_is_told(tmp_path):
+def test_handheld_camera_is_reported(tmp_path):
     swing = [picture(theta, (25 * np.sin(0.09 * number), 0.0)) for number, theta in enumerate(angles())]
     assert "is never at rest: put the camera on a stand" in refused(
         tmp_path, write_video(tmp_path / "a.mp4", swing)
     )
 
 
-def test_a_video_that_begins_with_the_strike_is_told(tmp_path):
+def test_video_that_begins_with_the_strike_is_reported(tmp_path):
     said = refused(tmp_path, write_video(tmp_path / "a.mp4", [*tip()[REST:], *[tip()[-1]] * 40]))
     assert (
         "no tag is at rest in view and then tips: record the whole tag, sharp, from a second before the "
@@ -113,7 +113,7 @@ def test_a_video_that_begins_with_the_strike_is_told(tmp_path):
     )
 
 
-def test_videos_that_are_put_together_and_objects_set_up_again_are_no_strikes(tmp_path):
+def test_cuts_and_setting_up_again_are_not_strikes(tmp_path):
     lying = [tip()[-1]] * RATE
     up = [picture(theta) for theta in np.linspace(np.pi / 2, 0, 50)]
     path = write_video(tmp_path / "a.mp4", [*tip(), *lying, *tip(), *lying, *up, *tip()], crf="10")
@@ -125,7 +125,7 @@ def test_videos_that_are_put_together_and_objects_set_up_again_are_no_strikes(tm
     assert found == pytest.approx([first, second, second + len(tip()) + RATE + len(up)], abs=4)
 
 
-def test_a_calibration_of_a_turned_copy_or_a_photo_is_told(tmp_path):
+def test_calibration_of_rotated_copy_or_photo_is_reported(tmp_path):
     turned = write_video(tmp_path / "a.mp4", [np.rot90(image) for image in tip()[:5]])
     assert "one of them was rotated when it was edited or shared" in refused(tmp_path, turned, placed=True)
     smaller = write_video(tmp_path / "b.mp4", [image[:120, :160] for image in tip()[:5]])
@@ -138,7 +138,7 @@ def test_a_calibration_of_a_turned_copy_or_a_photo_is_told(tmp_path):
     ("name", "said"),
     [("gone.toml", "no such camera file: check the path"), ("board.JPG", "is an image, not a camera file")],
 )
-def test_what_is_no_camera_file_leads_to_one(tmp_path, name, said):
+def test_wrong_camera_file_is_refused_with_the_remedy(tmp_path, name, said):
     if name != "gone.toml":
         (tmp_path / name).write_bytes(b"\xff\xd8")
     with pytest.raises(CalibrationError, match=said) as caught:

@@ -1,4 +1,4 @@
-"""Slow motion from the videos to the answer: files that state a fraction of their strikes' frame rate."""
+"""Slow motion from videos to the result: files that state a fraction of the frame rate of their strikes."""
 
 from __future__ import annotations
 

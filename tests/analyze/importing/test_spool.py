@@ -1,4 +1,4 @@
-"""Images that were put aside are those of the source, which is read once."""
+"""Stored images equal those of the source, which is read once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Usage = namedtuple("Usage", "free")
 
 
 class Numbered:
-    """Images that hold their numbers, counted as they are read; the memory of one is that of the next."""
+    """Source of numbered images that counts reads and reuses one image's memory for the next."""
 
     width, height, rate_hz = WIDTH, HEIGHT, 1e9 / STEP_NS
 
@@ -42,9 +42,12 @@ class Numbered:
 
 
 def passed(source, folder, windows):
-    """A spool after the source was looked through; windows.
+    """Spool after the source was searched.
 
-    Number of the image after which one is known, its first and its last.
+    Args:
+        source: source of numbered images.
+        folder: folder for the images.
+        windows: number of the image after which a window is known, its first and its last image.
     """
     spool = Spool(source, folder)
     for number, frame in enumerate(source.frames()):
@@ -65,7 +68,7 @@ def numbers(spool, first, last):
     return [number for number, _ in found]
 
 
-def test_windows_are_not_decoded_again(tmp_path):
+def test_stored_windows_are_not_decoded_again(tmp_path):
     source = Numbered()
     windows = [(120, 60, 300), (290, 250, 500), (700, 640, 5000)]
     with passed(source, tmp_path, windows) as spool:
@@ -78,7 +81,7 @@ def test_windows_are_not_decoded_again(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_memory_could_not_hold_is_decoded_again(tmp_path, monkeypatch):
+def test_images_that_memory_could_not_hold_are_decoded_again(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_HELD_BYTES", 29 * WIDTH * HEIGHT)
     source = Numbered()
     with passed(source, tmp_path, [(120, 60, 300)]) as spool:
@@ -86,7 +89,7 @@ def test_what_memory_could_not_hold_is_decoded_again(tmp_path, monkeypatch):
         assert sorted(source.read) == list(range(60, 91))
 
 
-def test_without_room_for_the_recording_nothing_is_put_aside(tmp_path, monkeypatch):
+def test_nothing_is_stored_without_room_for_the_recording(tmp_path, monkeypatch):
     source = Numbered()
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: Usage(480 * WIDTH * HEIGHT))
     with passed(source, tmp_path, [(120, 60, 300)]) as spool:
@@ -94,7 +97,7 @@ def test_without_room_for_the_recording_nothing_is_put_aside(tmp_path, monkeypat
         assert sum(source.read.values()) == 241
 
 
-def test_a_disk_that_fills_up_costs_that_window_alone(tmp_path, monkeypatch):
+def test_disk_that_fills_up_loses_that_window_only(tmp_path, monkeypatch):
     source, real, written = Numbered(), module.os.pwrite, []
 
     def full(fd, data, at):
@@ -111,7 +114,7 @@ def test_a_disk_that_fills_up_costs_that_window_alone(tmp_path, monkeypatch):
         assert sum(source.read.values()) == 301
 
 
-def test_a_full_disk_is_said_before_a_video_is_looked_through(tmp_path, monkeypatch):
+def test_full_disk_is_reported_before_the_search(tmp_path, monkeypatch):
     path = write_video(tmp_path / "a.mp4", tip()[:5])
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: Usage(1000))
     monkeypatch.setattr(VideoSource, "frames", lambda *_: pytest.fail("it is looked through"))
@@ -119,8 +122,8 @@ def test_a_full_disk_is_said_before_a_video_is_looked_through(tmp_path, monkeypa
         prepare(ImportOptions((path,), *setting(tmp_path), aside=tmp_path))
 
 
-def test_a_video_that_is_split_is_decoded_once(tmp_path, monkeypatch):
-    """To find its strikes, to place the camera, and to be written."""
+def test_video_that_is_split_is_decoded_once(tmp_path, monkeypatch):
+    """Once for finding strikes, estimating the camera pose, and writing."""
     gone = [np.full_like(tip()[0], 120)] * 90
     path = write_video(
         tmp_path / "a.mkv", [*[tip()[0]] * 90, *tip(), *gone, *tip()], codec="ffv1", pixels="gray"

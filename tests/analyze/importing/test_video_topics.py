@@ -1,6 +1,6 @@
-"""Video in others' messages.
+"""Video in message files of other programs.
 
-Whatever order, cut or start it has, its images come at their own times, or one line says why not.
+With any order, split or start, images get their own times, or one line states the reason.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tests.analyze.importing.foreign_files import FRAME_NS, START_NS
 
 COUNT = 30
 SLICES = {0x41, 0x65, 0x02, 0x28, 0x2A}
-"""first byte of those units, of either codec, that hold a part of a picture"""
+"""first byte of NAL units, of either codec, that contain a part of a picture"""
 CODECS = {
     "h264": ("libx264", "x264-params", "annexb=1:"),
     "h265": ("libx265", "x265-params", "log-level=none:"),
@@ -30,7 +30,7 @@ CODECS = {
 
 @cache
 def images():
-    """A bright bar that goes right, a ramp behind it."""
+    """Images of a bright bar that moves to the right, before a ramp."""
     ramp = np.tile(np.linspace(40, 120, 64), (48, 1))
     found = []
     for number in range(COUNT):
@@ -42,7 +42,7 @@ def images():
 
 @cache
 def coded(kind="h264", b_frames=0, more=""):
-    """(number of the image, access unit) in the order of decoding."""
+    """(number of the image, access unit) in decoding order."""
     name, key, params = CODECS[kind]
     encoder = av.CodecContext.create(name, "w")
     assert isinstance(encoder, av.VideoCodecContext)
@@ -62,7 +62,7 @@ def coded(kind="h264", b_frames=0, more=""):
 
 
 def written(path, messages, kind="h264"):
-    """An MCAP file of (stamp, log time, data) in this order; times in frames, a stamp may be left out."""
+    """MCAP file with (stamp, log time, data) in this order; times in frames, a stamp may be None."""
     context = foxglove.Context()
     with foxglove.open_mcap(path, context=context):
         channel = CompressedVideoChannel("/cam/video", context=context)
@@ -96,24 +96,24 @@ def refused(path, said):
 
 
 @pytest.mark.parametrize("kind", CODECS)
-def test_b_frames_that_are_stamped_as_they_are_shown(tmp_path, kind):
+def test_b_frames_stamped_in_display_order(tmp_path, kind):
     messages = [(shown, at + 5, data) for at, (shown, data) in enumerate(coded(kind, 3))]
     assert [shown for shown, _, _ in messages] != sorted(shown for shown, _, _ in messages)
     same(TopicSource(written(tmp_path / "a.mcap", messages, kind)))
 
 
-def test_b_frames_that_are_logged_as_they_are_shown(tmp_path):
+def test_b_frames_logged_in_display_order(tmp_path):
     same(TopicSource(written(tmp_path / "a.mcap", [(None, shown, data) for shown, data in coded("h264", 3)])))
 
 
-def test_b_frames_that_are_stamped_as_they_are_coded(tmp_path):
+def test_b_frames_stamped_in_decoding_order_are_refused(tmp_path):
     path = written(tmp_path / "a.mcap", [(at, at + 1, data) for at, (_, data) in enumerate(coded("h264", 3))])
     refused(
         path, "contains B-frames, which foxglove.CompressedVideo forbids, .* record it again without B-frames"
     )
 
 
-def test_b_frames_that_begin_late(tmp_path, monkeypatch):
+def test_b_frames_that_begin_late_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.sources.topic_source.EXAMINED_MESSAGES", 10)
     units = [*coded()[:10], *coded("h264", 3)[10:]]
     refused(
@@ -122,7 +122,7 @@ def test_b_frames_that_begin_late(tmp_path, monkeypatch):
     )
 
 
-def test_b_frames_in_the_order_of_times(tmp_path):
+def test_b_frames_sorted_by_time_are_refused(tmp_path):
     path = written(
         tmp_path / "a.mcap", [(shown, shown, data) for shown, data in sorted(coded("h265", 3))], "h265"
     )
@@ -132,16 +132,13 @@ def test_b_frames_in_the_order_of_times(tmp_path):
 
 
 def parts(data):
-    """Its units, each with its start code."""
+    """NAL units of an access unit, each with its start code."""
     return [b"\x00\x00\x01" + unit.removesuffix(b"\x00") for unit in data.split(b"\x00\x00\x01")[1:]]
 
 
 @pytest.mark.parametrize(("kind", "slices"), [("h264", ":slices=3"), ("h265", "")])
-def test_pictures_that_are_split_over_messages(tmp_path, kind, slices):
-    """Parameter sets, greetings and slices in messages of their own.
-
-    A picture's time is that of its first slice.
-    """
+def test_pictures_split_over_several_messages(tmp_path, kind, slices):
+    """Parameter sets, SEI and slices in separate messages; a picture has the time of its first slice."""
     units = coded(kind, 0, slices)
     split = [
         (shown - (part[3] not in SLICES) / 9, shown + 1, part)
@@ -152,7 +149,7 @@ def test_pictures_that_are_split_over_messages(tmp_path, kind, slices):
     same(TopicSource(written(tmp_path / "a.mcap", split, kind)))
 
 
-def test_a_topic_that_begins_between_two_key_pictures(tmp_path):
+def test_topic_that_begins_between_two_key_pictures(tmp_path):
     messages = [(shown, shown + 1, data) for shown, data in coded()[3:]]
     source = TopicSource(written(tmp_path / "a.mcap", messages))
     same(source, first=10)
@@ -162,7 +159,7 @@ def test_a_topic_that_begins_between_two_key_pictures(tmp_path):
     assert source.wall_start_ns == START_NS + 10 * FRAME_NS
 
 
-def test_one_line_for_what_has_no_start(tmp_path):
+def test_video_without_a_decodable_start_is_one_line(tmp_path):
     bare = [
         (shown, shown, b"".join(part for part in parts(data) if part[3] & 31 in {1, 5}))
         for shown, data in coded()
@@ -175,7 +172,7 @@ def test_one_line_for_what_has_no_start(tmp_path):
     refused(written(tmp_path / "late.mcap", late), "no key picture contains the parameter sets")
 
 
-def test_one_line_for_what_is_no_picture(tmp_path):
+def test_message_without_a_picture_is_one_line(tmp_path):
     units = [data for _, data in coded()]
     pairs = [(at, at, units[at] + units[at + 1]) for at in range(0, COUNT, 2)]
     refused(written(tmp_path / "pairs.mcap", pairs), "a message contains 2 pictures but one time")

@@ -1,6 +1,6 @@
-"""Drawn videos of a tip: a box with one tag that turns about its edge, as a small camera records it.
+"""Rendered videos of a tip: a box with one tag that turns about its edge, as a small camera records it.
 
-Also its images in the other kinds of files that cameras write.
+The images are also written in other kinds of files that cameras produce.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def angles() -> Array:
 
 @cache
 def tip() -> tuple[Image, ...]:
-    """The images of one tip."""
+    """Images of one tip, one per frame."""
     return tuple(picture(theta) for theta in angles())
 
 

@@ -1,6 +1,6 @@
-"""Films of a box with hidden masses that is tipped about several parallel edges, at whatever rate.
+"""Rendered videos of a box with hidden masses that tips over several parallel edges, at any frame rate.
 
-Captured at one, stating another.
+They are captured at one frame rate and state another.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.analyze.importing.tip_videos import (
 
 BODY = box_body((0.07, 0.06, 0.15), (0.03, 0.05, 0.02), -0.01, (0.3, 0.1, -0.9), edge_radius=0.0)
 AXES = ((2, -1, 1, 1), (0, 1, 1, 1), (2, 1, 1, -1), (0, -1, 1, -1))
-"""all along O's y, with the tag towards the camera"""
+"""edges along O's y, with the tag towards the camera"""
 REST_S, AFTER_S, ENERGY = 0.15, 0.05, 1.05
 TAG = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 3, 80)
 
@@ -79,7 +79,7 @@ def picture(strike: PlannedStrike, theta: float) -> Image:
 
 
 def images(planned: Sequence[PlannedStrike], rate: float) -> list[list[Image]]:
-    """Of each strike."""
+    """Images of each strike."""
     return [[picture(strike, theta) for theta in angles(strike, rate)] for strike in planned]
 
 

@@ -1,4 +1,4 @@
-"""A recording that lies in several files is read as one, whichever of them is named."""
+"""A recording in several files is read as one, whichever of them is named."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.analyze.split_recording import split_recording
 from tests.places import SAMPLE
 
 LAST_FRAME = 10
-"""of the first file"""
+"""number of the last image in the first file"""
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +40,13 @@ def halves(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(halves: Path, tmp_path: Path) -> Path:
-    """The two files, to break."""
+    """Copy of the two files, which a test may damage."""
     for name in ("a.mcap", "a-0002.mcap"):
         shutil.copy(halves / name, tmp_path)
     return tmp_path
 
 
-def test_either_file_opens_both(halves: Path) -> None:
+def test_any_file_opens_the_whole_series(halves: Path) -> None:
     with open_recording(halves / "whole.mcap") as whole:
         strikes, topics, images = whole.strikes, whole.topics(), [frame.image for frame in whole.images()]
     ids = set()
@@ -73,7 +73,7 @@ def test_either_file_opens_both(halves: Path) -> None:
     assert None not in ids
 
 
-def test_what_does_not_belong_is_left_alone(folder: Path) -> None:
+def test_foreign_files_with_a_series_name_are_ignored(folder: Path) -> None:
     whole = SeriesFiles((folder / "a.mcap", folder / "a-0002.mcap"))
     (folder / "a-0003.mcap").write_bytes(b"none")
     shutil.copy(folder / "a-0002.mcap", folder / "a-0004.mcap")  # carries another number
@@ -85,7 +85,7 @@ def test_what_does_not_belong_is_left_alone(folder: Path) -> None:
     assert find_series_files(folder / "a-0003.mcap") == SeriesFiles((folder / "a-0003.mcap",))
 
 
-def test_a_file_that_is_not_there_is_said(folder: Path) -> None:
+def test_missing_file_of_the_series_is_reported(folder: Path) -> None:
     (folder / "a.mcap").rename(folder / "elsewhere.mcap")
     assert find_series_files(folder / "a-0002.mcap") == SeriesFiles((folder / "a-0002.mcap",), missing=(1,))
     (folder / "a-0002.mcap").rename(folder / "second.mcap")
@@ -95,7 +95,7 @@ def test_a_file_that_is_not_there_is_said(folder: Path) -> None:
     assert "not here: file 1 of this recording" in rendered(found)
 
 
-def test_a_file_that_is_cut_is_named_with_its_remedy(folder: Path) -> None:
+def test_cut_file_of_the_series_is_named_with_its_remedy(folder: Path) -> None:
     cut = folder / "a-0002.mcap"
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size * 2 // 3])
     with pytest.raises(
@@ -120,7 +120,7 @@ def rendered(found: dict) -> str:
     return text.getvalue()
 
 
-def test_inspection_tells_of_both(halves: Path) -> None:
+def test_inspection_lists_all_files(halves: Path) -> None:
     found, whole = inspect_recording(halves / "a-0002.mcap"), inspect_recording(halves / "whole.mcap")
     json.dumps(found, allow_nan=False)
     sizes = [(halves / name).stat().st_size for name in ("a.mcap", "a-0002.mcap")]
@@ -135,7 +135,7 @@ def test_inspection_tells_of_both(halves: Path) -> None:
     assert "in 2 files: a.mcap, a-0002.mcap" in rendered(found)
 
 
-def test_an_output_in_the_place_of_another_file_is_refused(folder: Path) -> None:
+def test_output_must_not_replace_another_file_of_the_series(folder: Path) -> None:
     done = CliRunner().invoke(analyze, ["report", str(folder / "a.mcap"), "-o", str(folder / "a-0002.mcap")])
     assert done.exit_code == 1
     assert "a-0002.mcap: is also an input" in done.stderr
@@ -151,7 +151,7 @@ def sample_halves(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_truth_of_both(sample_halves: Path) -> None:
+def test_ground_truth_of_both_files(sample_halves: Path) -> None:
     truth, whole = read_truth(sample_halves / "s.mcap"), read_truth(SAMPLE)
     assert truth.body == whole.body
     assert truth.contacts == whole.contacts
@@ -159,7 +159,7 @@ def test_truth_of_both(sample_halves: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_sample_in_two_files_gives_the_sample_s_answer(sample_halves: Path, tmp_path: Path) -> None:
+def test_sample_in_two_files_gives_the_same_result(sample_halves: Path, tmp_path: Path) -> None:
     answers = []
     for path in (SAMPLE, sample_halves / "s.mcap", sample_halves / "s-0002.mcap"):
         done = CliRunner().invoke(analyze, ["estimate", str(path), "--json"], catch_exceptions=False)

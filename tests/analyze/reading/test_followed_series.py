@@ -1,4 +1,4 @@
-"""`analyze watch` on a row of files, and one that comes late."""
+"""`analyze watch` on a series of files, also if it starts late."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ FRAME_NS = 8_333_333
         ("cup-12.mcap.part", "cup-12-0002.mcap.part"),
     ],
 )
-def test_the_name_after(path: str, after: str) -> None:
+def test_name_of_the_next_file(path: str, after: str) -> None:
     assert next_part_path(Path("d") / path) == Path("d") / after
 
 
 class Row:
-    """Writes a row of files with an image every 1/120 s, numbered through."""
+    """Writer of a series of files with an image every 1/120 s, numbered continuously."""
 
     def __init__(self, path: Path, plan: bytes = small_recording.PLAN) -> None:
         self.path = path
@@ -47,7 +47,7 @@ class Row:
         self.part = self.number = 0
 
     def begin(self, **changes: object) -> McapWriter:
-        """The next file, with its head; the one before stays open."""
+        """Begin the next file with its head; the previous one stays open."""
         self.part += 1
         writer = McapWriter(
             self.path if self.part == 1 else self.path.with_name(f"{self.path.stem}-{self.part:04d}.mcap")
@@ -71,7 +71,7 @@ class Row:
         writer.flush()
 
 
-def test_it_goes_on_in_the_next_file_without_missing_a_message(tmp_path: Path) -> None:
+def test_series_continues_in_the_next_file_without_losing_a_message(tmp_path: Path) -> None:
     row = Row(tmp_path / "a.mcap")
     first = row.begin()
     series = FollowedSeries(first.part_path)
@@ -109,7 +109,7 @@ def _data(path: Path) -> bytes:
 
 
 @pytest.mark.parametrize("changes", [{"recording_id": "another"}, {"part": 3}])
-def test_an_older_file_of_the_same_name_is_none_of_this_row(
+def test_older_file_of_the_same_name_does_not_belong_to_the_series(
     tmp_path: Path, changes: dict[str, object]
 ) -> None:
     row = Row(tmp_path / "a.mcap")
@@ -126,8 +126,8 @@ def test_an_older_file_of_the_same_name_is_none_of_this_row(
     series.close()
 
 
-def test_who_comes_late_looks_at_the_present_alone(tmp_path: Path) -> None:
-    """Of four seconds recorded before, only the last second's images are evaluated."""
+def test_late_watcher_evaluates_only_the_newest_images(tmp_path: Path) -> None:
+    """Of four seconds recorded before the start, only images of the last second are evaluated."""
     row = Row(tmp_path / "a.mcap", canonical_json(PLAN).encode())
     writer = row.begin()
     row.images(writer, 480)

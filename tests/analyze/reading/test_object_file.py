@@ -1,4 +1,4 @@
-"""Object file and shape file: read together, and named where one is missing."""
+"""Object file and shape file are read together, and a missing one is named."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ size_m = 0.03
 """
 
 
-def test_files_are_read_with_the_shape_beside(tmp_path: Path) -> None:
+def test_object_file_is_read_with_its_shape_file(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_text(OBJECT)
     with pytest.raises(ShapeError, match=r"b\.stl: no such shape file"):
         read_object_files(tmp_path / "b.toml")

@@ -1,4 +1,4 @@
-"""Reading: what was written comes back; whatever is wrong with a file is one line."""
+"""Reading recordings: written content is read back, and any fault of a file is one line."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _everything(path: Path) -> int:
-    """Touch every byte that a reader may look at; returns the number of messages."""
+    """Read everything in a recording; the number of messages."""
     with open_recording(path) as recording:
         count = sum(1 for topic in recording.topics() for _ in recording.messages(topic.name))
         assert sum(int(frame.image.sum()) > 0 for frame in recording.images()) >= 0
@@ -40,7 +40,7 @@ def _everything(path: Path) -> int:
         return count + len(recording.strikes)
 
 
-def test_what_was_written_comes_back(whole: Path) -> None:
+def test_written_content_is_read_back(whole: Path) -> None:
     with open_recording(whole) as recording:
         assert recording.manifest == small.manifest()
         assert recording.content_id is not None
@@ -79,7 +79,7 @@ def test_png_images_are_decoded(tmp_path: Path) -> None:
             np.testing.assert_array_equal(frame.image, small.image(number))
 
 
-def test_truth_has_a_door_of_its_own(whole: Path, tmp_path: Path) -> None:
+def test_only_read_truth_reads_ground_truth(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(whole.read_bytes())
     with pytest.raises(RecordingError, match="acquire demo"):
@@ -125,7 +125,7 @@ def test_bad_files_are_one_line_each(tmp_path: Path, whole: Path) -> None:
         open_recording(tmp_path / "bare.mcap")
 
 
-def test_versions(tmp_path: Path) -> None:
+def test_other_schema_versions(tmp_path: Path) -> None:
     data = json.loads(canonical_json(small.manifest()))
     small.write_recording(
         tmp_path / "major.mcap", manifest_json=json.dumps({**data, "schema_version": "2.0"})
@@ -156,7 +156,7 @@ def test_mapped_times_need_clock_samples(tmp_path: Path) -> None:
         assert len(list(recording.images())) == small.FRAMES
 
 
-def test_a_damaged_image_is_noticed(tmp_path: Path, whole: Path) -> None:
+def test_damaged_image_is_reported(tmp_path: Path, whole: Path) -> None:
     data = bytearray(whole.read_bytes())
     at = data.find(small.image(5).tobytes())
     data[at + 100] ^= 1
@@ -171,7 +171,7 @@ def test_a_damaged_image_is_noticed(tmp_path: Path, whole: Path) -> None:
         assert [frame.sequence for frame in recording.images()] == [n for n in range(small.FRAMES) if n != 5]
 
 
-def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path: Path, whole: Path) -> None:
+def test_cut_recording_is_read_up_to_its_end(tmp_path: Path, whole: Path) -> None:
     data = whole.read_bytes()
     (tmp_path / "a.mcap").write_bytes(data[: data.find(small.image(9).tobytes()) + 50])
     with open_partial(tmp_path / "a.mcap") as recording:
@@ -180,7 +180,7 @@ def test_a_cut_recording_is_read_as_far_as_it_goes(tmp_path: Path, whole: Path) 
         np.testing.assert_array_equal(next(recording.images()).image, small.image(0))
 
 
-def test_whatever_the_bytes_are_the_only_error_is_a_recording_error(tmp_path: Path, whole: Path) -> None:
+def test_any_damage_raises_only_recording_error(tmp_path: Path, whole: Path) -> None:
     """Cut anywhere, and with bytes changed anywhere: no traceback, no hang, and recovered files are good."""
     source, rng = whole.read_bytes(), random.Random(7)
     path = tmp_path / "a.mcap"
@@ -209,7 +209,7 @@ def _damaged(source: bytes, rng: random.Random, turn: int) -> bytes:
 
 
 def _problem(read: Callable[[], object]) -> str:
-    """The one line with which `read` refused, empty when it did not."""
+    """The one-line error of `read`, "" if there was none."""
     try:
         read()
     except (RecordingError, RecorderError) as error:
@@ -278,7 +278,7 @@ def test_a_growing_recording_is_followed_to_its_end(tmp_path: Path) -> None:
         assert late.finished
 
 
-def test_a_record_is_not_followed_before_it_is_whole(tmp_path: Path, whole: Path) -> None:
+def test_unfinished_record_is_not_followed(tmp_path: Path, whole: Path) -> None:
     data, path = whole.read_bytes(), tmp_path / "a.mcap.part"
     seen: list[int] = []
     path.write_bytes(b"")

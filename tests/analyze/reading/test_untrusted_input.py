@@ -1,7 +1,4 @@
-"""Lines and documents from outside.
-
-Whatever they hold, one named error or an answer, never another exception.
-"""
+"""Lines and documents from outside give an answer or a named error, never another exception."""
 
 from __future__ import annotations
 
@@ -63,7 +60,7 @@ class FastClock:
 
 @QUICK
 @given(lines=st.lists(LINES, max_size=4))
-def test_watch_answers_every_request_and_passes_over_the_rest(lines: list[str]) -> None:
+def test_watch_answers_every_request_and_ignores_other_lines(lines: list[str]) -> None:
     expected = 0
     text = "".join(line + "\n" for line in lines)
     for line in text.splitlines():
@@ -89,7 +86,7 @@ def test_a_verdict_is_given_on_any_request(request: dict) -> None:
 
 @QUICK
 @given(text=st.text(max_size=60) | JSON.map(json.dumps) | st.just("[" * 50_000) | st.just("9" * 5000))
-def test_a_plan_is_one_or_named(text: str) -> None:
+def test_any_text_is_a_plan_or_a_named_error(text: str) -> None:
     with pytest.raises(DocumentError, match=r"^plan\.json: "):
         parse_strike_plan(text, "plan.json")
 
@@ -112,14 +109,14 @@ T_object_marker = [[0, 0, 1, 0.05], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
     size=st.integers(0, 12),
     more=st.text(max_size=6) | st.sampled_from(["nan", "-1", "[[", "1e999", "=", "0x7"]),
 )
-def test_an_object_file_with_any_edit_is_read_or_named(at: int, size: int, more: str) -> None:
+def test_edited_object_file_is_read_or_a_named_error(at: int, size: int, more: str) -> None:
     with contextlib.suppress(DocumentError):
         parse_object_spec(SPEC[:at] + more + SPEC[at + size :], "object.toml")
 
 
 @QUICK
 @given(key=st.sampled_from(sorted(set(tomllib.loads(SPEC)) - {"shape", "marker"})), value=JSON)
-def test_an_object_of_any_values_is_read_or_named(key: str, value: object) -> None:
+def test_object_with_any_value_is_read_or_a_named_error(key: str, value: object) -> None:
     with contextlib.suppress(DocumentError):
         validate(ObjectSpec, tomllib.loads(SPEC) | {key: value}, "object.toml")
 
@@ -129,6 +126,6 @@ def test_an_object_of_any_values_is_read_or_named(key: str, value: object) -> No
     value=JSON
     | st.lists(st.lists(st.floats(allow_nan=False), min_size=4, max_size=4), min_size=4, max_size=4)
 )
-def test_a_pose_of_any_values_is_read_or_named(value: object) -> None:
+def test_pose_with_any_value_is_read_or_a_named_error(value: object) -> None:
     with contextlib.suppress(DocumentError):
         validate(MarkerSpec, {"id": 1, "size_m": 0.03, "T_object_marker": value}, "object.toml")

@@ -1,4 +1,4 @@
-"""A seal compared with every message, of one file and of a row."""
+"""Every message is compared with the seal, in one file and in a series."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def row(tmp_path):
     return split_recording(tmp_path / "whole.mcap", tmp_path / "a.mcap", small.frame_time(10))
 
 
-def test_what_was_sealed_passes(row):
+def test_unchanged_recording_passes(row):
     refuse_changed_content(row[0].with_name("whole.mcap"))
     for path in row:
         refuse_changed_content(path)
 
 
-def test_the_file_of_a_row_that_was_changed_is_named(row):
+def test_changed_file_of_a_series_is_named(row):
     with open_recording(row[0]) as recording:
         sealed = recording.parts[1].content_id
     assert sealed is not None

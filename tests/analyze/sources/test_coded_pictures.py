@@ -1,4 +1,4 @@
-"""Pictures that are kept as they were coded: their order, their messages, their chunks."""
+"""Pictures stored as coded: their order, their messages, their chunks."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ def test_pictures_are_numbered_by_their_times_and_keep_their_order(together):
     )
 
 
-def test_two_pictures_of_one_time_are_refused():
+def test_two_pictures_with_the_same_time_are_refused():
     with pytest.raises(ImportRefused, match=r"do not increase at 0\.000 s"):
         list(number_pictures([_group(range(40)), _group([39, 41])], "a.mp4"))
 
 
-def test_missing_frames_of_many_are_those_of_each():
+def test_missing_frames_in_blocks_equal_those_one_by_one():
     gaps = np.random.default_rng(2).integers(950, 1050, 200)
     gaps[[30, 31, 120]] = 3000, 2000, 9000
     times = np.cumsum(gaps)
@@ -68,7 +68,7 @@ def test_missing_frames_of_many_are_those_of_each():
     assert all_at_once == one
 
 
-def test_heads_make_messages():
+def test_packed_heads_are_valid_messages():
     times = np.array([5, 946_684_800_000_000_000, 1_763_000_000_123_456_789], np.int64)
     sizes = np.array([1, 200, 70_000], np.int64)
     records = [memoryview(bytearray(video_room("main", VideoFormat.H265) + size)) for size in sizes.tolist()]
@@ -89,7 +89,7 @@ def test_heads_make_messages():
         assert (message.frame_id, message.format, len(message.data)) == ("main", "h265", size)
 
 
-def test_lengths_become_start_codes_where_they_add_up():
+def test_lengths_are_replaced_by_start_codes_where_they_add_up():
     whole = [b"\0\0\0\2\x06\x01\0\0\0\3\x41ab", b"\0\0\0\1\x41"]
     left_alone = [
         b"\0\0\0\3\x65ab",
@@ -109,7 +109,7 @@ def test_lengths_become_start_codes_where_they_add_up():
 
 
 @pytest.mark.parametrize("b_frames", ["0", "3"])
-def test_small_pictures_cost_little_more_than_they_have(tmp_path, b_frames):
+def test_small_pictures_are_stored_with_little_overhead(tmp_path, b_frames):
     path = write_video(tmp_path / "a.mp4", tip() * 3, crf="28", bf=b_frames, preset="veryfast", g="60")
     output = tmp_path / "o.mcap"
     with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
@@ -136,7 +136,7 @@ def test_small_pictures_cost_little_more_than_they_have(tmp_path, b_frames):
     assert times == [image.time_ns for image in images]
 
 
-def test_every_frame_has_a_meta_though_few_are_written(tmp_path):
+def test_every_frame_has_metadata_though_few_are_stored(tmp_path):
     step = 10**6 // RATE
     lost = {40: 7, 70: 1}
     kept = [number for number in range(len(tip())) if not 40 <= number < 47 and number != 77]
@@ -176,7 +176,7 @@ def test_every_frame_has_a_meta_though_few_are_written(tmp_path):
         assert {(meta.image_recorded, meta.width, meta.height) for meta in some} == {(True, WIDTH, HEIGHT)}
 
 
-def test_motion_jpeg_is_kept_as_it_is_coded(tmp_path):
+def test_motion_jpeg_is_stored_as_coded(tmp_path):
     path = write_video(
         tmp_path / "a.mov", [*[tip()[0]] * 90, *tip()], codec="mjpeg", pixels="yuvj420p", qmin="2", qmax="2"
     )
@@ -204,7 +204,7 @@ def test_motion_jpeg_is_kept_as_it_is_coded(tmp_path):
     )
 
 
-def test_a_cameras_jpeg_without_tables_gets_the_usual_ones(tmp_path):
+def test_jpeg_without_huffman_tables_gets_the_standard_ones(tmp_path):
     path = write_video(tmp_path / "a.avi", tip()[:3], codec="mjpeg", pixels="yuvj420p", huffman="default")
     with av.open(str(path)) as video:
         whole = bytes(next(video.demux(video=0)))
@@ -237,7 +237,7 @@ def test_damaged_pictures_are_left_out_and_counted(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts"])
-def test_pictures_and_keys_are_those_that_ffmpeg_finds_in_them(tmp_path, suffix):
+def test_pictures_and_key_pictures_agree_with_ffmpeg(tmp_path, suffix):
     path = write_video(tmp_path / f"a.{suffix}", tip()[:40], bf="3", g="15", preset="veryfast")
     with av.open(str(path)) as video:  # its parser looks into every packet
         found = [(packet.pts, packet.is_keyframe) for packet in video.demux(video=0) if packet.size]
@@ -254,7 +254,7 @@ def test_pictures_and_keys_are_those_that_ffmpeg_finds_in_them(tmp_path, suffix)
     assert len(images) == 40
 
 
-def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, monkeypatch):
+def test_full_disk_is_reported_and_leaves_no_file(tmp_path, monkeypatch):
     path = write_video(tmp_path / "a.mp4", tip()[:5])
 
     def full(*_):

@@ -1,7 +1,4 @@
-"""Lenses of other programs.
-
-The same camera however it is written, and one line for whatever cannot be used.
-"""
+"""Calibrations of other programs: the same camera in every notation; unusable ones give one line."""
 
 from __future__ import annotations
 
@@ -62,7 +59,7 @@ PYTHONS = {"camera_matrix": K, "dist_coeffs": [BENT], "image_size": [1920, 1080]
 
 
 def by_opencv(path, fisheye=False):
-    """As OpenCV's own sample writes it."""
+    """Calibration file as OpenCV's own sample program writes it."""
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("calibration_time", "Sun Nov  1 10:00:00 2026")
     storage.write("image_width", 1920)
@@ -80,7 +77,7 @@ def spec_of(text, **options):
 
 @pytest.mark.parametrize("suffix", [".yaml", ".yml", ".json"])
 @pytest.mark.parametrize("fisheye", [False, True])
-def test_opencvs_own_files(tmp_path, suffix, fisheye):
+def test_calibration_files_written_by_opencv(tmp_path, suffix, fisheye):
     found = read_camera(by_opencv(tmp_path / f"lens{suffix}", fisheye))
     spec = found.calibration
     assert (spec.model is LensModel.FISHEYE) == fisheye
@@ -88,7 +85,7 @@ def test_opencvs_own_files(tmp_path, suffix, fisheye):
     assert spec.distortion == (FISHEYE if fisheye else BENT)
 
 
-def test_an_old_opencv_file_with_its_directive(tmp_path):
+def test_old_opencv_file_with_yaml_directive(tmp_path):
     path = by_opencv(tmp_path / "lens.yml")
     old = (
         path.read_text()
@@ -112,7 +109,7 @@ def test_an_old_opencv_file_with_its_directive(tmp_path):
         (CAMERA_INFO + "\n---\n" + CAMERA_INFO + "\n---\n", LensModel.PINHOLE, BENT),
     ],
 )
-def test_one_camera_however_it_is_written(text, model, distortion):
+def test_one_camera_in_every_notation(text, model, distortion):
     spec = spec_of(text)
     assert (spec.model, spec.K, spec.width, spec.height, spec.distortion) == (
         model,
@@ -126,7 +123,7 @@ def test_one_camera_however_it_is_written(text, model, distortion):
     assert np.abs(distort(camera, undistort(camera, inside)) - inside).max() < 1e-3
 
 
-def test_where_the_camera_stands_and_how_its_rows_are_read_may_be_added():
+def test_pose_and_line_time_may_be_added():
     place = np.diag([1.0, -1.0, -1.0, 1.0]).tolist()
     spec, placed = parse_calibration(
         json.dumps(PYTHONS | {"T_world_camera": place, "line_time_s": 9.3e-6}).encode(), "lens", as_json=True
@@ -138,7 +135,7 @@ def test_where_the_camera_stands_and_how_its_rows_are_read_may_be_added():
     assert "line_time_s" not in spec_of(json.dumps(PYTHONS)).model_dump(mode="json")
 
 
-def test_they_may_stand_beside_kalibrs_camera():
+def test_pose_and_line_time_may_be_beside_kalibrs_camera():
     place = np.diag([1.0, -1.0, -1.0, 1.0]).tolist()
     spec, placed = parse_calibration(
         f"{KALIBR}\nT_world_camera: {place}\nline_time_s: 9.3e-6\n".encode(), "lens"
@@ -148,7 +145,7 @@ def test_they_may_stand_beside_kalibrs_camera():
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".txt"])
-def test_other_files_of_lenses_are_refused_with_what_is_read(tmp_path, suffix):
+def test_other_calibration_formats_are_refused_with_the_supported_ones(tmp_path, suffix):
     path = tmp_path / f"lens{suffix}"
     path.write_text("<opencv_storage/>")
     with pytest.raises(CalibrationError, match=f"{suffix} is not read: save the calibration as YAML or JSON"):
@@ -206,7 +203,7 @@ def without(entries, *names):
         ("x" * (1 << 21), "lens: 2.1 MB is too large for a camera calibration"),
     ],
 )
-def test_one_line_for_what_cannot_be_used(text, said):
+def test_unusable_calibration_is_one_line(text, said):
     with pytest.raises(CalibrationError, match=f"^{said}") as caught:
         parse_calibration(text.encode(), "lens")
     assert "\n" not in str(caught.value)
@@ -215,7 +212,7 @@ def test_one_line_for_what_cannot_be_used(text, said):
 @pytest.mark.parametrize(
     "entries", [{"line_time_s": 0.5}, {"line_time_s": "fast"}, {"T_world_camera": np.zeros((4, 4)).tolist()}]
 )
-def test_an_entry_of_ours_that_cannot_be_used_is_named(entries):
+def test_invalid_pose_or_line_time_is_named(entries):
     with pytest.raises(DocumentError, match=f"^lens: {next(iter(entries))}"):
         parse_calibration(json.dumps(PYTHONS | entries).encode(), "lens")
 
@@ -262,12 +259,12 @@ TEXTS = (
     data=TEXTS.map(lambda text: text.encode("utf-8", "surrogatepass")) | st.binary(max_size=60),
     as_json=st.booleans(),
 )
-def test_whatever_a_file_holds_it_is_a_lens_or_one_line(data, as_json):
+def test_any_content_is_a_lens_or_one_line(data, as_json):
     with contextlib.suppress(CalibrationError, DocumentError):
         camera_from_spec(parse_calibration(data, "lens", as_json=as_json)[0])
 
 
-def test_a_lens_calibrated_anew_keeps_its_sensors_line_time():
+def test_new_calibration_keeps_the_line_time():
     calibration = parse_calibration(json.dumps(PYTHONS | {"line_time_s": 9.3e-6}).encode(), "lens")[0]
     lens = SimpleNamespace(
         model=LensModel.PINHOLE, width=1920, height=1080, camera_matrix=np.array(K), distortion=np.array(BENT)

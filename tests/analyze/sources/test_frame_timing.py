@@ -1,4 +1,4 @@
-"""Few frames, unevenly: their interval, and their noise, are known or not, and no warning is given."""
+"""Timing from few, uneven frames: interval and noise, without numerical warnings."""
 
 from __future__ import annotations
 
@@ -16,20 +16,17 @@ from analyze.sources.frame_timing import frame_timing, usual_interval
     ("times", "interval"),
     [([0, 1, 11], 10), ([0, 9, 10, 20, 30, 60], 9.67), ([5, 3], 2), ([30, 0, 10, 20], 10)],
 )
-def test_the_usual_interval_is_one_that_is_there(times, interval):
-    """Of two gaps of which one is ten times the other neither is near their mean.
-
-    That mean was of nothing.
-    """
+def test_usual_interval_is_near_an_interval_that_occurs(times, interval):
+    """Two gaps, one ten times the other, are both far from their mean, which must not be the result."""
     assert usual_interval(times) == pytest.approx(interval, abs=0.01)
 
 
-def test_three_frames_have_a_pace():
-    pace = frame_timing([0, 1, 11], Fraction(1, 30), None, None)
-    assert pace is not None
-    assert pace.interval_s == pytest.approx(1 / 3)
+def test_timing_from_three_frames():
+    timing = frame_timing([0, 1, 11], Fraction(1, 30), None, None)
+    assert timing is not None
+    assert timing.interval_s == pytest.approx(1 / 3)
 
 
-def test_the_noise_of_two_frames_is_not_known():
+def test_noise_of_two_frames_is_nan():
     assert math.isnan(frame_noise(np.zeros(2)))
     assert frame_noise(np.array([0.0, 1.0, 0.0])) > 0

@@ -1,4 +1,4 @@
-"""Pictures that are PNG or JPEG files already are stored as they are, and read back as they were seen."""
+"""Images that are PNG or JPEG files are stored unchanged, and read back with the same pixels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def coded(image, suffix=".png"):
 
 
 def held_upright(jpeg: bytes) -> bytes:
-    """A JPEG file with the note of a phone that its picture is to be turned by 90 degrees."""
+    """JPEG file with a phone's tag that the image is to be displayed rotated by 90 degrees."""
     exif = b"Exif\0\0II*\0\x08\0\0\0" + struct.pack("<HHHIIi", 1, 0x0112, 3, 1, 6, 0)
     return jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:]
 
@@ -42,7 +42,7 @@ def folder(path: Path, files: dict[str, bytes]) -> Path:
 
 
 def stored(tmp_path: Path, source: Path) -> tuple[list[bytes], list[str], list[np.ndarray]]:
-    """Bytes and format of each image of a recording of all of `source`, and what is read of it."""
+    """Bytes and format of each image in a recording of `source`, and the images read back from it."""
     output = tmp_path / "o.mcap"
     with prepare(ImportOptions((source,), *setting(tmp_path), whole=True)) as prepared:
         write_recording(prepared, output)
@@ -58,7 +58,7 @@ def stored(tmp_path: Path, source: Path) -> tuple[list[bytes], list[str], list[n
         )
 
 
-def test_files_of_any_kind_are_stored_byte_by_byte_and_read_as_they_were_seen(tmp_path):
+def test_image_files_are_stored_unchanged_and_read_back(tmp_path):
     image = tip()[40]
     colour = np.dstack([image, np.roll(image, 9, axis=1), 255 - image])
     deep = image.astype(np.uint16) * 256 + 200
@@ -83,7 +83,7 @@ def test_files_of_any_kind_are_stored_byte_by_byte_and_read_as_they_were_seen(tm
     assert read[6].shape == (HEIGHT, WIDTH)
 
 
-def test_what_is_named_png_and_is_another_kind_becomes_png(tmp_path):
+def test_file_named_png_of_another_format_becomes_png(tmp_path):
     data, formats, read = stored(
         tmp_path, folder(tmp_path / "images", {"a.png": coded(tip()[0], ".bmp"), "b.png": coded(tip()[1])})
     )
@@ -92,7 +92,7 @@ def test_what_is_named_png_and_is_another_kind_becomes_png(tmp_path):
     assert all(np.array_equal(one, other) for one, other in zip(read, tip(), strict=False))
 
 
-def test_other_kinds_are_stored_as_they_are_decoded(tmp_path):
+def test_other_formats_are_stored_decoded(tmp_path):
     source = folder(tmp_path / "images", {"a.bmp": coded(tip()[0], ".bmp"), "b.png": coded(tip()[1])})
     with prepare(ImportOptions((source,), *setting(tmp_path), whole=True)) as prepared:
         assert not prepared.are_files
@@ -105,7 +105,7 @@ def test_other_kinds_are_stored_as_they_are_decoded(tmp_path):
         (coded(tip()[0][:200]), "b.png: has 320 x 200, the first 320 x 240"),
     ],
 )
-def test_a_file_that_does_not_belong_is_named(tmp_path, second, said):
+def test_wrong_file_is_named(tmp_path, second, said):
     with pytest.raises(ImportRefused, match=said):
         stored(tmp_path, folder(tmp_path / "images", {"a.png": coded(tip()[0]), "b.png": second}))
 
@@ -137,7 +137,7 @@ def test_a_video_of_png_pictures(tmp_path):
     assert all(np.array_equal(one, other) for one, other in zip(read, tip(), strict=False))
 
 
-def test_damaged_files_are_none():
+def test_damaged_image_files_give_none():
     png, jpeg = coded(tip()[0]), coded(tip()[0], ".jpg")
     for damaged in (b"", b"x", png[:20], jpeg[:20], b"\xff\xd8", png[:8]):
         assert image_file(damaged) is None

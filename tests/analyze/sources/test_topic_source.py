@@ -1,6 +1,6 @@
 """Foxglove MCAP files and ROS 2 bags as sources.
 
-The same images at the headers' times from every encoding, and one line for the rest.
+Every encoding yields the same images at the headers' times; unreadable files give one line.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def test_foxglove_files(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", [*MOSAICS, "jpeg", "h264"])
-def test_foxglove_files_whose_grey_is_made_of_neighbours(tmp_path, kind):
+def test_foxglove_files_with_lossy_grey_values(tmp_path, kind):
     same(TopicSource(write_foxglove(tmp_path / "a.mcap", images(), kind)), images(), most=3)
 
 
@@ -98,7 +98,7 @@ def test_a_bag_with_compressed_messages(tmp_path):
 
 
 @pytest.mark.parametrize("write", [write_foxglove, write_bag])
-def test_a_stretch_of_it(tmp_path, write):
+def test_range_of_a_topic(tmp_path, write):
     source = TopicSource(
         write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images())
     )
@@ -106,7 +106,7 @@ def test_a_stretch_of_it(tmp_path, write):
     assert [frame.time_ns // FRAME_NS for frame in source.frames(9 * FRAME_NS + 1)] == [10, 11]
 
 
-def test_a_stretch_of_a_video(tmp_path):
+def test_range_of_a_video_topic(tmp_path):
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(), "h264"))
     found = list(source.frames(3 * FRAME_NS, 7 * FRAME_NS))
     assert [frame.time_ns // FRAME_NS for frame in found] == [3, 4, 5, 6, 7]
@@ -114,7 +114,7 @@ def test_a_stretch_of_a_video(tmp_path):
 
 
 @pytest.mark.parametrize(("stamps", "why"), [([0] * 12, "are not set"), (times(12)[::-1], "do not increase")])
-def test_log_times_where_headers_do_not_tell(tmp_path, stamps, why):
+def test_log_times_are_used_without_valid_header_stamps(tmp_path, stamps, why):
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(), stamps=stamps))
     assert source.time_source is TimeSource.HOST_ARRIVAL
     assert source.wall_start_ns == START_NS + LOGGED_LATER_NS
@@ -122,7 +122,7 @@ def test_log_times_where_headers_do_not_tell(tmp_path, stamps, why):
     assert source.remarks == (f"a.mcap:/cam/image: its header stamps {why}: log times are used, ± 0.001 ms",)
 
 
-def test_stamps_that_jump_back_later_cost_their_images(tmp_path):
+def test_images_with_decreasing_stamps_are_left_out(tmp_path):
     stamps = times(230)
     stamps[220] = stamps[218]
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(230, 16, 12), stamps=stamps))
@@ -132,7 +132,7 @@ def test_stamps_that_jump_back_later_cost_their_images(tmp_path):
     )
 
 
-def test_how_evenly_frames_come_is_how_well_their_times_are_known(tmp_path):
+def test_time_sd_from_the_unevenness_of_frames(tmp_path):
     rng = np.random.default_rng(2)
     stamps = [stamp + round(each) for stamp, each in zip(times(200), rng.normal(0, 3e5, 200), strict=True)]
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(200, 16, 12), stamps=stamps))
@@ -140,7 +140,7 @@ def test_how_evenly_frames_come_is_how_well_their_times_are_known(tmp_path):
 
 
 @pytest.mark.parametrize("write", [write_foxglove, write_bag])
-def test_the_files_own_calibration(tmp_path, write):
+def test_calibration_from_the_file(tmp_path, write):
     source = TopicSource(
         write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images())
     )
@@ -149,11 +149,11 @@ def test_the_files_own_calibration(tmp_path, write):
     assert topic == ("/cam/calibration" if write is write_foxglove else "/cam/camera_info")
 
 
-def test_a_file_that_says_nothing_of_its_camera(tmp_path):
+def test_file_without_calibration_gives_none(tmp_path):
     assert TopicSource(write_foxglove(tmp_path / "a.mcap", images(), calibrated=False)).calibration() is None
 
 
-def test_one_of_several_topics_is_named(tmp_path):
+def test_topic_must_be_chosen_among_several(tmp_path):
     path = write_foxglove(tmp_path / "a.mcap", images(), more=("/left/image", "/right/image"))
     with pytest.raises(
         ImportRefused,
@@ -181,7 +181,7 @@ def refused(path, said):
     assert str(path.name) in str(caught.value)
 
 
-def test_one_line_for_what_cannot_be_read(tmp_path):
+def test_unreadable_file_is_one_line(tmp_path):
     whole = write_foxglove(tmp_path / "whole.mcap", images()).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     refused(
@@ -258,7 +258,7 @@ def ros_image():
         lambda t: t[0][: t[1]] + t[2] + t[0][t[1] + len(t[2]) :]
     ),
 )
-def test_whatever_a_message_holds_it_is_an_image_or_named(kind, data):
+def test_any_message_is_an_image_or_a_named_error(kind, data):
     with contextlib.suppress(ContainerError):
         picture = parse_picture(*kind, data)
         assert grey_values(picture).ndim == 2

@@ -1,4 +1,4 @@
-"""Videos as sources: times, sizes, what is missing."""
+"""Videos and image folders as sources: times, sizes, missing frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _times(source) -> list[int]:
     return [frame.time_ns for frame in source.frames()]
 
 
-def test_variable_times_are_the_files_own(tmp_path):
+def test_variable_frame_times_are_kept(tmp_path):
     gaps = np.random.default_rng(1).integers(7000, 10000, 39)
     times = [0, *np.cumsum(gaps).tolist()]
     with VideoSource(write_video(tmp_path / "a.mp4", tip()[:40], times, bf="3")) as source:
@@ -29,14 +29,14 @@ def test_variable_times_are_the_files_own(tmp_path):
         assert source.remarks == ()
 
 
-def test_slow_motion_is_undone(tmp_path):
+def test_slow_motion_is_corrected(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 33_333, 33_333))
     with VideoSource(path, capture_hz=240) as source:
         assert np.diff(_times(source)) == pytest.approx(1e9 / 240, rel=1e-4)
         assert source.timing.interval_s == pytest.approx(1 / 240, rel=1e-4)
 
 
-def test_a_constant_rate_in_milliseconds_is_straightened(tmp_path):
+def test_constant_rate_with_millisecond_stamps_is_straightened(tmp_path):
     with VideoSource(
         write_video(tmp_path / "a.mkv", tip()[:60], [round(number * 1e6 / RATE) for number in range(60)])
     ) as source:
@@ -44,14 +44,14 @@ def test_a_constant_rate_in_milliseconds_is_straightened(tmp_path):
         assert source.time_sd_ns == 1
 
 
-def test_variable_times_in_milliseconds_are_not(tmp_path):
+def test_variable_millisecond_stamps_are_kept(tmp_path):
     times = [0, *np.cumsum(np.random.default_rng(1).integers(6, 13, 59)).tolist()]
     with VideoSource(write_video(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times])) as source:
         assert _times(source) == [MS * time for time in times]
         assert source.time_sd_ns == 288675
 
 
-def test_frames_of_a_range_are_those_of_all(tmp_path):
+def test_range_yields_the_same_frames_as_the_whole(tmp_path):
     path = write_video(tmp_path / "a.mkv", tip()[:60], codec="libx264", g="12", bf="2")
     with VideoSource(path) as source:
         every = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
@@ -64,7 +64,7 @@ def test_frames_of_a_range_are_those_of_all(tmp_path):
     ("codec", "pixels", "suffix"),
     [("ffv1", "gray", ".mkv"), ("ffv1", "rgb24", ".mkv"), ("ffv1", "yuv420p10le", ".mkv")],
 )
-def test_lossless_codecs_give_the_images(tmp_path, codec, pixels, suffix):
+def test_lossless_codecs_yield_the_original_images(tmp_path, codec, pixels, suffix):
     if pixels == "rgb24":
         codec, suffix = "png", ".mov"
     with VideoSource(write_video(tmp_path / f"a{suffix}", tip()[:5], codec=codec, pixels=pixels)) as source:
@@ -73,7 +73,7 @@ def test_lossless_codecs_give_the_images(tmp_path, codec, pixels, suffix):
             assert np.abs(frame.image.astype(int) - image).max() <= (0 if pixels == "gray" else 12)
 
 
-def test_a_turned_video_is_taken_as_the_sensor_has_it(tmp_path):
+def test_rotated_video_is_read_in_sensor_orientation(tmp_path):
     with VideoSource(write_video(tmp_path / "a.mp4", tip()[:5], turned=90)) as source:
         assert (source.width, source.height) == (WIDTH, HEIGHT)
         assert next(source.frames()).image.shape == (HEIGHT, WIDTH)
@@ -82,7 +82,7 @@ def test_a_turned_video_is_taken_as_the_sensor_has_it(tmp_path):
     assert "320 x 240" in remark
 
 
-def test_a_file_cut_short_gives_what_is_there(tmp_path):
+def test_cut_file_is_read_up_to_its_end(tmp_path):
     whole = write_video(tmp_path / "a.mkv", tip()[:60], codec="ffv1", pixels="gray")
     part = tmp_path / "part.mkv"
     part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
@@ -101,7 +101,7 @@ def test_an_mp4_without_its_index_is_refused_in_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["nothing.mp4", "text.mp4"])
-def test_what_is_no_video_is_refused(tmp_path, name):
+def test_file_that_is_no_video_is_refused(tmp_path, name):
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(ImportRefused):
         open_source(tmp_path / name, SourceOptions())
@@ -117,7 +117,7 @@ def test_a_folder_without_times_is_refused(tmp_path):
     ("unit", "said"),
     [(1000, "its images come every 8.33 s: time_s must be in seconds"), (0, "two images have the same")],
 )
-def test_times_that_are_no_seconds_are_refused(tmp_path, unit, said):
+def test_csv_times_not_in_seconds_are_refused(tmp_path, unit, said):
     for number in range(4):
         cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
     rows = [f"{number}.png,{number * unit / RATE:.6f}" for number in range(4)]
@@ -127,7 +127,7 @@ def test_times_that_are_no_seconds_are_refused(tmp_path, unit, said):
 
 
 @pytest.mark.parametrize("content", [b"", b"These are words and no film."])
-def test_what_is_no_mp4_was_not_cut_short(tmp_path, content):
+def test_file_that_is_no_mp4_is_not_called_cut(tmp_path, content):
     (tmp_path / "a.mp4").write_bytes(content)
     with pytest.raises(ImportRefused, match="not a readable video") as caught:
         VideoSource(tmp_path / "a.mp4")
@@ -142,7 +142,7 @@ def test_what_is_no_mp4_was_not_cut_short(tmp_path, content):
         (["name,time_s", "0.png,0", "0.png,0.01"], "0.png 2 times: each image has one time"),
     ],
 )
-def test_a_csv_as_people_write_it(tmp_path, rows, said):
+def test_csv_in_usual_variants(tmp_path, rows, said):
     for number in range(2):
         cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
     (tmp_path / "times.csv").write_text("\n".join(rows))
@@ -154,7 +154,7 @@ def test_a_csv_as_people_write_it(tmp_path, rows, said):
         open_source(tmp_path, SourceOptions())
 
 
-def test_images_that_a_csv_does_not_name_are_told(tmp_path):
+def test_images_that_the_csv_omits_are_reported(tmp_path):
     for number in range(4):
         cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
     (tmp_path / "times.csv").write_text("name,time_s\n0.png,0\n./1.png,0.01\n2.png,0.02\n")
@@ -165,13 +165,13 @@ def test_images_that_a_csv_does_not_name_are_told(tmp_path):
         assert source.remarks == ()
 
 
-def test_times_are_not_for_a_video(tmp_path):
+def test_times_option_is_refused_for_a_video(tmp_path):
     path = write_video(tmp_path / "a.mkv", tip()[:2])
     with pytest.raises(ImportRefused, match="--times applies to folders of images"):
         open_source(path, SourceOptions(times=tmp_path / "times.csv"))
 
 
-def test_video_alone_says_so(tmp_path):
+def test_video_of_a_single_frame_is_refused(tmp_path):
     path = Path(write_video(tmp_path / "a.mkv", tip()[:1]))
     with pytest.raises(ImportRefused, match="fewer than two frames"):
         VideoSource(path)

@@ -1,6 +1,6 @@
-"""What `analyze watch` says.
+"""Observations and verdicts of `analyze watch`.
 
-Events from previews, placement advice, verdicts from the images of a window, its loop on pipes.
+Events from previews, placement advice, verdicts from the images of a window, and the loop on pipes.
 """
 
 import io
@@ -56,7 +56,7 @@ def tip():
 
 
 def still(image, seconds=0.8):
-    """The same view, again and again, at 120 fps."""
+    """The same image repeated at 120 Hz."""
     return [Stored(image.log_time_ns + i * FRAME_NS, image.image) for i in range(int(seconds * 120))]
 
 
@@ -71,7 +71,7 @@ def request_for(tip, images, **changes):
     return JudgeRequest(**(fields | changes))
 
 
-def test_a_resting_object_is_seen_at_rest_with_few_images_looked_at(tip):
+def test_resting_object_is_at_rest_with_few_images_decoded(tip):
     watcher, decoded = observer()
     events = [event for image in still(tip[1][0]) if (event := watcher.add(image)) is not None]
     assert len(decoded) == len(events) <= 0.8 * 12 + 1
@@ -89,7 +89,7 @@ def test_a_moving_object_is_not_at_rest(tip):
     assert not any(event.at_rest for event in events)
 
 
-def test_a_scene_without_markers_comes_to_rest_too():
+def test_scene_without_markers_comes_to_rest():
     rng = np.random.default_rng(0)
     watcher, _ = observer()
     image = render(camera(), [], rng)
@@ -98,7 +98,7 @@ def test_a_scene_without_markers_comes_to_rest_too():
     assert not events[-1].markers
 
 
-def test_a_careful_placement_is_within_a_degree_or_two(tip):
+def test_careful_placement_is_within_two_degrees(tip):
     watcher, _ = observer()
     watcher.expect("s1")
     event = watcher.add(tip[1][0])
@@ -140,8 +140,8 @@ def test_a_strike_is_judged(tip):
     assert verdict.phi_sd < np.radians(0.05)
 
 
-def test_a_strike_that_nobody_felt_is_found_in_a_long_window_and_timed(tip):
-    """A hand: five seconds of rest before it, and nothing said of when."""
+def test_strike_by_hand_is_found_and_timed_in_a_long_window(tip):
+    """A strike by hand after five seconds of rest, without a contact time from the striker."""
     watcher, decoded = observer()
     before = [Stored(tip[1][0].log_time_ns - i * FRAME_NS, tip[1][0].image) for i in range(600, 0, -1)]
     images = [*before, *tip[1]]
@@ -157,7 +157,7 @@ def test_a_strike_that_nobody_felt_is_found_in_a_long_window_and_timed(tip):
     assert len(decoded) - looks < len(tip[1]) + 100
 
 
-def test_nothing_is_concluded_from_images_that_end_before_the_tip(tip):
+def test_images_that_end_before_the_tip_give_no_verdict(tip):
     """A camera that is seconds behind its strike.
 
     All it shows is rest, and that is not what "not moved" means.
@@ -173,7 +173,7 @@ def test_nothing_is_concluded_from_images_that_end_before_the_tip(tip):
     assert "before the contact" in verdict.reason
 
 
-def test_what_cannot_be_judged_is_a_verdict_too(tip):
+def test_unreadable_strike_gets_a_verdict(tip):
     motion, images = tip
     watcher, _ = observer()
     verdict = watcher.judge(request_for(motion, images))
@@ -183,7 +183,7 @@ def test_what_cannot_be_judged_is_a_verdict_too(tip):
 
 
 class FastClock:
-    """Time that passes only in sleeps."""
+    """Clock whose time passes only in sleeps."""
 
     def __init__(self):
         self.now = 0.0
@@ -195,7 +195,7 @@ class FastClock:
         self.now += 1.0
 
 
-def test_the_loop_answers_before_there_is_a_file_and_ends_with_its_input(tmp_path):
+def test_watch_answers_before_the_file_exists_and_ends_with_its_input(tmp_path):
     request = JudgeRequest(plan_strike_id="s1", strike_id="s1.1", window_end_ns=5)
     out = io.StringIO()
     with pytest.raises(RecordingError, match=r"none.mcap.part: no such recording: check the path"):

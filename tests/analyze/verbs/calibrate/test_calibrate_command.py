@@ -48,12 +48,12 @@ T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0,
 kind = "manual"
 """
 WORLD_CAMERA = np.array([[1.0, 0, 0, 0.06], [0, -0.6, 0.8, -0.25], [0, -0.8, -0.6, 0.28], [0, 0, 0, 1]])
-"""looks down on the table at 37 degrees"""
+"""camera pose that looks down on the table at 37 degrees"""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def made_once():
-    """Most tests look at the same seven images: what pure functions make of the same input is made once."""
+    """Cache the results of pure functions: most tests use the same seven images."""
 
     def remembered(pure):
         known = {}
@@ -104,7 +104,7 @@ def folder(tmp_path_factory):
     return images
 
 
-def test_the_whole_way_into_the_rig_file(folder, tmp_path):
+def test_calibration_is_written_into_the_rig_file(folder, tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG)
     out = run(folder, *SQUARES, "--rig", rig, "--write", "-o", tmp_path / "camera.toml", "--json")
@@ -130,7 +130,7 @@ def test_the_whole_way_into_the_rig_file(folder, tmp_path):
     assert cv2.imread(str(tmp_path / "camera.png")).shape[1] > 1000
 
 
-def test_where_the_camera_stands_is_measured_by_the_board_on_the_table(folder):
+def test_camera_pose_from_the_board_on_the_table(folder):
     out = run(folder, *SQUARES, "--table", folder / "table" / "lying.png", "--mark-mm", "0,0,3", "--json")
     assert out.exit_code == 0, out.output
     place = json.loads(out.stdout)["place"]
@@ -141,8 +141,8 @@ def test_where_the_camera_stands_is_measured_by_the_board_on_the_table(folder):
     assert turned < 4 * np.degrees(np.linalg.norm(place["turn_sd_rad"]))
 
 
-def test_films_of_the_board_tell_what_its_images_tell(folder, tmp_path):
-    """Each view is held for a while, as by hand; the table's video gives its first image."""
+def test_videos_of_the_board_give_the_same_calibration(folder, tmp_path):
+    """Each view is held for a while, as by hand; of the table's video the first image is used."""
     views = [cv2.imread(str(folder / f"{number}.png"), cv2.IMREAD_GRAYSCALE) for number in range(7)]
     lying = cv2.imread(str(folder / "table" / "lying.png"), cv2.IMREAD_GRAYSCALE)
     still = write_video(
@@ -170,7 +170,7 @@ def test_films_of_the_board_tell_what_its_images_tell(folder, tmp_path):
     assert bare.output.count("\n") <= 2
 
 
-def test_the_table_of_what_was_found(folder):
+def test_printed_calibration_table(folder):
     out = run(f"{folder}/?.png", folder / "0.png", folder / "blurred", folder / "empty", *SQUARES)
     assert out.exit_code == 0, out.output
     text = " ".join(out.stdout.split())
@@ -219,7 +219,7 @@ def test_the_table_of_what_was_found(folder):
         (("{images}", "--squares", "seven"), "--squares seven: not understood"),
     ],
 )
-def test_what_cannot_be_used_is_one_line_with_the_remedy(folder, tmp_path, arguments, said):
+def test_unusable_input_is_one_line_with_the_remedy(folder, tmp_path, arguments, said):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG.replace("width = 328", "width = 656", 1).replace("height = 246", "height = 492", 1))
     out = run(*(argument.format(images=folder, rig=rig) for argument in arguments))
@@ -229,7 +229,7 @@ def test_what_cannot_be_used_is_one_line_with_the_remedy(folder, tmp_path, argum
     assert said in line
 
 
-def test_a_bent_board_is_left_out_and_a_finger_does_no_harm(folder, tmp_path):
+def test_bent_board_is_left_out_and_a_finger_does_no_harm(folder, tmp_path):
     R, p = facing(PRINTED, [0.01, -0.01, 0.38], 0.5, 3.0, 0.4)
     bent = photograph(LENS, TrueBoard(5, 7, bend=0.004), R, p, np.random.default_rng(30))
     cv2.imwrite(str(tmp_path / "bent.png"), bent)
@@ -250,7 +250,7 @@ def test_a_bent_board_is_left_out_and_a_finger_does_no_harm(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_fisheye_from_its_images(tmp_path):
+def test_fisheye_calibration(tmp_path):
     lens = TrueLens(328, 246, 200.0, 200.2, 166.0, 121.0, (0.05, -0.02, 0.003, -0.001), LensModel.FISHEYE)
     rng = np.random.default_rng(5)
     for number in range(16):
@@ -273,7 +273,7 @@ def test_a_fisheye_from_its_images(tmp_path):
     assert found["pixel_sd"]["median_px"] < 0.1
 
 
-def test_a_recording_gives_each_place_of_the_board_once(folder, tmp_path):
+def test_recording_gives_each_board_position_once(folder, tmp_path):
     path = tmp_path / "board.mcap"
     writer = McapWriter(path)
     write_head(writer, canonical_json(manifest(time_source=TimeSource.CONTAINER_PTS)))
@@ -292,7 +292,7 @@ def test_a_recording_gives_each_place_of_the_board_once(folder, tmp_path):
     assert "board.mcap at 0." in found["views"][0]["name"]
 
 
-def test_a_rig_without_a_place_for_the_camera_is_refused_before_the_work(folder, tmp_path):
+def test_rig_without_camera_pose_is_refused_before_calibrating(folder, tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text('[camera]\naddress = "10.0.0.2"\nwidth = 328\nheight = 246\n')
     out = run("nowhere", *SQUARES, "--rig", rig, "--write")
@@ -308,7 +308,7 @@ def test_images_of_different_sizes_are_refused(folder, tmp_path):
     assert "328 x 246: all must come from one camera with one region" in out.stderr
 
 
-def test_what_the_views_do_not_determine_is_refused_and_shown(tmp_path):
+def test_undetermined_lens_is_refused_and_drawn(tmp_path):
     for number in range(6):
         photo(
             tmp_path / f"{number}.png",

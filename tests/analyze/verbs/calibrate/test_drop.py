@@ -36,7 +36,7 @@ def frame(time, rng):
 
 @pytest.fixture(scope="module")
 def fall_video(tmp_path_factory):
-    """A folder of images, 120 a second stated as 30, and the camera's file."""
+    """Folder of images, captured at 120 Hz and stated as 30 Hz, and the camera file."""
     folder = tmp_path_factory.mktemp("drop")
     rng = np.random.default_rng(0)
     images = folder / "images"
@@ -61,7 +61,7 @@ def run(*words):
     return CliRunner().invoke(main, ["calibrate", "--drop", *map(str, words)])
 
 
-def test_a_rendered_fall_tells_120_for_30(fall_video):
+def test_rendered_fall_shows_120_hz_stated_as_30(fall_video):
     images, camera = fall_video
     done = run(
         images, "--camera", camera, "--marker-size-mm", "50", "--g", "9.81", "--global-shutter", "--json"
@@ -79,7 +79,7 @@ def test_a_rendered_fall_tells_120_for_30(fall_video):
     assert "note: the shutter's line time is unknown" in said
 
 
-def test_one_line_where_nothing_falls_or_nothing_is_seen(fall_video, tmp_path):
+def test_missing_fall_or_tag_is_one_line(fall_video, tmp_path):
     _, camera = fall_video
     rng = np.random.default_rng(1)
     for name, picture in (
@@ -96,6 +96,9 @@ def test_one_line_where_nothing_falls_or_nothing_is_seen(fall_video, tmp_path):
     still = run(tmp_path / "still", "--camera", camera, "--marker-size-mm", "50")
     assert still.exit_code == 1
     assert "marker 7 is seen in 12 of 12 frames, but no free fall" in still.output
+    unknown = run(tmp_path / "still", "--camera", camera, "--marker-size-mm", "50", "--marker", "25h9/0")
+    assert unknown.exit_code == 1
+    assert "analyze: --marker 25h9/0: '25h9/0' is not the name of a marker" in unknown.output
     blank = run(tmp_path / "blank", "--camera", camera, "--marker-size-mm", "50")
     assert blank.exit_code == 1
     assert "no tag is seen in" in blank.output

@@ -1,4 +1,4 @@
-"""Inspection: counts, rates, gaps and losses are those that were written."""
+"""Inspection reports the counts, rates, gaps and losses that were written."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_counts_rates_and_gaps(tmp_path: Path) -> None:
     assert found["duration_s"] == pytest.approx(small.FRAMES * small.PERIOD_NS * 1e-9)
 
 
-def test_a_cut_recording_is_inspected_and_named_so(tmp_path: Path) -> None:
+def test_cut_recording_is_inspected_and_called_cut(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "a.mcap").write_bytes(data[:-3000])
@@ -60,7 +60,7 @@ def test_a_cut_recording_is_inspected_and_named_so(tmp_path: Path) -> None:
     assert "/camera/main/image" in text.getvalue()
 
 
-def test_names_stay_whole_on_a_terminal_of_80_columns(tmp_path: Path) -> None:
+def test_topic_names_are_complete_on_80_columns(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap")
     found = inspect_recording(tmp_path / "a.mcap")
     text = io.StringIO()
@@ -94,7 +94,7 @@ def _rendered(path: Path) -> str:
     return text.getvalue()
 
 
-def test_an_interrupted_session_is_not_called_complete(tmp_path: Path) -> None:
+def test_interrupted_session_is_not_called_complete(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap", plan=_planned("s1", "s2", "s3"))
     found = inspect_recording(tmp_path / "a.mcap")
     assert found["complete"] is True  # the file
@@ -108,14 +108,14 @@ def test_an_interrupted_session_is_not_called_complete(tmp_path: Path) -> None:
     )
 
 
-def test_a_session_to_its_end_is_complete(tmp_path: Path) -> None:
+def test_finished_session_is_called_complete(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap", plan=_planned("s1"))
     text = _rendered(tmp_path / "a.mcap")
     assert ", complete" in text
     assert "1 of 1 planned strikes were struck\n" in text
 
 
-def test_a_recording_without_a_readable_plan_is_inspected_all_the_same(tmp_path: Path) -> None:
+def test_recording_without_a_readable_plan_is_inspected(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap")
     assert inspect_recording(tmp_path / "a.mcap")["plan"] is None
     assert "planned strikes" not in _rendered(tmp_path / "a.mcap")

@@ -1,7 +1,4 @@
-"""`analyze inspect` on files of other programs.
-
-ROS 2, JSON, protobuf, empty, without index or end, damaged.
-"""
+"""`analyze inspect` on files of other programs: ROS 2, JSON, protobuf, empty, unindexed, cut, damaged."""
 
 from __future__ import annotations
 
@@ -102,7 +99,7 @@ def shown(path: Path, width: int = 100) -> str:
         },
     ],
 )
-def test_a_bag_holds_what_was_written_however_it_is_packed(tmp_path, how):
+def test_bag_contents_are_listed_for_every_chunking(tmp_path, how):
     found = inspect_recording(bag(tmp_path / "a.mcap", **how))
     json.dumps(found, allow_nan=False)
     assert set(found) == EVERY_FILE
@@ -130,7 +127,7 @@ def test_a_bag_holds_what_was_written_however_it_is_packed(tmp_path, how):
     assert ["no index" in text for text in found["health"]] == [True] * walked
 
 
-def test_a_gap_and_a_late_clock_are_told(tmp_path):
+def test_gap_and_late_clock_are_reported(tmp_path):
     path = bag(tmp_path / "a.mcap", gap_ms=300, late_ms=7)
     found = inspect_recording(path)
     imu = found["topics"][0]
@@ -145,7 +142,7 @@ def test_a_gap_and_a_late_clock_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("width", [44, 60, 80, 100, 200])
-def test_it_fits_its_terminal_and_names_stay_whole(tmp_path, width):
+def test_table_fits_the_terminal_with_complete_names(tmp_path, width):
     for path in (bag(tmp_path / "a.mcap"), FIRST_SAMPLE):
         lines = shown(path, width).splitlines()
         assert max(len(line.rstrip()) for line in lines) <= width
@@ -153,14 +150,14 @@ def test_it_fits_its_terminal_and_names_stay_whole(tmp_path, width):
             assert any(line.split()[:1] == [topic["name"]] for line in lines)
 
 
-def test_our_recording_fits_a_screen_of_100_by_40():
+def test_recording_fits_a_screen_of_100_by_40():
     text = shown(FIRST_SAMPLE)
     strikes = sum(line.startswith("s") and "tipped" in line for line in text.splitlines())
     # A usual session has nine strikes and some that rocked back: a dozen.
     assert len(text.splitlines()) + 12 - strikes <= 40
 
 
-def test_our_recording_tells_what_any_file_does_and_more():
+def test_recording_has_the_keys_of_any_file_and_more():
     found = inspect_recording(FIRST_SAMPLE)
     json.dumps(found, allow_nan=False)
     assert set(found) > EVERY_FILE
@@ -202,7 +199,7 @@ def test_topics_of_several_publishers_without_a_schema_and_out_of_order(tmp_path
     assert "/bare: 3 messages are older than the one before them" in text
 
 
-def test_simulated_time_is_named(tmp_path):
+def test_simulated_time_is_reported(tmp_path):
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -212,7 +209,7 @@ def test_simulated_time_is_named(tmp_path):
     assert "times begin before the year 2000" in shown(tmp_path / "a.mcap")
 
 
-def test_a_file_of_nothing_and_one_that_is_none(tmp_path):
+def test_empty_file_and_foreign_file(tmp_path):
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -236,7 +233,7 @@ def test_a_file_of_nothing_and_one_that_is_none(tmp_path):
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.7, 0.999])
 @pytest.mark.parametrize("how", [{}, {"compression": CompressionType.ZSTD}, {"use_chunking": False}])
-def test_a_cut_bag_is_told_as_far_as_it_goes(tmp_path, share, how):
+def test_cut_bag_is_listed_up_to_its_end(tmp_path, share, how):
     data = bag(tmp_path / "whole.mcap", **how).read_bytes()
     (tmp_path / "a.mcap").write_bytes(data[: round(share * len(data))])
     found = inspect_recording(tmp_path / "a.mcap")
@@ -247,7 +244,7 @@ def test_a_cut_bag_is_told_as_far_as_it_goes(tmp_path, share, how):
     assert "cut short" in shown(tmp_path / "a.mcap")
 
 
-def test_a_damaged_middle_and_wrong_statistics_are_told(tmp_path):
+def test_damage_and_wrong_statistics_are_reported(tmp_path):
     data = bytearray(bag(tmp_path / "whole.mcap", index_types=IndexType.CHUNK).read_bytes())
     chunk = next(
         at for opcode, at, _ in walk(memoryview(data), len(container.MAGIC)) if opcode == container.CHUNK
@@ -260,7 +257,7 @@ def test_a_damaged_middle_and_wrong_statistics_are_told(tmp_path):
     assert any("its statistics state 220" in text for text in found["health"])
 
 
-def test_whatever_the_bytes_are_the_only_error_is_a_recording_error(tmp_path):
+def test_any_damage_raises_only_recording_error(tmp_path):
     rng = np.random.default_rng(4)
     whole = [
         bag(tmp_path / "a.mcap", **how).read_bytes()

@@ -16,7 +16,7 @@ def run(*arguments: str):
     return CliRunner().invoke(main, ["plan", *arguments])
 
 
-def test_help_says_what_every_option_does():
+def test_help_describes_every_option():
     text = " ".join(run("--help").output.split())
     for said in (
         "of additional strikes",
@@ -28,7 +28,7 @@ def test_help_says_what_every_option_does():
         assert said in text
 
 
-def test_plan_prints_what_will_be_known_and_what_will_not(tmp_path: Path):
+def test_plan_prints_expected_accuracy(tmp_path: Path):
     done = run(str(CARTON), "-o", str(tmp_path / "plan.json"), "--strikes", "6")
     assert done.exit_code == 0, done.output
     for said in (
@@ -47,7 +47,7 @@ def test_plan_prints_what_will_be_known_and_what_will_not(tmp_path: Path):
     assert len(plan["strikes"]) == 6
 
 
-def test_the_papers_plan():
+def test_plan_by_the_papers_method():
     done = run(str(CARTON), "--method", "paper")
     assert done.exit_code == 0, done.output
     assert "by the paper's method" in done.output
@@ -56,13 +56,13 @@ def test_the_papers_plan():
 
 
 @pytest.mark.parametrize("option", [("--target-com-mm", "1"), ("--given", "r.mcap")])
-def test_the_paper_knows_no_target_and_no_posterior(option):
+def test_papers_method_refuses_target_and_given(option):
     done = run(str(CARTON), "--method", "paper", *option)
     assert done.exit_code == 2
     assert "leave them out" in done.output
 
 
-def test_target(tmp_path: Path):
+def test_target_accuracy(tmp_path: Path):
     done = run(str(CARTON), "--target-com-mm", "0.5", "--json")
     plan = json.loads(done.output)
     assert plan["prediction"]["target_reached"] is True
@@ -72,14 +72,14 @@ def test_target(tmp_path: Path):
     assert "out of reach" in far["prediction"]["advice"]
 
 
-def test_a_target_that_is_no_number_is_wrong_usage():
+def test_target_that_is_nan_is_wrong_usage():
     done = run(str(CARTON), "--target-com-mm", "nan")
     assert done.exit_code == 2
     assert "nan is not a number" in done.output
 
 
-def test_the_papers_plan_says_what_the_striker_cannot_do():
-    """It asks 0.98 to 1.13 m/s of a striker that gives 0.96."""
+def test_papers_plan_reports_strikes_beyond_the_striker():
+    """The plan needs 0.98 to 1.13 m/s; the striker reaches 0.96 m/s."""
     done = run(str(CARTON.parents[3] / "docs" / "examples" / "teabox.toml"), "--method", "paper", "--json")
     plan = json.loads(done.output)
     warned = {entry["axis_id"]: entry for entry in plan["rejected"] if entry["code"] == "speed"}
@@ -89,7 +89,7 @@ def test_the_papers_plan_says_what_the_striker_cannot_do():
     assert all(entry["text"].startswith("kept, though it needs a tip speed of") for entry in warned.values())
 
 
-def test_a_tag_that_floats_is_one_line(tmp_path: Path):
+def test_tag_off_the_surface_is_one_line(tmp_path: Path):
     thing = tmp_path / "carton.toml"
     thing.write_text(CARTON.read_text().replace("[0, 0, 1, 0.04]", "[0, 0, 1, 0.09]"))
     done = run(str(thing))
@@ -104,7 +104,7 @@ def test_a_missing_result_is_one_line():
     assert "gone.json: no such file" in done.output
 
 
-def test_reach_and_gravity_come_from_the_rig(tmp_path: Path):
+def test_reach_and_gravity_come_from_the_rig_file(tmp_path: Path):
     rig = tmp_path / "rig.toml"
     rig.write_text(
         "table_friction = 0.6\ng_m_s2 = 9.82\ngravity_tilt_sd_rad = 0.02\n"
@@ -135,8 +135,8 @@ def test_the_object_of_the_tutorial_can_be_planned(tmp_path: Path):
     assert entry in (ROOT / "docs" / "tutorial" / "phone.md").read_text()
 
 
-def test_a_refusal_keeps_what_was_noted_of_the_shape(tmp_path: Path):
-    """Two balls side by side: refused, and that they were two bodies is said as well."""
+def test_refusal_keeps_warnings_about_the_shape(tmp_path: Path):
+    """Two balls side by side are refused, and the message also says that the mesh has two bodies."""
     import trimesh
 
     balls = [

@@ -1,7 +1,4 @@
-"""`analyze register` on the recording that is checked in.
-
-The places that its object file gives are found again without them.
-"""
+"""`analyze register` on the sample recording, whose object file states the marker poses to be found."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ def done(tmp_path_factory):
     return json.loads(result.stdout), output
 
 
-def test_places_are_those_of_the_file(done):
+def test_estimated_poses_agree_with_the_object_file(done):
     answer, _ = done
     assert {entry["marker"] for entry in answer["markers"]} == {1, 2, 5}
     for entry in answer["markers"]:
@@ -45,7 +42,7 @@ def test_places_are_those_of_the_file(done):
         assert entry["on_surface"]
 
 
-def test_the_object_file_holds_them_and_all_else_as_it_was(done):
+def test_object_file_gets_the_poses_and_is_otherwise_unchanged(done):
     answer, output = done
     spec = read_object_spec(output)
     written = {marker.name: marker.T_object_marker for marker in spec.marker}
@@ -56,7 +53,7 @@ def test_the_object_file_holds_them_and_all_else_as_it_was(done):
     assert len(text["marker"]) == 6
 
 
-def test_without_places_estimate_gives_phi_and_names_the_command(done, tmp_path):
+def test_estimate_without_marker_poses_gives_phi_and_names_the_command(done, tmp_path):
     _, output = done
     bare = tmp_path / "bare.toml"
     text = output.read_text(encoding="utf-8").splitlines()
@@ -81,7 +78,7 @@ def test_without_places_estimate_gives_phi_and_names_the_command(done, tmp_path)
     assert "analyze register" in said
 
 
-def test_undetermined_places_are_refused_in_one_line():
+def test_undetermined_poses_are_refused_in_one_line():
     left = [option for strike in ("s1.1", "s2.2", "s3.1", "s4.1") for option in ("--exclude", strike)]
     result = CliRunner().invoke(analyze, ["register", str(FIRST_SAMPLE), *left])
     assert result.exit_code == 1
@@ -106,7 +103,7 @@ def run(*arguments):
     return CliRunner().invoke(analyze, ["register", *map(str, arguments)])
 
 
-def test_the_table_found_is_written_into_the_rig_file(tmp_path):
+def test_estimated_table_is_written_into_the_rig_file(tmp_path):
     rng = np.random.default_rng(3)
     box = replace(draw_box(rng), table=np.array([math.radians(2.0), math.radians(-1.5), 0.004]))
     found = register(seen_strikes(box, rng), box.sizes, box.thickness, box.model, UNKNOWN_TABLE)
@@ -132,7 +129,7 @@ def test_the_table_found_is_written_into_the_rig_file(tmp_path):
     assert "repeat analyze gravity" in level_note(rig)
 
 
-def test_a_table_that_is_not_determined_is_not_written(tmp_path):
+def test_undetermined_table_is_not_written(tmp_path):
     rig = rig_file(tmp_path, read_head(FIRST_SAMPLE).manifest.cameras[0].calibration.T_world_camera)
     text = rig.read_text(encoding="utf-8")
     done = run(FIRST_SAMPLE, "--table", "--rig", rig, "--write")
@@ -141,7 +138,7 @@ def test_a_table_that_is_not_determined_is_not_written(tmp_path):
     assert rig.read_text(encoding="utf-8") == text
 
 
-def test_a_rig_file_with_another_camera_place_is_left_alone(tmp_path):
+def test_rig_file_with_another_camera_pose_is_left_alone(tmp_path):
     moved = np.array(read_head(FIRST_SAMPLE).manifest.cameras[0].calibration.T_world_camera)
     moved[0, 3] += 0.001
     rig = rig_file(tmp_path, moved.tolist())
