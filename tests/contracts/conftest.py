@@ -14,7 +14,7 @@ from acquire.errors import ConfigError
 
 @pytest.fixture
 def real_rig() -> Callable[[], RigConfig]:
-    """Reads the rig file; a test that needs none does not ask."""
+    """Factory of the configuration in PERCUSS_RIG; only tests that need the rig file call it."""
 
     def read() -> RigConfig:
         path = os.environ.get("PERCUSS_RIG")

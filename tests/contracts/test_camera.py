@@ -78,7 +78,7 @@ def next_frame(camera: Camera) -> Frame:
     return frame
 
 
-def test_it_says_who_it_is(camera: Camera) -> None:
+def test_the_camera_reports_its_identity(camera: Camera) -> None:
     info = camera.open()
     assert info.vendor
     assert info.model
@@ -118,7 +118,7 @@ def test_a_held_frame_is_not_overwritten(camera: Camera) -> None:
     held.buffer.release()
 
 
-def test_frames_that_are_never_released_end_in_silence_not_in_overwriting(camera: Camera) -> None:
+def test_frames_that_are_never_released_are_not_overwritten(camera: Camera) -> None:
     camera.open()
     camera.start()
     held = [next_frame(camera) for _ in range(BUFFERS)]
@@ -173,7 +173,7 @@ def test_a_borrowed_frame_outlives_its_camera(camera: Camera) -> None:
     assert not frame.buffer.borrow()
 
 
-def test_its_clock_is_read_between_two_of_the_hosts(camera: Camera) -> None:
+def test_clock_readings_are_bounded_by_host_times(camera: Camera) -> None:
     camera.open()
     first = camera.latch_clock()
     time.sleep(0.2)

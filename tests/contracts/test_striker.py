@@ -91,8 +91,10 @@ def test_nothing_moves_without_its_permission(striker: Striker) -> None:
 
 
 def test_a_stop_in_mid_swing_ends_it_before_the_object(striker: Striker, device: Device) -> None:
-    """And nothing is armed before the arm was homed again. The slowest swings: 0.4 s and more to angle 0,
-    which is where the object is."""
+    """After the stop the striker cannot be armed before it is homed again.
+
+    The slowest swings take 0.4 s and more to angle 0, where the object is.
+    """
     striker.home()
     striker.arm()
     striker.cock()

@@ -13,7 +13,7 @@ from tests.carton import CARTON
 
 
 def complaint(command, *arguments: object) -> str:
-    """The one line on standard error; anything else is a failure."""
+    """Run a command that must fail; return its one line on standard error."""
     result = CliRunner().invoke(command, [str(argument) for argument in arguments])
     assert result.exit_code == 1, (result.output, result.exception)
     assert result.stdout == ""

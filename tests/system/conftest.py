@@ -61,7 +61,7 @@ def session(tmp_path_factory) -> Session:
 
 @pytest.fixture
 def nothing_left(tmp_path: Path) -> Iterator[None]:
-    """No file with a temporary name outlives a complaint."""
+    """Check that no file with a temporary name is left behind."""
     yield
     assert [
         path for path in tmp_path.rglob("*") if path.name.endswith(".part") or path.name.startswith(".")

@@ -45,14 +45,14 @@ ADDRESS, OTHER_ADDRESS = loopback(121), loopback(122)
 
 
 def add_row(fault: str, lost: str, again: str) -> None:
-    """One row of docs/reference/faults.md, if somebody collects them."""
+    """Add a row of docs/reference/faults.md if PERCUSS_FAULT_TABLE names a file."""
     if path := os.environ.get(TABLE_VARIABLE):
         with Path(path).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"fault": fault, "lost": lost, "again": again}) + "\n")
 
 
 def wait_until(condition: Callable[[], Any], timeout_s: float, pause_s: float = 0.002) -> float:
-    """Seconds until `condition` held; fails when it does not in time."""
+    """Wait until `condition()` is true and return the time that took [s]; fail after `timeout_s`."""
     start = time.monotonic()
     while not condition():
         assert time.monotonic() - start < timeout_s, f"not within {timeout_s} s"
@@ -61,7 +61,7 @@ def wait_until(condition: Callable[[], Any], timeout_s: float, pause_s: float = 
 
 
 def alive(pid: int) -> bool:
-    """Whether the process runs; a zombie does not."""
+    """True if the process runs; False for a zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -69,7 +69,7 @@ def alive(pid: int) -> bool:
 
 
 def child(pid: int, word: str) -> int:
-    """The child process of `pid` whose command line holds `word`; 0: none."""
+    """Id of the child process of `pid` whose command line contains `word`; 0 if there is none."""
     for children in Path(f"/proc/{pid}/task").glob("*/children"):  # each thread has its own
         with contextlib.suppress(OSError):
             for text in children.read_text(encoding="utf-8").split():
@@ -79,7 +79,7 @@ def child(pid: int, word: str) -> int:
 
 
 def messages(path: Path, topic: topics.Topic) -> list[tuple[int, Any]]:
-    """(log time, message) of one topic, from a whole file whose checksums are right."""
+    """(log time, message) of one topic, from a complete file whose checksums are verified."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         return [
@@ -90,7 +90,7 @@ def messages(path: Path, topic: topics.Topic) -> list[tuple[int, Any]]:
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames of a recording."""
+    """Frame counts and times of a recording."""
 
     arrived: int
     lost: int
@@ -113,7 +113,7 @@ class Frames:
 
 
 class Camera:
-    """The pattern camera's process."""
+    """Process of the pattern camera."""
 
     def __init__(self, address: str = ADDRESS, packet_loss: float = 0.0) -> None:
         self.process = subprocess.Popen(
@@ -131,7 +131,7 @@ class Camera:
         self.process.wait()
 
     def finish(self) -> dict[str, int]:
-        """End it; its packet counts. Safe to call twice."""
+        """End the camera and return its packet counts. Safe to call twice."""
         if self._counts is None:
             self.process.send_signal(signal.SIGCONT)
             output, _ = self.process.communicate(timeout=60)
@@ -189,7 +189,7 @@ class Daemon:
 
 
 class FaultRig:
-    """Camera, servo and daemon; everything ends with it."""
+    """Camera, servo and daemon of a test; all of them end with it."""
 
     def __init__(self, cleanup: contextlib.ExitStack, folder: Path) -> None:
         self._cleanup = cleanup
@@ -231,7 +231,7 @@ socket = "{path.with_suffix("") / "d.sock"}"
     def daemon(
         self, rig_file: Path | None = None, before: tuple[str, ...] = (), **environment: str
     ) -> Daemon:
-        """Started; `before` is a command that starts it in its own place."""
+        """Start a daemon; `before` is a command that starts it, for example in a namespace."""
         daemon = Daemon(rig_file or self.rig_file(), before, **environment)
         self._cleanup.callback(daemon.end)
         return daemon
@@ -240,21 +240,23 @@ socket = "{path.with_suffix("") / "d.sock"}"
         return self._cleanup.enter_context(contextlib.closing(daemon.client()))
 
     def recording_daemon(self) -> tuple[Camera, Daemon, DaemonClient]:
-        """Camera, daemon, and a client for which it records."""
+        """Start camera and daemon; returns both, and a client whose recording is open."""
         camera, daemon = self.camera(), self.daemon()
         client = self.client(daemon)
         self.open_recording(client)
         return camera, daemon, client
 
     def open_recording(self, client: DaemonClient, path: Path | None = None) -> int:
-        """Open a recording; its wall anchor."""
+        """Open a recording; returns its wall anchor [ns]."""
         return int(
             client.call("recording.open", **recording_request(path or self.recording))["wall_anchor_ns"]
         )
 
     def cocked(self, client: DaemonClient) -> None:
-        """The object stands there, the arm is settled. Once more where a busy host let the virtual servo miss
-        its answers."""
+        """Place the object and cock the arm.
+
+        Repeated if a busy computer made the virtual servo miss its answers.
+        """
         self.plant.restore(gap=0.0)
         for patience in (2, 1, 0):
             try:
@@ -269,7 +271,7 @@ socket = "{path.with_suffix("") / "d.sock"}"
         self.in_background(client, "striker.strike", strike_id="s1.1", tip_speed_m_s=tip_speed_m_s)
 
     def in_background(self, client: DaemonClient, method: str, **params: Any) -> None:
-        """Call, and do not mind what becomes of it."""
+        """Call a method in a thread, and ignore its result."""
 
         def call() -> None:
             with contextlib.suppress(AcquireError):
@@ -281,12 +283,12 @@ socket = "{path.with_suffix("") / "d.sock"}"
         self._cleanup.callback(thread.join)
 
     def wait_for_background(self) -> None:
-        """Until every call in the background has its answer, so that its client may call again."""
+        """Wait until every call in the background is answered, so that its client can be used again."""
         while self._background:
             self._background.pop().join()
 
     def still_after_s(self, since_ns: int, rad_s: float = 0.1) -> float:
-        """How long after `since_ns` the arm went on moving [s]."""
+        """Time from `since_ns` until the arm stands still [s]."""
         moving = [t for t, _, omega in self.plant.history if t > since_ns and abs(omega) > rad_s]
         return (max(moving) - since_ns) * 1e-9 if moving else 0.0
 
@@ -304,13 +306,13 @@ def recording_request(path: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def fault_rig() -> Iterator[FaultRig]:
-    """A rig in a folder with a short name, for the sockets."""
+    """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     with tempfile.TemporaryDirectory(prefix="pf-") as name, contextlib.ExitStack() as cleanup:
         yield FaultRig(cleanup, Path(name))
 
 
 def contact_event(path: Path) -> pb.StrikerEvent | None:
-    """The recorded contact."""
+    """The contact event in a recording."""
     found = [
         event for _, event in messages(path, topics.STRIKER_EVENT) if event.kind == pb.StrikerEvent.CONTACT
     ]
@@ -326,7 +328,7 @@ def milliseconds(seconds: float) -> str:
 
 
 def works_again(rig: FaultRig, daemon: Daemon) -> None:
-    """A recording with a strike, from its beginning to its end."""
+    """Check that a recording with a strike succeeds, from its beginning to its end."""
     path = rig.folder / f"again-{time.monotonic_ns()}.mcap"
     with daemon.client() as client:
         rig.open_recording(client, path)

@@ -40,7 +40,7 @@ def _ended(process: subprocess.Popen[str]) -> None:
 
 @dataclass
 class SessionRig:
-    """The whole virtual rig, its parts at hand."""
+    """The whole virtual rig: world, camera, daemon, and a plan for its object."""
 
     folder: Path
     cleanup: contextlib.ExitStack
@@ -86,12 +86,12 @@ class SessionRig:
             return SessionRunner(client, given, self.folder / "r.mcap", progress).run()
 
     def world(self) -> OperatorLink:
-        """A line of one's own to the virtual world."""
+        """A separate connection to the virtual world."""
         return self.cleanup.enter_context(contextlib.closing(OperatorLink(self.folder / "world.sock")))
 
 
 @contextlib.contextmanager
 def session_rig(striker: str = "dynamixel") -> Iterator[SessionRig]:
-    """A rig in a folder with a short name, for the sockets."""
+    """Yield a rig in a folder with a short name, because the path of a socket is limited."""
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
         yield SessionRig(Path(name), cleanup, striker=striker)

@@ -78,8 +78,10 @@ def processes_of(folder: Path) -> list[str]:
 
 
 def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
-    """What still runs after a patience that suits a loaded machine: a child that is still importing ends only
-    then."""
+    """Processes that still run after a timeout for a loaded computer.
+
+    A child that is still importing modules ends only after that.
+    """
     end = time.monotonic() + patience_s
     while (left := processes_of(folder)) and time.monotonic() < end:
         time.sleep(0.05)
@@ -87,7 +89,7 @@ def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched(short_folder: Path) -> None:
+def test_a_camera_address_in_use_ends_the_demo_and_keeps_the_older_recording(short_folder: Path) -> None:
     older = write(short_folder / "r.mcap", "older")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind((TAKEN_ADDRESS, 3956))
@@ -169,7 +171,7 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
         assert re.fullmatch(line + "\n", result.stderr)
 
 
-def test_no_verb_at_all_is_told_the_verbs() -> None:
+def test_without_a_verb_the_verbs_are_listed() -> None:
     result = CliRunner().invoke(analyze, [])
     assert result.exit_code == 2
     assert "Plan strikes" in result.stderr

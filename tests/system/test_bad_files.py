@@ -95,7 +95,7 @@ def test_a_mesh_that_is_no_closed_body_of_known_size(
     assert not (tmp_path / "plan.json").exists()
 
 
-def test_an_object_file_that_is_none(tmp_path: Path) -> None:
+def test_a_path_that_is_not_an_object_file(tmp_path: Path) -> None:
     assert "none.toml: no such file: check the path" in complaint(analyze, "plan", tmp_path / "none.toml")
     assert "is not a text file" in complaint(
         analyze, "plan", write(tmp_path / "noise.toml", bytes(range(256)))
@@ -163,7 +163,7 @@ def record(
     strikes: int = 4,
     **manifest: object,
 ) -> Path:
-    """A recording of `images`, all within each of the strikes' windows."""
+    """Write a recording of `images`, all of them within the window of each strike."""
     plan = plan or spec_and_plan(toml)[1]
     plan_json = plan.model_dump_json()
     height, width = images[0].shape
@@ -208,7 +208,7 @@ BLANK = [np.full((64, 96), 120, np.uint8)] * 3
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[str, list[np.ndarray]]:
-    """Images of a resting tag: alone, and beside another one of the same id."""
+    """Images of a resting tag: alone, and beside another one with the same id."""
     rng = np.random.default_rng(0)
     R, p = marker_poses(simulate(1.0, length=0.02), marker())
     one = (3, SIZE, R[0], p[0])
@@ -217,7 +217,7 @@ def scenes() -> dict[str, list[np.ndarray]]:
 
 
 @pytest.mark.parametrize("verb", ["inspect", "estimate", "score", "report", "replay", "watch"])
-def test_a_recording_that_is_none(tmp_path: Path, verb: str) -> None:
+def test_a_path_that_is_not_a_recording(tmp_path: Path, verb: str) -> None:
     before = {write(tmp_path / "noise.mcap", bytes(range(256))).name}
     assert "none.mcap: no such recording: check the path" in complaint(analyze, verb, tmp_path / "none.mcap")
     assert "noise.mcap: is not a recording: it does not begin like an MCAP file" in complaint(

@@ -61,7 +61,7 @@ socket = "{self.socket(socket_name)}"
 
 @pytest.fixture(scope="module")
 def rig() -> Iterator[Rig]:
-    """A folder with a short name, for sockets, and a camera that sends a pattern."""
+    """A folder with a short name, for sockets, and a camera that sends a test pattern."""
     folder = Path(tempfile.mkdtemp(prefix="pc-"))
     clock = SystemClock()
     served = VirtualGigeCamera(ADDRESS, "BAD-INPUT", PatternSource(clock, 1), clock)
@@ -94,7 +94,7 @@ def test_no_camera_at_the_address(rig: Rig) -> None:
 
 @pytest.fixture
 def signals() -> Iterator[None]:
-    """What a daemon in this process does to the signals is undone."""
+    """Restore the signal handlers that a daemon in this process sets."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in before.items():
@@ -141,7 +141,7 @@ def test_no_servo_on_the_port(rig: Rig, tmp_path: Path, trouble: str, says: str)
 
 
 @pytest.mark.usefixtures("signals")
-def test_a_socket_that_cannot_be_ours(rig: Rig) -> None:
+def test_a_socket_path_that_cannot_be_used(rig: Rig) -> None:
     precious = rig.socket("file")
     precious.parent.mkdir(mode=0o700)
     write(precious, "precious")
@@ -175,7 +175,7 @@ def test_a_rig_file_that_the_daemon_refuses(tmp_path: Path, rig: Rig) -> None:
 
 @pytest.fixture(scope="module")
 def daemon(rig: Rig) -> Iterator[Path]:
-    """Rig file of a daemon that runs, with a striker moved by hand."""
+    """Rig file of a running daemon, with a striker moved by hand."""
     path = rig.file("running", socket_name="running")
     process = subprocess.Popen([sys.executable, "-m", "acquire", "run", str(path)], stdout=subprocess.PIPE)
     try:

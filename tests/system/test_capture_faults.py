@@ -49,7 +49,7 @@ def second(rig: FaultRig) -> Path:
 
 
 def strike(rig: FaultRig, client: DaemonClient, strike_id: str) -> pb.StrikeRecord:
-    """A strike and its record, as a session makes them."""
+    """Make a strike and its record, as a session does."""
     rig.cocked(client)
     client.call("window.open")
     assert client.call("striker.strike", strike_id=strike_id, tip_speed_m_s=FAST_M_S)["contacts"]
@@ -65,8 +65,10 @@ def strike(rig: FaultRig, client: DaemonClient, strike_id: str) -> pb.StrikeReco
 
 
 def check_files(rig: FaultRig, report: dict, gap_from_ns: int, gap_to_ns: int) -> float:
-    """Two whole files of one recording; every frame is in one, counted as lost in one, or counted as lost
-    between them [s]."""
+    """Check two complete files of one recording; returns the gap between them [s].
+
+    Every frame is in one file, counted as lost in one, or counted as lost between them.
+    """
     assert [Path(path).name for path in report["files"]] == ["r.mcap", "r-0002.mcap"]
     first, then = (Frames.of(Path(path)) for path in report["files"])
     heads = [read_manifest(Path(path)) for path in report["files"]]
@@ -126,7 +128,7 @@ def test_capture_process_fails_between_strikes(rig: FaultRig, how: signal.Signal
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hangs"])
 def test_capture_process_fails_in_a_window(rig: FaultRig, how: signal.Signals) -> None:
-    """The strike in progress is lost; its client gets an error and strikes again."""
+    """The strike in progress is lost; its client gets an error and repeats the strike."""
     rig.camera()
     daemon = rig.daemon()
     client = rig.client(daemon)
@@ -181,8 +183,7 @@ def test_a_recording_that_is_closed_while_the_capture_process_is_away_is_rebuilt
 
 
 def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
-    """The capture process starts again when there is a camera again; meanwhile the striker is as safe as
-    ever."""
+    """The capture process is restarted when a camera answers again; meanwhile the striker is safe."""
     camera = rig.camera()
     daemon = rig.daemon()
     client = rig.client(daemon)
@@ -230,8 +231,10 @@ def test_sigterm_while_the_capture_process_hangs(rig: FaultRig) -> None:
 
 
 def test_the_daemon_hangs(rig: FaultRig) -> None:
-    """Stopped, its socket still takes connections. A client says so in one line; when it goes on, so does
-    everything."""
+    """Its socket still accepts connections: a client reports the hang in one line.
+
+    When the daemon continues, everything continues.
+    """
     _, daemon, client = rig.recording_daemon()
     daemon.process.send_signal(signal.SIGSTOP)
     start = time.monotonic()

@@ -38,7 +38,10 @@ def whole(tmp_path_factory) -> bytes:
 
 
 def recovered(data: bytes, folder: Path) -> tuple[int, list[int], dict]:
-    """Exit code, numbers of the images in the new file, each compared with the original, and the report."""
+    """Recover `data`: exit code, numbers of the saved images, and the report.
+
+    Each saved image is compared with the original.
+    """
     source, output = folder / "bad.mcap", folder / "good.mcap"
     source.write_bytes(data)
     output.unlink(missing_ok=True)
@@ -62,7 +65,7 @@ def recovered(data: bytes, folder: Path) -> tuple[int, list[int], dict]:
 
 
 def ends(data: bytes) -> np.ndarray:
-    """Where the pixels of each image end in a file."""
+    """Offsets at which the pixels of each image end in a file."""
     pixels = [small.image(number).tobytes() for number in range(small.FRAMES)]
     return np.array([data.find(each) + len(each) for each in pixels])
 

@@ -25,8 +25,10 @@ def run(*arguments: object) -> str:
 
 
 def test_every_frame_of_the_session_is_there_or_counted_and_every_topic(session):
-    """The camera makes 120 frames a second; where other tests leave it or the client no time, the recording
-    says how many are missing."""
+    """The camera sends 120 frames per second; each is in the recording or counted as lost.
+
+    Frames are lost when other tests leave too little processor time.
+    """
     found = json.loads(run("inspect", session.path, "--json"))
     names = {topic["name"] for topic in found["topics"]}
     assert {
@@ -54,7 +56,7 @@ def test_every_frame_of_the_session_is_there_or_counted_and_every_topic(session)
         assert len({record.plan_strike_id for record in recording.strikes}) == 4
 
 
-def test_the_centre_of_mass_is_right_and_its_interval_honest(session):
+def test_the_centre_of_mass_is_within_its_interval(session):
     result = Result.model_validate_json(run("estimate", session.path, "--json"))
     truth = read_truth(session.path).body
     com = result.centre_of_mass

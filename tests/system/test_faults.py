@@ -52,7 +52,7 @@ def rig() -> Iterator[FaultRig]:
 
 
 def wait_for_frames(client: DaemonClient, count: int = 20, timeout_s: float = 20.0) -> float:
-    """Seconds until the camera is connected and `count` more frames came."""
+    """Wait until the camera is connected and sent `count` more frames; returns the time [s]."""
     start = client.call("status")["frames"]
     return wait_until(
         lambda: (s := client.call("status"))["connected"] and s["frames"] >= start + count, timeout_s, 0.02
@@ -60,7 +60,7 @@ def wait_for_frames(client: DaemonClient, count: int = 20, timeout_s: float = 20
 
 
 def refused(rig_file: Path) -> tuple[str, float]:
-    """The one line with which `acquire run` refuses, and how long it took [s]."""
+    """Run `acquire run`, which must refuse: its one line, and the time that it took [s]."""
     start = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "acquire", "run", str(rig_file)],
@@ -107,7 +107,7 @@ def test_a_second_daemon(rig: FaultRig) -> None:
 
 
 def recorded_gap(rig: FaultRig, client: DaemonClient) -> Frames:
-    """Close the recording; its gap is stated to the frame."""
+    """Close the recording; check that its gap is counted exactly."""
     report = client.call("recording.close")
     frames = Frames.of(rig.recording)
     assert report["lost"] == frames.lost
@@ -116,8 +116,7 @@ def recorded_gap(rig: FaultRig, client: DaemonClient) -> Frames:
 
 
 def gap_by_device_time(path: Path) -> tuple[float, int]:
-    """Frame periods of the camera's own clock that the recording's longest gap left out, and how many frames
-    it counts as lost."""
+    """Longest gap by the camera's own clock [frame periods], and the frames counted as lost in it."""
     metas = [meta for _, meta in messages(path, topics.frame_meta("main"))]
     gaps = [(b.device_time_ns - a.device_time_ns, b.frames_lost_before) for a, b in pairwise(metas)]
     longest_ns, lost = max(gaps)
@@ -284,7 +283,7 @@ def may_mount() -> bool:
 
 @pytest.mark.skipif(not may_mount(), reason="this user may make no name space of its own")
 def test_disk_full_in_a_window(rig: FaultRig) -> None:
-    """On a disk of 100 MB that only the daemon sees, filled by somebody else in mid-window."""
+    """On a disk of 100 MB that only the daemon sees, filled by another program during the window."""
     disk = rig.folder / "disk"
     disk.mkdir()
     rig.camera()
@@ -388,7 +387,7 @@ def test_wall_clock_steps_by_an_hour(rig: FaultRig) -> None:
 
 
 def test_status_survives_whatever_the_camera_does(rig: FaultRig) -> None:
-    """A camera that stays away: the daemon answers, and ends when asked."""
+    """The camera never returns: the daemon still answers, and ends on request."""
     camera, daemon, client = rig.recording_daemon()
     camera.kill()
     wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)

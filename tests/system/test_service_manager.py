@@ -30,7 +30,7 @@ def rig() -> Iterator[FaultRig]:
 
 
 class Manager:
-    """Listens where NOTIFY_SOCKET says, and how long this computer lets a thread wait meanwhile."""
+    """Socket at NOTIFY_SOCKET that records notifications, and the delays of this computer's threads."""
 
     def __init__(self, address: str) -> None:
         self.heard: list[tuple[float, str]] = []
@@ -63,7 +63,7 @@ def longest_silence(times: list[float]) -> float:
     return max(after - before for before, after in itertools.pairwise(times))
 
 
-def test_a_daemon_that_hangs_gives_no_sign_of_life(rig: FaultRig) -> None:
+def test_a_hung_daemon_sends_no_keep_alive(rig: FaultRig) -> None:
     rig.camera()
     manager = Manager(str(rig.folder / "notify"))
     try:
@@ -101,9 +101,11 @@ def test_a_daemon_that_hangs_gives_no_sign_of_life(rig: FaultRig) -> None:
     )
 
 
-def test_a_killed_daemon_that_is_started_again_as_the_unit_says(rig: FaultRig) -> None:
-    """Nobody touches its children, as with KillMode=process: the new daemon comes up beside them, and gets
-    camera, port and socket."""
+def test_a_killed_daemon_is_restarted_as_in_the_systemd_unit(rig: FaultRig) -> None:
+    """The children are not killed, as with KillMode=process.
+
+    The new daemon starts beside them and obtains camera, port and socket.
+    """
     unit = configparser.ConfigParser()
     unit.optionxform = str  # type: ignore[assignment,method-assign]
     unit.read(ROOT / "docs" / "percuss.service")

@@ -50,8 +50,10 @@ def cocked(striker: DynamixelStriker) -> None:
 
 
 def in_mid_swing(plant: Plant, act) -> list[int]:
-    """Have `act` done in mid-swing; filled with when it was done [ns]. Nothing is done where there is no
-    swing."""
+    """Call `act` during the swing; returns a list that receives the time of the call [ns].
+
+    Without a swing it is not called.
+    """
     done: list[int] = []
 
     def wait_and_act() -> None:

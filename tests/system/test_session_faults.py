@@ -27,8 +27,7 @@ def rig() -> Iterator[SessionRig]:
 
 
 def test_a_session_outlives_camera_and_watcher(rig: SessionRig) -> None:
-    """The watcher is killed during the first strike, the camera during the second; the third strike is as if
-    nothing had been."""
+    """`analyze watch` is killed in the first strike, the camera in the second; the third is undisturbed."""
     done: list[str] = []
     threads: list[threading.Thread] = []
     ids: list[str] = []

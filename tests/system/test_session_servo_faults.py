@@ -31,7 +31,7 @@ def rig() -> Iterator[SessionRig]:
 
 @dataclass
 class Breaker:
-    """Does something to the servo in the first swing of a session; hears what the session says."""
+    """Acts on the servo in the first swing of a session; receives the session's progress."""
 
     world: OperatorLink
     act: Callable[[OperatorLink], None]

@@ -41,7 +41,7 @@ def manual_rig() -> Iterator[tuple[FaultRig, Daemon]]:
 
 
 def stop(daemon: Daemon) -> float:
-    """`acquire stop`; how long it took beyond what this host was late for [s]."""
+    """Run `acquire stop`; returns its duration minus the delays of this computer [s]."""
     with Lateness() as lateness:
         start = time.monotonic()
         done = CliRunner().invoke(acquire, ["stop", "--rig", str(daemon.rig_file)])
@@ -51,7 +51,7 @@ def stop(daemon: Daemon) -> float:
 
 
 def session(rig: FaultRig, client: DaemonClient, what: str) -> None:
-    """Bring a session there."""
+    """Open a recording, or a recording with a window, or neither."""
     if what != "no session":
         rig.open_recording(client, rig.folder / f"r{time.monotonic_ns()}.mcap")
     if what == "in a window":
@@ -59,7 +59,7 @@ def session(rig: FaultRig, client: DaemonClient, what: str) -> None:
 
 
 def end_session(client: DaemonClient, what: str) -> Path | None:
-    """What is recorded is not touched by a stop."""
+    """End the session; its recording is complete in spite of the stop."""
     if what == "in a window":
         assert client.call("window.close")["frames"] > 0
     return Path(client.call("recording.close")["path"]) if what != "no session" else None
@@ -71,7 +71,7 @@ def test_a_servo_is_stopped(servo_rig: tuple[FaultRig, Daemon], state: str, what
     rig, daemon = servo_rig
     client, looks_on = rig.client(daemon), rig.client(daemon)
     session(rig, client, what)
-    reach(rig, client, state)
+    reach(rig, daemon, client, state)
     with Lateness() as lateness:
         sent_ns = time.monotonic_ns()
         assert stop(daemon) < ANSWER_S
@@ -97,8 +97,8 @@ def test_a_servo_is_stopped(servo_rig: tuple[FaultRig, Daemon], state: str, what
 
 @pytest.mark.parametrize("what", ["no session", "in a window"])
 @pytest.mark.parametrize("state", MANUAL_STATES)
-def test_a_hand_is_told_to_stop(manual_rig: tuple[FaultRig, Daemon], state: str, what: str) -> None:
-    """It is a person's; what ends is the wait for it, and the leave to strike."""
+def test_a_manual_striker_is_stopped(manual_rig: tuple[FaultRig, Daemon], state: str, what: str) -> None:
+    """The program cannot stop a hand: it ends the wait for the strike, and the permission to strike."""
     rig, daemon = manual_rig
     client, looks_on = rig.client(daemon), rig.client(daemon)
     session(rig, client, what)
@@ -118,11 +118,11 @@ def test_a_hand_is_told_to_stop(manual_rig: tuple[FaultRig, Daemon], state: str,
     end_session(client, what)
 
 
-def test_a_capture_process_that_hangs_holds_no_stop_up(servo_rig: tuple[FaultRig, Daemon]) -> None:
+def test_a_hung_capture_process_does_not_delay_a_stop(servo_rig: tuple[FaultRig, Daemon]) -> None:
     rig, daemon = servo_rig
     client = rig.client(daemon)
     rig.open_recording(client, rig.folder / "hung.mcap")
-    reach(rig, client, "cocking")
+    reach(rig, daemon, client, "cocking")
     capture = daemon.capture
     os.kill(capture, signal.SIGSTOP)
     sent_ns = time.monotonic_ns()
@@ -132,10 +132,10 @@ def test_a_capture_process_that_hangs_holds_no_stop_up(servo_rig: tuple[FaultRig
     wait_until(lambda: daemon.capture not in {0, capture}, 20.0, 0.05)
 
 
-def test_a_terminal_that_is_closed_ends_the_daemon_in_order() -> None:
+def test_closing_the_terminal_ends_the_daemon_properly() -> None:
     with fault_rig() as rig:
         _, daemon, client = rig.recording_daemon()
-        reach(rig, client, "settled")
+        reach(rig, daemon, client, "settled")
         daemon.process.send_signal(signal.SIGHUP)
         assert daemon.process.wait(20) == 0, daemon.complaints
         assert not rig.torque

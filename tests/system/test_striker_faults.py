@@ -141,7 +141,7 @@ def test_sigterm_in_every_state(rig: FaultRig, state: str) -> None:
 
 @contextlib.contextmanager
 def heard_events(daemon: Daemon) -> Iterator[list[str]]:
-    """Kinds of the striker's events, as they come."""
+    """Yield a list that receives the kinds of the striker's events."""
     heard: list[str] = []
     with contextlib.ExitStack() as cleanup:
         client = daemon.client()
@@ -158,7 +158,7 @@ def heard_events(daemon: Daemon) -> Iterator[list[str]]:
 
 
 def reach(rig: FaultRig, daemon: Daemon, client: DaemonClient, state: str) -> None:
-    """Bring the striker there; `client` is busy with a verb in the states that move."""
+    """Bring the striker to a state; in states that move, `client` is busy with a request."""
     verbs = {"homed": ("home",), "armed": ("home", "arm"), "cocking": ("home", "arm"), "fault": ("home",)}
     verbs |= dict.fromkeys(("homing", "disarmed", "verify"), ())
     for verb in verbs.get(state, ("home", "arm", "cock")):
@@ -190,7 +190,7 @@ def reach(rig: FaultRig, daemon: Daemon, client: DaemonClient, state: str) -> No
 
 
 def reach_miss(rig: FaultRig, daemon: Daemon, client: DaemonClient) -> None:
-    """Strike, and hold the arm before it touches."""
+    """Strike, and hold the arm before it touches the object."""
     with daemon.client() as other:
         rig.strike_in_background(client, SLOW_M_S)
         wait_until(lambda: mid_swing(rig), 5.0, 0.001)
@@ -199,7 +199,7 @@ def reach_miss(rig: FaultRig, daemon: Daemon, client: DaemonClient) -> None:
 
 
 def reach_verify(rig: FaultRig, daemon: Daemon, client: DaemonClient) -> None:
-    """Strike, until the arm was caught."""
+    """Strike, and wait until the arm is caught."""
     with heard_events(daemon) as heard:
         wait_until(lambda: client.call("striker.home") and heard, 20.0)  # it listens by now
         client.call("striker.arm")

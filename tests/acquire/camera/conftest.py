@@ -21,8 +21,10 @@ CLOSE_S = 12.0
 
 @pytest.fixture
 def camera_config() -> Callable[..., CameraConfig]:
-    """Makes a CameraConfig for an address; keywords replace its other entries. A loaded machine may pause for
-    a second."""
+    """Factory of a CameraConfig for an address; keywords replace other entries.
+
+    The stall time allows for a loaded computer that pauses for a second.
+    """
 
     def make(address: str, **changes: object) -> CameraConfig:
         calibration = CameraCalibrationSpec(
@@ -59,13 +61,13 @@ def _process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture
 def pattern_camera() -> Callable[..., object]:
-    """Starts a pattern camera in a process of its own, as a context manager."""
+    """Factory of a pattern camera in a separate process, as a context manager."""
     return _process
 
 
 @pytest.fixture(scope="module")
 def graves() -> Iterator[None]:
-    """A dead camera is buried in the background within 7.5 s: all of a module's are waited for together."""
+    """Wait once per module for the threads that close dead cameras in the background, within 7.5 s."""
     yield
     end = time.monotonic() + CLOSE_S
     while (left := _burials()) and time.monotonic() < end:
@@ -75,7 +77,7 @@ def graves() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def nothing_left(graves: None) -> Iterator[None]:
-    """No thread survives a test but those that bury."""
+    """Check that no thread outlives a test, except those that close dead cameras."""
     before = set(threading.enumerate())
     yield
     end = time.monotonic() + CLOSE_S

@@ -24,7 +24,7 @@ _PATTERN_CAMERA = Path(__file__).with_name("pattern_camera.py")
 
 @contextmanager
 def falls_silent(host: int, answers: int) -> Iterator[str]:
-    """The relay's address; the camera itself is at the next one. It answers that many requests."""
+    """Yield the relay's address; the camera is at the next one and answers a given number of requests."""
     address, behind = loopback(host), loopback(host + 1)
     ended = threading.Event()
     with (

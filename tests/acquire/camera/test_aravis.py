@@ -133,7 +133,7 @@ def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) ->
         camera.close()
 
 
-def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_config) -> None:
+def test_a_hardware_trigger_of_the_rig_file_starts_each_frame(camera_config) -> None:
     clock = SystemClock()
     server = VirtualGigeCamera(loopback(46), "V", PatternSource(clock, SEED), clock, pulses_hz=80.0)
     camera = AravisCamera(camera_config(loopback(46), trigger="Line0", frame_rate_hz=80.0), clock)
@@ -152,7 +152,7 @@ def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_co
         server.close()
 
 
-def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camera_config) -> None:
+def test_missing_pulses_are_reported_and_free_running_turns_the_trigger_off(camera_config) -> None:
     clock = SystemClock()
     server = VirtualGigeCamera(loopback(47), "V", PatternSource(clock, SEED), clock)
     waiting = AravisCamera(camera_config(loopback(47), trigger="Line0"), clock)
@@ -240,7 +240,7 @@ def test_a_killed_camera_is_lost_and_closing_it_does_not_block(pattern_camera, c
         again.close()
 
 
-def test_control_held_by_a_client_that_was_killed_is_waited_for(pattern_camera, camera_config) -> None:
+def test_open_waits_for_the_control_of_a_killed_client(pattern_camera, camera_config) -> None:
     with pattern_camera(loopback(40)):
         take_control = bytes.fromhex("42010082000800010000 0a00 00000002".replace(" ", ""))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as killed:
@@ -253,7 +253,7 @@ def test_control_held_by_a_client_that_was_killed_is_waited_for(pattern_camera, 
         camera.close()
 
 
-def test_a_second_client_is_told_that_the_camera_is_taken(camera_config) -> None:
+def test_a_second_client_is_refused(camera_config) -> None:
     clock = SystemClock()
     server = VirtualGigeCamera(loopback(37), "V", PatternSource(clock, SEED), clock)
     first = AravisCamera(camera_config(loopback(37)), clock)
@@ -293,7 +293,7 @@ def test_a_clock_that_jumps_is_a_lost_camera_and_no_frame(camera_config) -> None
         server.close()
 
 
-def test_a_camera_that_vanishes_sends_no_frame_of_another_time(camera_config) -> None:
+def test_no_stale_frame_after_a_camera_was_lost(camera_config) -> None:
     clock = SystemClock()
     server = VirtualGigeCamera(loopback(39), "V", PatternSource(clock, SEED), clock)
     camera = AravisCamera(camera_config(loopback(39), stall_s=1.0), clock)
@@ -313,7 +313,7 @@ def test_a_camera_that_vanishes_sends_no_frame_of_another_time(camera_config) ->
     assert max(np.diff(times)) < 1_000_000_000
 
 
-def test_lost_packets_are_asked_for_again(pattern_camera, camera_config) -> None:
+def test_lost_packets_are_requested_again(pattern_camera, camera_config) -> None:
     pattern = noise(656, 492, SEED)
     with pattern_camera(loopback(38), "0.002") as process:
         camera = AravisCamera(camera_config(loopback(38), frame_rate_hz=60.0), SystemClock())
@@ -347,10 +347,10 @@ def test_calls_before_open_are_refused(camera_config) -> None:
     camera.close()
 
 
-def test_a_set_up_that_hangs_is_given_up_and_cleared_away_when_it_comes_back(
+def test_opening_that_hangs_is_abandoned_and_closed_when_it_returns(
     camera_config, pattern_camera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As where Aravis itself waits for ever: nobody waits with it, and what it still brings is closed."""
+    """Stands for Aravis waiting for ever: opening is abandoned, and a late connection is closed."""
     monkeypatch.setattr(aravis, "OPEN_S", 0.2)
     goes_on = threading.Event()
     camera = AravisCamera(camera_config(loopback(48)), SystemClock())
@@ -407,8 +407,8 @@ def test_a_camera_that_falls_silent_while_it_is_opened(camera_config, answers: i
 
 
 @pytest.mark.slow
-def test_one_that_says_who_it_is_and_no_more(camera_config) -> None:
-    """Its control channel is dead, discovery is not."""
+def test_a_camera_with_a_dead_control_channel(camera_config) -> None:
+    """The camera answers discovery, but its control channel is dead."""
     address = loopback(51)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as answering:
         answering.bind((address, 3956))

@@ -55,7 +55,7 @@ def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) 
 
 
 def manifest_of_a_box() -> SessionManifest:
-    """The small recording's, of this camera, now."""
+    """Manifest of the small recording, with this camera and the current time."""
     clock = SystemClock()
     return small_recording.manifest(
         recording_id="test",
@@ -80,7 +80,7 @@ def read(path: Path) -> dict[str, list]:
 
 
 def _number(message) -> int:
-    """Which frame of the camera this image is."""
+    """Frame number that the synthetic camera drew into an image."""
     data = RawImage.FromString(message.data).data
     assert data[4:8] != b"\xaa\xaa\xaa\xaa", "the image was read after its buffer was released"
     return int(np.frombuffer(data[:4], np.uint32)[0])
@@ -167,8 +167,7 @@ def test_a_window_holds_every_frame_from_before_it_opened(
 def test_a_continuous_recording_of_the_cameras_own_buffers(
     tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every frame is there as it was when it came, though its buffer is used again, the camera goes away and
-    files turn."""
+    """Every frame is recorded unchanged, though its buffer is reused, the camera is lost and files change."""
     monkeypatch.setenv("CAMERA_FAULTS", "die:120,lose:50")
     capture = CaptureProcess(rig(large=True, mode="continuous", rotate_bytes=500_000), COMMAND)
     capture.start()
@@ -390,8 +389,8 @@ def test_the_daemons_death_finishes_the_file(tmp_path: Path, environment: pytest
     assert not os.path.lexists(tmp_path / "a.mcap.part")
 
 
-def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
-    """Aravis, GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: nothing is lost."""
+def test_a_gige_camera_over_loopback(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    """Aravis with GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: no loss."""
     calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})
     camera = CameraConfig(address=loopback(41), receive_buffer_bytes=8 << 20, calibration=calibration)
     with subprocess.Popen(

@@ -60,8 +60,7 @@ def _rig(rotate_bytes: int = 40 << 20) -> RigConfig:
 
 
 def _check(paths: list[Path]) -> list[tuple[int, pb.FrameMeta]]:
-    """Every image of the files is pixel by pixel one that the camera sent; returns its number and meta, in
-    order."""
+    """Check each image pixel by pixel against the camera's; returns numbers and meta, in order."""
     pattern = noise(WIDTH, HEIGHT, SEED)
     images: dict[int, int] = {}
     metas: dict[int, pb.FrameMeta] = {}

@@ -16,8 +16,10 @@ __all__ = ["environment"]
 
 
 def sleep_watching(seconds: float) -> float:
-    """Sleep; returns how long this machine held a thread up meanwhile, at most: what a busy one does to the
-    process under test as well."""
+    """Sleep, and return the longest delay of this thread [s].
+
+    A busy computer delays the process under test in the same way.
+    """
     end, held_up_s = time.monotonic() + seconds, 0.0
     while (before := time.monotonic()) < end:
         time.sleep(0.01)
@@ -29,7 +31,7 @@ def sleep_watching(seconds: float) -> float:
 def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     tmp_path: Path, environment: pytest.MonkeyPatch, large: bool
 ) -> None:
-    """Nothing of the process runs after SIGKILL: what is recovered is what it had handed to the system."""
+    """No code of the process runs after SIGKILL: what it had handed to the system is recovered."""
     capture = CaptureProcess(
         rig(large=large, mode="continuous", rotate_bytes=300_000 if large else 150_000), COMMAND
     )
@@ -75,7 +77,7 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
 def test_a_kill_between_windows_costs_less_than_half_a_second(
     tmp_path: Path, environment: pytest.MonkeyPatch, pre_trigger_s: float
 ) -> None:
-    """However far a window would have reached back: meta and previews do not wait for it."""
+    """Meta and previews do not wait for the pre-trigger time of a window, however long it is."""
     capture = CaptureProcess(rig(pre_trigger_s=pre_trigger_s, preview_hz=RATE / 2), COMMAND)
     capture.start()
     process = capture._process

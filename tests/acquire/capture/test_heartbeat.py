@@ -17,7 +17,7 @@ def beats(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(heartbeat, "BEAT_S", 0.02)
 
 
-def test_a_living_process_is_left_alone_and_its_end_is_no_silence(beats: None) -> None:
+def test_a_living_process_and_its_normal_end_are_not_reported(beats: None) -> None:
     read_fd, write_fd = os.pipe()
     reported = threading.Event()
     listener = HeartbeatListener(read_fd, reported.set, silence_s=1.0)
@@ -28,7 +28,7 @@ def test_a_living_process_is_left_alone_and_its_end_is_no_silence(beats: None) -
     assert not reported.is_set()
 
 
-def test_one_that_is_not_well_is_told_of_once(beats: None) -> None:
+def test_an_unhealthy_process_is_reported_once(beats: None) -> None:
     read_fd, write_fd = os.pipe()
     well = threading.Event()
     well.set()
@@ -45,7 +45,7 @@ def test_one_that_is_not_well_is_told_of_once(beats: None) -> None:
     assert at - since > 0.45
 
 
-def test_who_was_never_heard_is_still_starting() -> None:
+def test_silence_before_the_first_heartbeat_is_not_reported() -> None:
     read_fd, write_fd = os.pipe()
     reported = threading.Event()
     listener = HeartbeatListener(read_fd, reported.set, silence_s=0.2)
@@ -54,8 +54,8 @@ def test_who_was_never_heard_is_still_starting() -> None:
     listener.join()
 
 
-def test_time_in_which_nobody_ran_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine that stood still: each turn of the listener took an hour."""
+def test_time_without_running_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A computer that stood still: each turn of the listener took an hour."""
     read_fd, write_fd = os.pipe()
     hours = iter(range(0, 3_600_000, 3600))
     monkeypatch.setattr(heartbeat.time, "monotonic", lambda: float(next(hours)))
@@ -67,7 +67,7 @@ def test_time_in_which_nobody_ran_does_not_count(monkeypatch: pytest.MonkeyPatch
     listener.join()
 
 
-def test_nobody_who_does_not_listen_holds_the_heart_up(beats: None) -> None:
+def test_a_listener_that_does_not_read_does_not_block_the_heartbeat(beats: None) -> None:
     read_fd, write_fd = os.pipe()
     os.set_blocking(write_fd, False)
     while True:

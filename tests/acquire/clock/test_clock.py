@@ -35,8 +35,10 @@ def feed(
     rng: np.random.Generator,
     rate_hz: float = 2.0,
 ) -> int:
-    """Read the clock over a wire: 20 us each way at least, exponential queueing on top. Returns the host time
-    of the last reading."""
+    """Read the clock over a wire and return the host time of the last reading.
+
+    The delay is at least 20 us each way, plus exponential queueing.
+    """
     host = HOST0
     for host in range(HOST0, HOST0 + round(seconds * 1e9), round(1e9 / rate_hz)):
         there, back = (20_000 + rng.exponential(30_000.0, 2)).astype(int)
@@ -63,7 +65,7 @@ def test_latched_mapping_stays_within_30_us_whatever_the_drift(
 @pytest.mark.parametrize("drift", [-50e-6, 0.0, 50e-6])
 @pytest.mark.parametrize("seed", range(5))
 def test_every_frame_from_the_first_on_is_mapped_to_30_us_at_50_ppm(drift: float, seed: int) -> None:
-    """A quiet machine: 90 to 150 us there and back, latched as CameraStream does it."""
+    """An idle computer: 90 to 150 us for a round trip, latched as CameraStream does it."""
     rng = np.random.default_rng(seed)
     device, mapper = DriftingDevice(drift, 5_000_000_000), DeviceClockMapper()
 
@@ -94,7 +96,7 @@ def test_every_frame_from_the_first_on_is_mapped_to_30_us_at_50_ppm(drift: float
     one_way=st.booleans(),
     pause_s=st.floats(1e-3, 2.0),
 )
-def test_no_delay_puts_the_error_beyond_three_sigma(
+def test_no_delay_causes_an_error_beyond_three_sigma(
     seed: int, drift: float, slowness: float, one_way: bool, pause_s: float
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -168,7 +170,7 @@ def test_a_burst_of_quick_readings_does_not_hide_the_drift() -> None:
     assert abs(mapper.to_host(device.at(last)) - last) <= 30_000
 
 
-def test_one_reading_is_enough_to_start_with_an_honest_sd() -> None:
+def test_one_reading_gives_a_mapping_with_a_correct_sd() -> None:
     device = DriftingDevice(50e-6, 123)
     mapper = DeviceClockMapper()
     assert not mapper.ready
@@ -200,7 +202,7 @@ def test_arrivals_serve_where_the_camera_cannot_latch() -> None:
     assert mapper.sd_ns > 10_000
 
 
-def test_nothing_fed_is_said_so() -> None:
+def test_mapping_before_the_first_reading_is_an_error() -> None:
     with pytest.raises(ValueError, match="before its first reading"):
         DeviceClockMapper().to_host(1)
 

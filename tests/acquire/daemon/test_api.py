@@ -46,7 +46,7 @@ def server(tmp_path, monkeypatch):
     listening.close()
 
 
-def test_it_answers(server):
+def test_a_request_is_answered(server):
     with DaemonClient(server[1]) as client:
         assert client.call("echo", a=1) == {"a": 1}
         assert client.call("gone") is False
@@ -99,7 +99,7 @@ def test_a_slow_request_does_not_hold_up_another_client(server):
         thread.join()
 
 
-def test_subscribers_hear_events(server):
+def test_subscribers_receive_events(server):
     listening, path, _ = server
     client = DaemonClient(path)
     heard = []
@@ -132,7 +132,7 @@ def test_a_socket_left_by_a_dead_daemon_is_taken_over(tmp_path):
     assert not path.exists()
 
 
-def test_no_daemon_is_said_in_one_line(tmp_path):
+def test_a_missing_daemon_is_reported_in_one_line(tmp_path):
     with pytest.raises(DaemonNotRunning, match="acquire run"):
         DaemonClient(tmp_path / "nothing.sock")
 
@@ -156,7 +156,7 @@ NOBODY = 65534
 
 
 def send_request(path, *uid):
-    """What a process of the system's own gets to hear: (answer, complaint)."""
+    """Answer and error that a process of another user receives."""
     done = subprocess.run(
         [sys.executable, "-c", REQUEST, str(path), *map(str, uid)],
         capture_output=True,
@@ -202,9 +202,11 @@ def test_another_user_is_refused(open_folder):
         listening.close()
 
 
-def test_another_user_does_not_come_as_far_as_the_socket(open_folder):
-    """The file modes alone. The folder is closed to all but its owner; for root, who may be another user, it
-    is tried."""
+def test_another_user_cannot_reach_the_socket(open_folder):
+    """The file modes alone: the folder is closed to all but its owner.
+
+    As root, which can act as another user, the test also tries to enter.
+    """
     listening = ApiServer(open_folder / "p" / "d.sock", {"echo": lambda _, params: params})
     try:
         assert stat.S_IMODE((open_folder / "p").lstat().st_mode) == 0o700
@@ -217,7 +219,7 @@ def test_another_user_does_not_come_as_far_as_the_socket(open_folder):
         listening.close()
 
 
-def test_a_daemon_of_another_user_is_not_spoken_to(server, monkeypatch):
+def test_a_client_refuses_a_daemon_of_another_user(server, monkeypatch):
     theirs = server[1].lstat().st_uid
     monkeypatch.setattr("acquire.daemon.client.os.getuid", lambda: theirs + 1)
     if theirs == 0:  # root's daemon would be trusted: the system is root's anyway
@@ -228,7 +230,7 @@ def test_a_daemon_of_another_user_is_not_spoken_to(server, monkeypatch):
         DaemonClient(server[1])
 
 
-def test_what_lies_at_the_sockets_path_is_not_touched_unless_it_is_our_dead_socket(tmp_path):
+def test_only_a_stale_socket_of_this_user_is_removed(tmp_path):
     folder = tmp_path / "private"
     folder.mkdir(mode=0o700)
     path = folder / "d.sock"
@@ -243,7 +245,7 @@ def test_what_lies_at_the_sockets_path_is_not_touched_unless_it_is_our_dead_sock
     assert path.read_text() == "mine"
 
 
-def test_another_users_socket_is_not_touched(tmp_path, monkeypatch):
+def test_a_socket_of_another_user_is_not_removed(tmp_path, monkeypatch):
     path = tmp_path / "private" / "d.sock"
     path.parent.mkdir(mode=0o700)
     with socket.socket(socket.AF_UNIX) as theirs:
@@ -263,8 +265,8 @@ def test_a_linked_folder_is_refused(tmp_path):
         ApiServer(tmp_path / "link" / "d.sock", {})
 
 
-def test_a_daemon_that_hangs_is_said_in_one_line(tmp_path):
-    """A socket that takes connections and answers nothing, as a stopped process's does."""
+def test_a_hung_daemon_is_reported_in_one_line(tmp_path):
+    """A socket that accepts connections and never answers, like that of a stopped process."""
     path = tmp_path / "d.sock"
     with socket.socket(socket.AF_UNIX) as hung:
         hung.bind(str(path))
@@ -285,8 +287,8 @@ def test_a_daemon_that_hangs_is_said_in_one_line(tmp_path):
                 DaemonClient(path, patience_s=0.2)
 
 
-def test_a_long_answer_is_waited_for_as_long_as_the_daemon_says_it_is_at_work(server, monkeypatch):
-    """Three times the client's patience and more."""
+def test_a_client_waits_while_the_daemon_reports_busy(server, monkeypatch):
+    """The answer takes more than three times the client's patience."""
     _, path, gate = server
     with DaemonClient(path, patience_s=3 * api.BUSY_S) as client:
         heard = []
@@ -302,8 +304,8 @@ def test_a_long_answer_is_waited_for_as_long_as_the_daemon_says_it_is_at_work(se
         assert client.call("echo", a=1) == {"a": 1}  # no sign of life is taken for an answer
 
 
-def test_a_client_that_does_not_read_holds_nobody_up(server):
-    """Its socket is full of answers; the signs of life of the others go on."""
+def test_a_client_that_does_not_read_blocks_no_other(server):
+    """Its socket is full of answers; the other clients still receive their busy reports."""
     _, path, gate = server
     with socket.socket(socket.AF_UNIX) as deaf, DaemonClient(path, patience_s=3 * api.BUSY_S) as client:
         deaf.connect(str(path))

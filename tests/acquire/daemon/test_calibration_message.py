@@ -14,7 +14,7 @@ from schemas.session_manifest import CameraCalibrationSpec, LensModel
         (LensModel.FISHEYE, [0.05, -0.02, 0.003, -0.001], "kannala_brandt"),
     ],
 )
-def test_the_lens_is_called_as_foxglove_calls_it(model, distortion, name):
+def test_the_lens_model_has_foxgloves_name(model, distortion, name):
     K = [[700.0, 0, 320], [0, 700.0, 240], [0, 0, 1]]
     spec = CameraCalibrationSpec(
         model=model, width=640, height=480, K=K, distortion=distortion, T_world_camera=np.eye(4).tolist()

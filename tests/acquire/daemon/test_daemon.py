@@ -31,7 +31,7 @@ def daemon() -> Daemon:
     return daemon
 
 
-def test_in_a_session_its_client_alone_gives_orders(daemon: Daemon) -> None:
+def test_during_a_session_only_its_client_gives_orders(daemon: Daemon) -> None:
     heard = []
     order = daemon._for_owner(lambda connection, params: heard.append((connection, params)) or {})
     order("anybody", {"a": 1})
@@ -42,9 +42,7 @@ def test_in_a_session_its_client_alone_gives_orders(daemon: Daemon) -> None:
     assert heard == [("anybody", {"a": 1}), ("session", {"b": 2})]
 
 
-def test_who_does_not_own_the_session_may_still_stop_it(
-    daemon: Daemon, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_clients_may_stop_the_striker(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("status", "shutdown", "recording.close", "striker.stop", "watch.latest", "prompt.answer")
     wrapped = []
     monkeypatch.setattr(daemon, "_for_owner", lambda handler: wrapped.append(handler) or "owned")
@@ -58,14 +56,14 @@ def test_who_does_not_own_the_session_may_still_stop_it(
 
 
 class Arm(ManualStriker):
-    """A striker that is asked only whether it would move."""
+    """Manual striker: the tests ask only whether it would accept an order to move."""
 
     def __init__(self) -> None:
         super().__init__(StrikerConfig(), lambda _: None, lambda _: None, lambda _: None, SystemClock())
 
 
 class Disk(Recording):
-    """Whether there is room takes its time."""
+    """Recording during whose check of the disk space something else happens: `meanwhile()`."""
 
     def __init__(self, meanwhile: Callable[[], object]) -> None:
         self.meanwhile = meanwhile
@@ -88,7 +86,7 @@ def rig(daemon: Daemon) -> Daemon:
 STRIKE = {"strike_id": "s1", "tip_speed_m_s": 0.3}
 
 
-def test_a_stop_while_room_is_looked_for_is_not_forgotten(rig: Daemon) -> None:
+def test_a_stop_during_the_check_of_disk_space_holds(rig: Daemon) -> None:
     rig._control.home({})
     rig._recording.meanwhile = rig._stop_striker  # type: ignore[attr-defined]
     for order in (rig._control.arm, rig._control.cock, lambda: rig._control.strike(STRIKE)):
@@ -97,7 +95,7 @@ def test_a_stop_while_room_is_looked_for_is_not_forgotten(rig: Daemon) -> None:
         assert rig._control.striker.state is StrikerState.HOMED
 
 
-def test_a_stop_in_the_very_moment_of_arming_voids_it(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_during_arming_disarms(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
     rig._control.home({})
     arm = rig._control.striker.arm
 
@@ -121,8 +119,8 @@ def test_after_a_stop_only_a_person_homes_it_again(rig: Daemon) -> None:
     assert rig._control.striker.state is StrikerState.ARMED
 
 
-def test_a_stop_between_a_persons_yes_and_homing_holds(rig: Daemon) -> None:
-    """What they said yes to was stopped: they are asked again."""
+def test_a_stop_between_agreement_and_homing_holds(rig: Daemon) -> None:
+    """The stop came after the person agreed to the motion: it is refused, and the person is asked again."""
     rig._stop_striker()
     seen = rig._control.stops
     rig._stop_striker()

@@ -31,7 +31,7 @@ def _heard(listener: socket.socket) -> list[str]:
             return words
 
 
-def test_ready_alive_four_times_in_its_patience_and_stopping(manager: tuple[socket.socket, str]) -> None:
+def test_ready_four_keep_alives_per_watchdog_time_and_stopping(manager: tuple[socket.socket, str]) -> None:
     listener, name = manager
     now_ns = 0
     environment = {"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "8000000", "WATCHDOG_PID": "7"}
@@ -47,7 +47,7 @@ def test_ready_alive_four_times_in_its_patience_and_stopping(manager: tuple[sock
 @pytest.mark.parametrize(
     "watchdog", [{}, {"WATCHDOG_USEC": "8000000", "WATCHDOG_PID": "8"}, {"WATCHDOG_USEC": "soon"}]
 )
-def test_no_signs_of_life_for_a_manager_that_does_not_ask_this_process(
+def test_no_keep_alive_without_a_watchdog_for_this_process(
     manager: tuple[socket.socket, str], watchdog: dict[str, str]
 ) -> None:
     listener, name = manager
@@ -56,14 +56,14 @@ def test_no_signs_of_life_for_a_manager_that_does_not_ask_this_process(
     assert [word.partition("\n")[0] for word in _heard(listener)] == ["READY=1", "STOPPING=1"]
 
 
-def test_stopping_is_said_on_an_error_too(manager: tuple[socket.socket, str]) -> None:
+def test_stopping_is_sent_after_an_error(manager: tuple[socket.socket, str]) -> None:
     listener, name = manager
     with pytest.raises(ZeroDivisionError), ServiceManager({"NOTIFY_SOCKET": name}, 7, lambda: 0).running(""):
         _ = 1 / 0
     assert _heard(listener)[-1].startswith("STOPPING=1")
 
 
-def test_the_children_do_not_inherit_it_and_nobody_listening_is_no_trouble(tmp_path: Path) -> None:
+def test_children_do_not_inherit_the_address_and_a_missing_manager_is_no_error(tmp_path: Path) -> None:
     environment = {
         "NOTIFY_SOCKET": str(tmp_path / "gone"),
         "WATCHDOG_USEC": "1",

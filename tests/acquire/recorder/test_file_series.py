@@ -54,8 +54,10 @@ def _feed(recorder: FrameRecorder, numbers: range, lost: int = 0) -> None:
 
 
 def _settle(recorder: FrameRecorder, series: FileSeries) -> None:
-    """Everything is written, the next file ready, the last one finished: a camera takes its time, these tests
-    do not."""
+    """Wait until everything is written, the next file is ready and the last one is finished.
+
+    A camera's frames leave time for that, these tests do not.
+    """
     while recorder.waiting:
         time.sleep(1e-3)
     while (rotation := series._rotation_thread) is not None and rotation.is_alive():
@@ -84,7 +86,7 @@ def series(tmp_path: Path, memory: BlockMemory | None) -> Iterator[FileSeries]:
 
 
 def _read(path: Path) -> dict[str, list[int]]:
-    """Sequences by topic; the checksums are verified."""
+    """Sequence numbers by topic; the checksums are verified."""
     found: dict[str, list[int]] = {}
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -124,7 +126,7 @@ def test_no_message_is_lost_between_files_and_each_is_whole(tmp_path: Path, seri
     assert max(path.stat().st_size for path in files) < 200_000 + 2 * 32 * IMAGE.size + 20_000
 
 
-def test_a_window_of_a_continuous_recording_counts_what_is_there_already(series: FileSeries) -> None:
+def test_a_window_of_a_continuous_recording_counts_earlier_frames(series: FileSeries) -> None:
     recorder = _continuous(series)
     _feed(recorder, range(1, 51))
     start = recorder.open_window(505_000_000)
@@ -174,7 +176,7 @@ def test_without_room_for_another_file_the_last_one_is_finished(
     assert content["/camera/main/meta"] == list(range(1, 41))
 
 
-def test_space_is_asked_for_by_name(tmp_path: Path) -> None:
+def test_missing_space_is_reported_with_its_purpose(tmp_path: Path) -> None:
     disk = DiskSpace(tmp_path, 1 << 30, lambda _: 3 << 30)
     disk.require(2 << 30, "a window")
     with pytest.raises(
@@ -188,7 +190,7 @@ def test_space_is_asked_for_by_name(tmp_path: Path) -> None:
 
 
 def fill(folder: Path) -> None:
-    """Record until the disk is full and beyond, finish, read back; runs in a process of its own."""
+    """Record until the disk is full and beyond, finish, read back; runs in a separate process."""
     series = FileSeries(folder / "a.mcap", _head, Rotation(), DiskSpace(folder, 0))
     config = RecorderConfig(pre_trigger_s=0.0, preview_hz=0.0, max_window_s=60.0)
     recorder = choose_recorder(series, FORMAT, config, ANCHOR_NS)
@@ -213,7 +215,7 @@ def fill(folder: Path) -> None:
 
 
 def test_a_disk_that_fills_up_in_a_window_leaves_a_whole_recording(tmp_path: Path) -> None:
-    """On a real file system of 20 MB, in a mount namespace of its own."""
+    """On a real file system of 20 MB, in a separate mount namespace."""
     mount = 'mount -t tmpfs -o size=20m none "$1" 2>/dev/null || exit 77; shift; exec "$@"'
     code = (
         "import sys, pathlib; from tests.acquire.recorder.test_file_series import fill; "

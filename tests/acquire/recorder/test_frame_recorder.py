@@ -25,7 +25,7 @@ BUFFER = CountingBuffer(np.zeros((8, 16), np.uint8))
 
 
 class Rig:
-    """A recorder that is fed 100 frames per second by hand."""
+    """A recorder that the test feeds with 100 frames per second."""
 
     def __init__(self, path: Path, **config: object) -> None:
         self.path = path
@@ -50,11 +50,11 @@ class Rig:
             lost = 0
 
     def settle(self) -> None:
-        """What is to be written now is with the writer."""
+        """Wait until everything that is due is handed to the writer."""
         self.recorder._path.wait_until_written(10.0)
 
     def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
-        """Sequences of the images, and all meta, in the file's order."""
+        """Sequence numbers of the images, and all meta, in the order of the file."""
         self.recorder.close()
         self.writer.finish()
         images, metas = [], []
@@ -112,8 +112,10 @@ def test_a_window_reaches_back_and_ends_when_it_is_closed(rig: Rig) -> None:
 def test_meta_and_previews_never_wait_longer_than_a_quarter_second(
     tmp_path: Path, pre_trigger_s: float
 ) -> None:
-    """What a killed process has not handed to the file, however far a window may reach back; the rest is the
-    writer's 0.1 s."""
+    """The part of a killed process's loss that is due to the recorder, whatever the pre-trigger time.
+
+    The writer's 0.1 s come on top.
+    """
     rig = Rig(tmp_path / "a.mcap", pre_trigger_s=pre_trigger_s)
     written: dict[str, list[int]] = {"/camera/main/image": [], "/camera/main/meta": []}
 
@@ -163,7 +165,7 @@ def test_loss_counts_in_the_window_it_fell_into(rig: Rig) -> None:
         rig.recorder.close_window(rig.now_ns)
 
 
-def test_a_camera_that_falls_silent_owes_its_frames(rig: Rig) -> None:
+def test_frames_of_a_silent_camera_count_as_lost(rig: Rig) -> None:
     rig.feed(30)
     rig.recorder.open_window(rig.now_ns)
     rig.feed(10)
@@ -172,7 +174,7 @@ def test_a_camera_that_falls_silent_owes_its_frames(rig: Rig) -> None:
     assert report.lost == pytest.approx(50, abs=1)
 
 
-def test_images_that_come_late_and_that_nobody_needs_are_not_waited_for(rig: Rig) -> None:
+def test_a_window_does_not_wait_for_images_after_its_end(rig: Rig) -> None:
     rig.feed(30)
     rig.recorder.open_window(rig.now_ns)
     rig.feed(10)
@@ -181,7 +183,7 @@ def test_images_that_come_late_and_that_nobody_needs_are_not_waited_for(rig: Rig
     assert (report.frames, report.lost) == (10 + 10, 0)
 
 
-def test_a_window_nobody_closes_does_not_fill_the_disk(tmp_path: Path) -> None:
+def test_a_window_that_is_never_closed_ends_at_its_limit(tmp_path: Path) -> None:
     rig = Rig(tmp_path / "a.mcap", max_window_s=0.5, preview_hz=0.0)
     rig.feed(20)
     rig.recorder.open_window(rig.now_ns)
@@ -193,7 +195,7 @@ def test_a_window_nobody_closes_does_not_fill_the_disk(tmp_path: Path) -> None:
     assert len(metas) == 220
 
 
-def test_a_disk_that_stands_still_costs_counted_images_and_no_meta(
+def test_a_stalled_disk_drops_and_counts_images_but_no_meta(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = Rig(tmp_path / "a.mcap", max_window_s=60.0)
@@ -215,9 +217,7 @@ def test_a_disk_that_stands_still_costs_counted_images_and_no_meta(
     assert [meta.sequence for meta in metas] == list(range(1, 501))
 
 
-def test_a_failing_disk_is_reported_to_the_caller_who_closes_the_window(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failing_disk_is_reported_by_close_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(tmp_path / "a.mcap")
     rig.recorder.open_window(rig.now_ns)
     rig.feed(10)
@@ -237,7 +237,7 @@ def test_a_failing_disk_is_reported_to_the_caller_who_closes_the_window(
     assert rig.recorder.dropped >= 1
 
 
-def test_png_is_kept_where_asked(tmp_path: Path) -> None:
+def test_png_is_written_on_request(tmp_path: Path) -> None:
     rig = Rig(tmp_path / "a.mcap", image_format="png")
     rig.feed(100)
     assert rig.finish()[0] == [1, 21, 41, 61, 81]

@@ -131,7 +131,7 @@ def test_small_topics_reach_the_file_by_themselves(tmp_path: Path) -> None:
     assert not writer.path.exists()
 
 
-def test_a_time_nobody_set_is_refused(tmp_path: Path) -> None:
+def test_an_unset_log_time_is_refused(tmp_path: Path) -> None:
     with McapWriter(tmp_path / "a.mcap") as writer:
         channel = writer.add_topic(topics.STRIKER_SAMPLE)
         with pytest.raises(RecorderError, match="log time 0"):
@@ -139,7 +139,7 @@ def test_a_time_nobody_set_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_still_gives_a_whole_recording(tmp_path: Path) -> None:
-    """A file size limit stands for the full disk; lifted, as the held-back space would be."""
+    """A file size limit stands for the full disk; it is lifted as the reserved space would be released."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     writer = McapWriter(tmp_path / "a.mcap")
     images = writer.add_topic(topics.raw_image("main"))
@@ -188,8 +188,8 @@ def test_many_threads_write_at_once(tmp_path: Path) -> None:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == 1530
 
 
-def test_the_format_costs_next_to_nothing(tmp_path: Path) -> None:
-    """A second of frames at full rate: below 0.1 % of the bytes are not pixels."""
+def test_the_format_overhead_is_negligible(tmp_path: Path) -> None:
+    """In a second at full rate, less than 0.1 % of the bytes are not pixels."""
     writer = McapWriter(tmp_path / "a.mcap", sync_bytes=4 << 20)
     images = writer.add_topic(topics.raw_image("main"))
     encoder, image = RawImageEncoder("camera", 656, 492), _image(0)

@@ -66,7 +66,7 @@ def memory(tmp_path: Path) -> Iterator[BlockMemory]:
 def _write(
     path: Path, memory: BlockMemory | None, batches: list[int], width: int, height: int, between: list[int]
 ) -> list[CountingBuffer]:
-    """A recording with a small message of `between[n]` bytes after the nth batch of images."""
+    """Write a recording with a small message of `between[n]` bytes after the nth batch of images."""
     buffers: list[CountingBuffer] = []
     with McapWriter(path, memory, flush_s=60.0) as writer:
         images, small_topic = (
@@ -130,7 +130,7 @@ def test_padding_is_a_whole_record_or_none(at: int) -> None:
     between=st.lists(st.integers(0, 5000), min_size=4, max_size=4),
     direct=st.booleans(),
 )
-def test_any_sizes_come_out_as_they_went_in(
+def test_any_message_sizes_read_back_unchanged(
     size: int, batches: list[int], between: list[int], direct: bool
 ) -> None:
     with tempfile.TemporaryDirectory(dir=Path.cwd()) as folder:
@@ -183,7 +183,7 @@ def test_content_is_the_same_as_when_it_is_copied(tmp_path: Path, memory: BlockM
 
 @pytest.fixture
 def recording(tmp_path: Path, memory: BlockMemory) -> Path:
-    """Whole, with a manifest and eight borrowed images of the small recording's size."""
+    """A complete recording with a manifest and eight borrowed images of the small recording's size."""
     with McapWriter(tmp_path / "a.mcap", memory, flush_s=60.0) as writer:
         small.write_head(writer)
         channel = writer.add_topic(topics.raw_image("main"))
@@ -205,7 +205,7 @@ def _check_small(found: dict[int, np.ndarray]) -> None:
     _check_images(found, 8, small.WIDTH, small.HEIGHT)
 
 
-def test_it_holds_padding(recording: Path) -> None:
+def test_the_file_holds_padding(recording: Path) -> None:
     opcodes = [opcode for opcode, _, _ in walk(memoryview(recording.read_bytes()), len(container.MAGIC))]
     assert container.PADDING in opcodes
     _on_pages(recording, small.WIDTH, small.HEIGHT, 8)
@@ -249,7 +249,7 @@ def test_the_analysis(recording: Path, how: Callable[[Path], Recording]) -> None
     _check_small(dict(enumerate(images)))
 
 
-def test_whoever_follows_it_while_it_grows(tmp_path: Path, memory: BlockMemory) -> None:
+def test_the_growing_file_can_be_followed(tmp_path: Path, memory: BlockMemory) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)
     small.write_head(writer)
     channel = writer.add_topic(topics.raw_image("main"))
@@ -278,7 +278,7 @@ def test_adding_and_removing_topics(recording: Path, tmp_path: Path) -> None:
     _check_small(_images(tmp_path / "b.mcap"))
 
 
-def test_recover_takes_a_whole_one_and_a_cut_one(recording: Path, tmp_path: Path) -> None:
+def test_recover_reads_a_complete_and_a_cut_file(recording: Path, tmp_path: Path) -> None:
     report = recover(recording, tmp_path / "b.mcap")
     assert not report.anything_lost
     _check_small(_images(tmp_path / "b.mcap"))
@@ -329,7 +329,7 @@ def _write_borrowed(writer: McapWriter, first: int, count: int) -> list[Counting
     return buffers
 
 
-def test_nothing_is_given_back_before_the_disk_has_it(
+def test_no_buffer_is_released_before_its_image_is_on_the_disk(
     tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go, write_pages = threading.Event(), direct_file._write_pages
@@ -351,7 +351,7 @@ def test_nothing_is_given_back_before_the_disk_has_it(
     _check_images(_images(tmp_path / "a.mcap"), 12)
 
 
-def test_a_recording_that_is_given_up_gives_back_what_it_wrote(tmp_path: Path, memory: BlockMemory) -> None:
+def test_an_aborted_recording_releases_its_buffers(tmp_path: Path, memory: BlockMemory) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)
     buffers = _write_borrowed(writer, 0, 9)
     writer.abort()
@@ -359,7 +359,7 @@ def test_a_recording_that_is_given_up_gives_back_what_it_wrote(tmp_path: Path, m
     assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").topics == {IMAGE_TOPIC: 9}
 
 
-def test_a_failing_disk_gives_everything_back(
+def test_a_failing_disk_releases_every_buffer(
     tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)

@@ -37,7 +37,7 @@ PERIOD_NS = 10_000_000
 
 
 class Rig:
-    """A continuous recorder that is fed 100 frames per second by hand."""
+    """A continuous recorder that the test feeds with 100 frames per second."""
 
     def __init__(self, path: Path, rotate_bytes: int = 0) -> None:
         self.memory = backlog_memory(FORMAT, 200)
@@ -62,8 +62,7 @@ class Rig:
             self.recorder.add(frame_in(buffer, number, mid, lost))
 
     def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
-        """Sequences of the images, and all meta, in the order of the files; every image is the one that was
-        borrowed."""
+        """Sequence numbers of the images, and all meta, in file order; each image equals the borrowed one."""
         self.recorder.close()
         self.writer.finish()
         images: list[int] = []
@@ -107,7 +106,7 @@ def test_every_frame_is_in_the_file(rig: Rig) -> None:
     assert all((meta.width, meta.height, meta.exposure_us) == (WIDTH, HEIGHT, 1500.0) for meta in metas)
 
 
-def test_what_cannot_be_kept_is_dropped_and_counted(rig: Rig) -> None:
+def test_frames_that_cannot_be_borrowed_are_dropped_and_counted(rig: Rig) -> None:
     rig.feed(20)
     rig.feed(5, replaceable=False)
     rig.feed(20)
@@ -117,7 +116,7 @@ def test_what_cannot_be_kept_is_dropped_and_counted(rig: Rig) -> None:
     assert [meta.sequence for meta in metas] == list(range(1, 46))
 
 
-def test_windows_say_what_they_hold(rig: Rig) -> None:
+def test_windows_report_their_frames(rig: Rig) -> None:
     rig.feed(30)
     rig.recorder.open_window(rig.now_ns)
     rig.feed(10)
@@ -135,7 +134,7 @@ def test_windows_say_what_they_hold(rig: Rig) -> None:
 
 
 def test_frames_go_to_the_file_though_no_more_come(rig: Rig) -> None:
-    """A camera that falls silent, and then somebody kills the process: less than the writer's bound waits."""
+    """The camera stops sending, then the process is killed: less than the writer's bound is lost."""
     rig.feed(BATCH_FRAMES // 2)
     end = time.monotonic() + 20.0
     while rig.recorder.waiting and time.monotonic() < end:
@@ -144,7 +143,7 @@ def test_frames_go_to_the_file_though_no_more_come(rig: Rig) -> None:
 
 
 def test_frames_wait_for_others_less_than_a_tenth_of_a_second(rig: Rig) -> None:
-    """Of a slow camera too: by the times of the frames alone."""
+    """Also with a slow camera: the time between exposures alone decides."""
     for _ in range(50):
         rig.feed(1)
         assert rig.recorder.waiting * PERIOD_NS < 0.1 * META_WAIT_S * 4e9
@@ -165,7 +164,7 @@ def test_files_follow_each_other_without_a_gap(tmp_path: Path) -> None:
     rig.check_given_back()
 
 
-def test_a_failing_disk_gives_everything_back_and_is_reported(
+def test_a_failing_disk_releases_every_buffer_and_is_reported(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig.feed(24)
@@ -189,8 +188,8 @@ def test_a_failing_disk_gives_everything_back_and_is_reported(
     rig.check_given_back()
 
 
-def test_a_frame_that_comes_while_the_recording_is_closed_is_given_back(rig: Rig) -> None:
-    """The camera's thread is between the recorder and its queue when another closes both."""
+def test_a_frame_that_arrives_during_close_is_released(rig: Rig) -> None:
+    """The camera's thread is between the recorder and its queue when another thread closes both."""
     rig.feed(3)
     rig.recorder.close()
     rig.recorder._ending = False
@@ -203,7 +202,7 @@ def test_a_frame_that_comes_while_the_recording_is_closed_is_given_back(rig: Rig
     rig.recorder.close()
 
 
-def test_a_disk_that_stands_still_holds_nobody_up(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stalled_disk_blocks_no_thread(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     go, write_pages = threading.Event(), direct_file._write_pages
 
     def stuck(fd: int, views: list[memoryview], offset: int) -> None:
@@ -239,7 +238,7 @@ def test_what_a_killed_process_leaves_is_recovered(tmp_path: Path) -> None:
 
 
 def test_a_writer_through_the_page_cache_borrows_no_buffer(tmp_path: Path) -> None:
-    """The recorder copies then."""
+    """Such a recorder copies the images."""
     with McapWriter(tmp_path / "a.mcap") as writer:
         recorder = choose_recorder(writer, FORMAT, RecorderConfig(mode="continuous"), T0)
         buffer = CountingBuffer(image_of(WIDTH, HEIGHT, 1))

@@ -54,7 +54,7 @@ def _image(writer: McapWriter, number: int) -> None:
     )
 
 
-def test_any_sizes_come_out_as_they_went_in(tmp_path: Path, memory: BlockMemory) -> None:
+def test_any_message_sizes_read_back_unchanged(tmp_path: Path, memory: BlockMemory) -> None:
     generator = random.Random(5)
     source = generator.randbytes(1 << 20)
     file = DirectFile(tmp_path / "a.part", memory, 1 << 20)
@@ -88,7 +88,7 @@ def test_the_recording_is_the_same_as_through_the_page_cache(tmp_path: Path, mem
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
-def test_what_is_larger_than_the_memory_waits_for_the_disk(tmp_path: Path, memory: BlockMemory) -> None:
+def test_a_message_larger_than_the_memory_waits_for_the_disk(tmp_path: Path, memory: BlockMemory) -> None:
     attachment = random.Random(1).randbytes(3 * memory.blocks * BLOCK_BYTES)
     with McapWriter(tmp_path / "a.mcap", memory) as writer:
         writer.attachment("large", "application/octet-stream", attachment)
@@ -125,7 +125,7 @@ def test_a_full_disk_refuses_the_next_image_and_still_gives_a_whole_recording(
     assert found == [*range(taken), 7]
 
 
-def test_a_failing_disk_is_reported_and_what_it_took_is_recovered(
+def test_a_failing_disk_is_reported_and_its_bytes_are_recovered(
     tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)
@@ -149,7 +149,7 @@ def test_a_failing_disk_is_reported_and_what_it_took_is_recovered(
 
 
 def test_a_reader_follows_while_it_grows(tmp_path: Path, memory: BlockMemory) -> None:
-    """Every message it hands out is whole and right, though the last page is written again and again."""
+    """Every message that is read is complete and correct, though the last page is rewritten repeatedly."""
     writer = McapWriter(tmp_path / "a.mcap", memory, flush_s=0.01)
     small.write_head(writer)
     striker = writer.add_topic(topics.STRIKER_SAMPLE)

@@ -66,7 +66,7 @@ def test_added_truth_reads_in_the_reference_implementation(tmp_path: Path) -> No
         assert summary.statistics.message_count == len(after)
 
 
-def test_removing_gives_back_what_was_there(tmp_path: Path) -> None:
+def test_removing_added_topics_restores_the_recording(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     seal = small.write_recording(path)
     before = _messages(path)
@@ -78,7 +78,7 @@ def test_removing_gives_back_what_was_there(tmp_path: Path) -> None:
     assert len(_messages(tmp_path / "b.mcap")) == len(before) + 8
 
 
-def test_removing_a_sealed_topic_seals_anew(tmp_path: Path) -> None:
+def test_removing_a_sealed_topic_computes_a_new_seal(tmp_path: Path) -> None:
     """Striker samples share their chunks with other small topics."""
     seal = small.write_recording(tmp_path / "a.mcap")
     remove_topics(tmp_path / "a.mcap", tmp_path / "b.mcap", "/striker/")
@@ -93,7 +93,7 @@ def test_removing_a_sealed_topic_seals_anew(tmp_path: Path) -> None:
     assert _content_id(tmp_path / "b.mcap") == digest.hexdigest()
 
 
-def test_what_cannot_be_added_leaves_the_recording_as_it_was(tmp_path: Path) -> None:
+def test_a_refused_topic_leaves_the_recording_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     small.write_recording(path)
     before = path.read_bytes()

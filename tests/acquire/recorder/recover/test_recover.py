@@ -49,7 +49,7 @@ def test_a_killed_recording(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.mcap.part", "b.mcap"]
 
 
-def test_a_whole_recording_stays_what_it_is(tmp_path: Path) -> None:
+def test_a_complete_recording_is_recovered_unchanged(tmp_path: Path) -> None:
     seal = small.write_recording(tmp_path / "a.mcap")
     report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
     assert report.ended_properly
@@ -57,8 +57,8 @@ def test_a_whole_recording_stays_what_it_is(tmp_path: Path) -> None:
     assert (report.content_id, report.messages) == (seal.content_id, seal.messages)
 
 
-def test_a_cut_between_two_records_is_a_loss_and_is_told(tmp_path: Path) -> None:
-    """Every byte of such a file is whole; what came later, the strike's record too, is not in it."""
+def test_a_cut_between_two_records_is_reported_as_a_loss(tmp_path: Path) -> None:
+    """Every record of such a file is complete; later ones, the strike's record among them, are missing."""
     small.write_recording(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
     sizes = [
@@ -83,7 +83,7 @@ def test_a_cut_between_two_records_is_a_loss_and_is_told(tmp_path: Path) -> None
 
 
 def test_a_cut_behind_the_data_loses_nothing(tmp_path: Path) -> None:
-    """The summary is made anew from them."""
+    """The summary is computed anew from the data."""
     seal = small.write_recording(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[:-60])
