@@ -94,6 +94,12 @@ def _plain_docstring(
     lines[:] = found
 
 
+def _keep_colons(_app: Any, kind: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    """Keep the words before a colon in an attribute's first line, which Napoleon takes for its type."""
+    if kind in {"attribute", "data", "property"}:
+        lines.insert(0, "")
+
+
 GENERATED = {
     "reference/modules": ("<!-- modules -->", drawing.module_tables),
     "reference/commands": ("<!-- options -->", command_tables.option_tables),
@@ -109,6 +115,7 @@ def _generated_tables(_app: Any, name: str, source: list[str]) -> None:
 
 
 def setup(app: Any) -> None:
-    """Connect the two hooks above."""
+    """Connect the hooks above; `_keep_colons` runs before Napoleon's, whose priority is 500."""
+    app.connect("autodoc-process-docstring", _keep_colons, priority=400)
     app.connect("autodoc-process-docstring", _plain_docstring)
     app.connect("source-read", _generated_tables)

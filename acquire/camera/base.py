@@ -1,4 +1,7 @@
-"""Interface of a camera. One thread calls it, except where a method permits another."""
+"""Interface of a camera. One thread calls it, except where a method permits another.
+
+The capture process chooses the class (acquire/capture/process.py).
+"""
 
 from __future__ import annotations
 

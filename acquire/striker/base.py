@@ -1,6 +1,7 @@
 """Interface of a striker: home, arm, cock, strike once, stop.
 
-Arm angle 0 is vertical, at the impact point; positive towards the object.
+Arm angle 0 is vertical, at the impact point; positive towards the object. The daemon chooses the class by
+the rig file's `striker.kind` (acquire/daemon/daemon.py).
 """
 
 from __future__ import annotations

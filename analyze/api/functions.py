@@ -44,6 +44,9 @@ def estimate(
 ) -> ObjectEstimate:
     """Estimate centre of mass, inertia tensor and region masses of one object.
 
+    Strikes that a loaded recording has tracked already are not tracked again. All errors but ValueError are
+    subclasses of `AnalyzeError` in `analyze.errors`.
+
     Args:
         recordings: one or several recordings of the object, loaded or as paths; their order does not matter.
         object_file: object file (TOML) that replaces the recordings'; only for recordings given as paths.

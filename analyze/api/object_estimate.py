@@ -95,7 +95,7 @@ class InertiaTensor:
         return int(np.floor(np.log10(np.abs(self.tensor).max())))
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Name, value ± half width (95 %) in 10^power_of_ten kg m², and origin of each entry."""
+        """Name, value ± half width (95 %) in 10^power_of_ten kg m², and origin (measured, prior) per entry."""
         unit = 10.0**self.power_of_ten
         return [
             (

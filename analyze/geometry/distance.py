@@ -74,7 +74,7 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Depth of points in a convex body: exact inside; outside, relative to the farthest face's plane.
+    """Depth [m] of points in a convex body; outside, minus the largest height over a face's plane.
 
     Args:
         planes: (p, 4) unit outward normals n and d [m] of the faces, n.x + d = 0.

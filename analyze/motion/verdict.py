@@ -1,4 +1,7 @@
-"""Verdict on a strike, with the numbers behind it."""
+"""Verdict on a strike, with its numbers and the remedy in one sentence.
+
+`struck_twice` is decided where fits with one and two impacts are compared: fit_choice.py.
+"""
 
 from __future__ import annotations
 
@@ -18,32 +21,33 @@ if TYPE_CHECKING:
     from analyze.types import Array, IntArray, MotionFit, TipAngle
 
 _SEEN_PAST_PHI = math.radians(35.0)
-"""angle beyond the predicted phi [rad] up to which the marker must be seen: the fitted window and phi's
-error"""
+"""angle past the predicted phi [rad] up to which the marker must be seen: the fitted window, and the error of
+phi"""
 _LOST_BELOW = math.radians(30.0)
 """last seen theta [rad] below which a tip without an end counts as lost"""
 _MEDIAN_FRAMES = 5
+"""width of the running median [frames]"""
 
 
 def judge_motion(
     motion: PlanarMotion, course: Course, task: StrikeTask, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict by the raw motion; None if it looks like a tip.
+    """Verdict on a motion that is not a tip, or was not seen completely; None if it looks like a tip.
 
     Args:
         motion: the motion through the whole window of the strike.
-        course: its impact, release and end.
+        course: its first motion, release and end.
         task: the strike.
         limits: limits of a clean tip.
     """
     angle = motion.angle
-    if course.moved is None or course.released is None:
+    if course.moved_frame is None or course.released_frame is None:
         return _not_moved(motion, float(np.max(angle.theta, initial=0.0)), limits)
     frame_ns = float(np.median(np.diff(angle.time_ns)))
     # With the frame before: a gap may hide the beginning of the motion.
-    free = slice(max(course.moved - 1, 0), course.ended)
+    free = slice(max(course.moved_frame - 1, 0), course.end_frame)
     times = angle.time_ns[free]
-    # While it comes to lie on the table the marker may turn away: nothing is missed then.
+    # The marker may turn away from the camera while the object lands: missing frames do not count there.
     times = times[: 1 + int(np.sum(angle.theta[free][:-1] < task.planned.phi_predicted_rad + _SEEN_PAST_PHI))]
     gaps = _gaps(angle, course, times, frame_ns, task, limits)
     if gaps is not None:
@@ -55,7 +59,7 @@ def judge_motion(
 def _gaps(
     angle: TipAngle, course: Course, times: IntArray, frame_ns: float, task: StrikeTask, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict by frames or markers missing between `times` (n,) [ns]; None if enough were seen."""
+    """Verdict on missing images or markers between `times` (n,) [ns]; None if enough were seen."""
     apart_ns = np.diff(times)
     if task.unmarked_ns is None:
         missed = np.rint(apart_ns / frame_ns) - 1.0
@@ -64,7 +68,9 @@ def _gaps(
     longest = int(np.max(missed, initial=0.0))
     share = len(times) / (len(times) + float(np.sum(missed)))
     unseen_end = (task.images_end_ns - int(angle.time_ns[-1])) / frame_ns if task.images_end_ns else 0.0
-    unfinished = course.ended == len(angle.theta) and not course.came_back and angle.theta[-1] < _LOST_BELOW
+    unfinished = (
+        course.end_frame == len(angle.theta) and not course.came_back and angle.theta[-1] < _LOST_BELOW
+    )
     lost_early = unseen_end > limits.max_marker_gap and unfinished
     if longest > limits.max_marker_gap or share < limits.min_marker_share or lost_early:
         gone = max(longest, round(unseen_end) if lost_early else 0)
@@ -80,6 +86,7 @@ def _gaps(
 
 
 def _not_moved(motion: PlanarMotion, peak: float, limits: VerdictLimits) -> Judgement:
+    """Verdict on an object that did not tip: it slid, or did not move; `peak` is its largest theta [rad]."""
     slip = _smooth_peak(np.abs(motion.angle.slip), motion.position_sd)
     turned = f"turned by {math.degrees(peak):.2f} deg at most"
     if slip > limits.slip:
@@ -91,7 +98,7 @@ def _not_moved(motion: PlanarMotion, peak: float, limits: VerdictLimits) -> Judg
 def judge_contact(
     motion: PlanarMotion, window: tuple[int, int], rolls: bool, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict by the motion of the contact within a window; None if it held.
+    """Verdict on a contact that lifted, twisted or slid within a window; None if it held.
 
     Args:
         motion: slip, lift and twist of the strike.
@@ -120,13 +127,10 @@ def judge_contact(
 def judge_hard(
     motion: PlanarMotion, course: Course, energy_ratio: float, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict on a strike so hard that the object flew, though only after its balance point.
-
-    None if it did not.
-    """
-    if energy_ratio < limits.hard_energy_ratio or course.released is None:
+    """Verdict on a strike so hard that the object flew after its balance point; None if it did not fly."""
+    if energy_ratio < limits.hard_energy_ratio or course.released_frame is None:
         return None
-    free = slice(course.released, course.ended)
+    free = slice(course.released_frame, course.end_frame)
     lift = _smooth_peak(motion.lift[free], motion.position_sd[free])
     if lift <= limits.lift:
         return None
@@ -136,7 +140,7 @@ def judge_hard(
 
 
 def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: VerdictLimits) -> Judgement | None:
-    """Verdict if the fit leaves phi too uncertain for use; None if it does not."""
+    """Verdict on a strike whose phi is too uncertain for use; None if phi is usable."""
     sd = math.sqrt(float(fit.covariance[0, 0]))
     if sd <= limits.phi_sd:
         return None
@@ -149,7 +153,7 @@ def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: Verdic
 
 
 def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: float) -> Judgement:
-    """Verdict on a clean motion: tipped over, or rocked back."""
+    """Verdict on a clean tip: good, or rocked back."""
     phi = math.degrees(fit.phi)
     if course.came_back or (energy_ratio < 1.0 and theta_max < fit.phi):
         return Judgement(
@@ -161,7 +165,7 @@ def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: fl
 
 
 def _smooth_peak(values: Array, sd: Array) -> float:
-    """Largest median of five neighbours (of all, if fewer) less twice its noise, at least 0."""
+    """Largest running median over five values, less twice the mean of `sd` (n,); at least 0."""
     if not len(values):
         return 0.0
     size = min(_MEDIAN_FRAMES, len(values))

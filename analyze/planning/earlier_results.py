@@ -100,7 +100,7 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
 
 
 def updated_hypothesis(believed: Hypothesis, given: EarlierResult) -> Hypothesis:
-    """Hypothesis with Q about the measured c.
+    """Hypothesis whose region is centred on the measured centre of mass and sized by its covariance.
 
     Its half edges are two standard deviations of c, at most the largest one of the hypothesis `believed`.
     """

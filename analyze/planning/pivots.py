@@ -201,7 +201,7 @@ def _wall_lean(
 
 
 def _round_rim(plane: RestingPlane) -> BoolArray:
-    """Mask (k,) of the edges of a round rim: runs of small turns on both sides."""
+    """Mask (k,) of a polygon's edges that turn little against both neighbours, as on a round rim."""
     out = plane.outward()
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))
     gentle = turn < RIM_TURN

@@ -36,7 +36,7 @@ RAY_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """Reason why a tip cannot be tracked, in the terms of a Rejection."""
+    """Reason why a tip cannot be tracked: rejection code, measured number, message."""
 
     code: str
     """One of `FAULT_CODES`."""

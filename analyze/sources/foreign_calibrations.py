@@ -256,7 +256,7 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
 
 
 def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
-    """Entries of the file's one camera: of Kalibr's cam0, or the file's own."""
+    """Entries of the only camera of a calibration file: under cam0 (Kalibr), or at the top level."""
     if not isinstance(found, dict):
         raise CalibrationError(
             f"{name}: contains no camera calibration: give one of OpenCV, Kalibr or ROS, or a rig file "

@@ -155,7 +155,7 @@ def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
 
 @dataclass
 class MissingFrames:
-    """Counter of missing frames; call it with increasing times."""
+    """Counter of missing frames; give `before` or `before_each` increasing times."""
 
     interval_ns: float
     """initial interval between two frames [ns]"""
