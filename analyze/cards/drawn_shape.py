@@ -55,7 +55,7 @@ def drawn_shape(model: ObjectModel) -> DrawnShape:
     if len(hull.simplices) < len(faces) and hull.volume < model.volume * (1 + CONVEX_VOLUME_TOLERANCE):
         vertices, faces = model.hull_vertices, _outward(hull)
     if len(faces) > MAX_FACES:
-        vertices, faces = simplified(vertices, faces, float(model.extent.max()) / GRID_CELLS)
+        vertices, faces = simplify_mesh(vertices, faces, float(model.extent.max()) / GRID_CELLS)
     normals, keep = _normals(vertices, faces)
     faces = faces[keep]
     edges, pairs = _edges(faces)
@@ -87,7 +87,7 @@ def _outward(hull: ConvexHull) -> IntArray:
     return faces
 
 
-def simplified(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:
+def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:
     """Mesh with vertices (n, 3) and faces (f, 3) merged in the cells of a grid of size `cell` [m].
 
     Each cell keeps the point nearest to the planes of its faces, so that edges stay sharp.

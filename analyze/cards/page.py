@@ -16,7 +16,7 @@ from analyze.cards.drawn_shape import drawn_shape
 from analyze.cards.measures import plan_picture, side_picture
 from analyze.cards.placing import Sides
 from analyze.cards.scene import scene_picture
-from analyze.cards.setting import Setting, setting
+from analyze.cards.setting import Setting, strike_setting
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning.footing import IF_IT_FALLS
 from schemas.object_spec import ObjectSpec
@@ -107,7 +107,7 @@ def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
     return _template().render(
         plan=plan,
         spec=spec,
-        cards=cards(plan, model, spec),
+        cards=placement_cards(plan, model, spec),
         degrees=np.degrees,
         where_it_falls=IF_IT_FALLS,
     )
@@ -121,7 +121,7 @@ def _template() -> Template:
     return environment.get_template("cards.html")
 
 
-def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
+def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
     """Cards in the order of the plan's strikes; the pictures of equal placements are drawn once."""
     shape = drawn_shape(model)
     drawn: dict[str, tuple[Setting, Markup, Markup, Markup]] = {}
@@ -139,7 +139,7 @@ def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
             }
         )
         if key not in drawn:
-            place = setting(
+            place = strike_setting(
                 PlacedObject(shape, spec, np.array(strike.R_world_object), np.array(strike.p_world_object)),
                 strike,
             )
@@ -156,7 +156,15 @@ def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
         repeated = before is not None and not change
         found.append(
             Card(
-                number, strike, place, placing.sides(spec, place.body.R), change, repeated, scene, side, above
+                number,
+                strike,
+                place,
+                placing.side_names(spec, place.body.R),
+                change,
+                repeated,
+                scene,
+                side,
+                above,
             )
         )
     return found

@@ -72,7 +72,7 @@ class Tilt:
 Move = Turn | Tilt
 
 
-def moves(R_before: Array, R_now: Array) -> list[Move]:
+def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
     """Shortest sequence of turns and tilts in W from one placement to the next.
 
     Args:
@@ -109,7 +109,7 @@ def moves(R_before: Array, R_now: Array) -> list[Move]:
 
 def placement_change(R_before: Array, R_now: Array) -> str:
     """Instruction for the change of placement, as one sentence; empty for equal placements."""
-    steps = [move.instruction() for move in moves(R_before, R_now)]
+    steps = [move.instruction() for move in placement_moves(R_before, R_now)]
     text = "; then ".join(steps)
     return text[:1].upper() + text[1:]
 
@@ -130,7 +130,7 @@ class Sides:
     """Side opposite the camera."""
 
 
-def sides(spec: ObjectSpec, R_world_object: Array) -> Sides:
+def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
     """Names of the sides of an object that lies with `R_world_object` (3, 3)."""
 
     def side(direction: list[float]) -> str:

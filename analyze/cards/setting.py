@@ -65,7 +65,7 @@ class Setting:
         return -(self.low[1] if self.edge is None else self.edge[0])
 
 
-def setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
+def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
     """Positions in W [m] of everything in one strike's pictures, for a body placed as planned."""
     corners = body.corners
     near = EDGE_TOLERANCE * body.shape.size

@@ -19,10 +19,10 @@ from analyze.estimation.agreement import (
     estimator_disagreements,
 )
 from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
-from analyze.estimation.checks import Checks, check
+from analyze.estimation.checks import Checks, check_solution
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.fill_level import FillLevel
-from analyze.estimation.inertia import parameters_of, shape_prior
+from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
@@ -239,8 +239,10 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
     moments = MomentModel(scale, shape_prior(cells))
     solution = solve_joint(planes, systematic, prior, moments)
-    struck = parameters_of(solution, prior, scale)
-    checks = check(planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes))
+    struck = inertial_parameters_from_joint(solution, prior, scale)
+    checks = check_solution(
+        planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes)
+    )
     inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
     recording_of = [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes]
     paper, struck_paper_planes = _paper_estimate(evidence, used, cells, scale)

@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from analyze.cards.body import CARD_CELLS
-from analyze.cards.page import Card, cards
+from analyze.cards.page import Card, placement_cards
 from analyze.cards.setting import tip_arc
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply
@@ -70,7 +70,7 @@ def log_scenes(
 ) -> None:
     """Log the scenes of all cards to a stream."""
     _log_static(stream, model, spec)
-    for card in cards(plan, model, spec):
+    for card in placement_cards(plan, model, spec):
         stream.set_time(STRIKE, sequence=card.number)
         _strike(stream, card, camera)
 

@@ -41,7 +41,7 @@ class ImageChoice:
     """True for PNG, False for JPEG."""
 
 
-def thinned(frames: Iterable[ImageFrame], rate_hz: float) -> Iterator[ImageFrame]:
+def limit_frame_rate(frames: Iterable[ImageFrame], rate_hz: float) -> Iterator[ImageFrame]:
     """Frames at a rate of at most `rate_hz`."""
     shown_ns: int | None = None
     for frame in frames:
@@ -74,7 +74,7 @@ def send_pictures(
     before: _ImagesBeforeContact | None = None
     count = 0
     try:
-        for frame in frames if choice.every_frame else thinned(frames, FRAME_RATE):
+        for frame in frames if choice.every_frame else limit_frame_rate(frames, FRAME_RATE):
             before = before or _ImagesBeforeContact(timelines, f"{path}_before", frame, contact_ns, choice)
             before.take(frame)
             waiting.append((frame.time_ns, _encoded(frame.image, choice)))

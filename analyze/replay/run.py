@@ -17,7 +17,7 @@ from analyze.reading.followed_recording import PART_SUFFIX
 from analyze.reading.recording import Recording
 from analyze.replay.layout import ANSWER, SESSION_PAGE
 from analyze.replay.live import LiveRecording
-from analyze.replay.pictures import send_pictures, thinned
+from analyze.replay.pictures import limit_frame_rate, send_pictures
 from analyze.replay.recording_file import STILL_S, RecordingFile, is_fresh
 from analyze.replay.sender import ReplayOptions, Sender
 from analyze.replay.session_scene import LOGGED_TOPICS, send_event, send_health
@@ -230,7 +230,7 @@ def _send_events(recording: Recording, show: _RunningReplay) -> None:
 def _send_images_without_strikes(recording: Recording, show: _RunningReplay, options: ReplayOptions) -> None:
     """Send images of a recording that was cut before the record of its first strike."""
     try:
-        frames = islice(thinned(recording.images(), _NO_STRIKE_RATE_HZ), _MAX_NO_STRIKE_IMAGES)
+        frames = islice(limit_frame_rate(recording.images(), _NO_STRIKE_RATE_HZ), _MAX_NO_STRIKE_IMAGES)
         send_pictures(show.timelines, "/session/camera", frames, None, options.images)
     except RecordingError as error:
         show.sender.damage.append(str(error))

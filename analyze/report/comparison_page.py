@@ -10,7 +10,7 @@ import numpy as np
 from analyze.report.comparison_document import comparison_document
 from analyze.report.comparison_plots import angles_figure, forest_figure
 from analyze.report.csv_table import Cell, CsvTable
-from analyze.report.page import drawn, manifest_time, page_environment
+from analyze.report.page import figure_element, manifest_time, page_environment
 from analyze.report.summary import DEGREES, GRAM_CM2
 from schemas.document import canonical_json
 from schemas.output_file import write_text
@@ -62,7 +62,7 @@ def render_comparison(compared: SessionComparison) -> str:
     names = [f"session {number}" for number in range(1, len(document.sessions) + 1)]
     by_kind = {kind: [each for each in document.precision if each.kind == kind] for kind in SHOWN}
     forests = {
-        kind: drawn(forest_figure(rows, names, SHOWN[kind].factor, SHOWN[kind].unit, odd))
+        kind: figure_element(forest_figure(rows, names, SHOWN[kind].factor, SHOWN[kind].unit, odd))
         for kind, rows in by_kind.items()
         if rows and kind != "phi"
     }
@@ -74,17 +74,17 @@ def render_comparison(compared: SessionComparison) -> str:
             shown=SHOWN,
             by_kind=by_kind,
             forests=forests,
-            angles=drawn(angles_figure(by_kind["phi"], names, odd)) if by_kind["phi"] else None,
+            angles=figure_element(angles_figure(by_kind["phi"], names, odd)) if by_kind["phi"] else None,
             setups=max(session.setup for session in document.sessions),
             created=[manifest_time(session.recording.created) for session in document.sessions],
-            lead=lead(document),
+            lead=comparison_summary(document),
             distance_r=_distance([each.s_r for each in by_kind["centre_of_mass"]]),
             distance_R=_distance([each.s_R for each in by_kind["centre_of_mass"]]),
         )
     )
 
 
-def lead(document: Comparison) -> str:
+def comparison_summary(document: Comparison) -> str:
     """Summary of a comparison in two sentences: agreement and repeatability."""
     of_c = [each for each in document.precision if each.kind == "centre_of_mass"]
     s_r, s_R = _distance([each.s_r for each in of_c]), _distance([each.s_R for each in of_c])

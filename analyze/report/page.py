@@ -40,7 +40,7 @@ def page_environment() -> Environment:
     return environment
 
 
-def drawn(figure: Figure) -> Markup:
+def figure_element(figure: Figure) -> Markup:
     """Figure as an SVG element of a page."""
     return Markup(svg(figure))  # noqa: S704 - matplotlib's own SVG; text in it is drawn as outlines
 

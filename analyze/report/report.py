@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.reading.recording import open_recording
-from analyze.report.page import drawn, manifest_time, number, page_environment, signed
+from analyze.report.page import figure_element, manifest_time, number, page_environment, signed
 from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.report.prediction_plot import prediction_figure
 from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
@@ -57,7 +57,7 @@ def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None =
         RecordingError: a recording cannot be read.
         OutputError: the file cannot be written.
     """
-    write_text(output, render_report(answer, stills(answer.estimate), score))
+    write_text(output, render_report(answer, camera_stills(answer.estimate), score))
 
 
 def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
@@ -73,7 +73,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             name=estimate.evidence.spec.name,
             result=result,
             recordings=estimate.evidence.recordings,
-            verdict=verdict_in_words(answer),
+            verdict=answer_summary(answer),
             com=_com_rows(result.centre_of_mass, truth),
             used=[strike for strike in result.strikes if strike.used],
             axes=len({plane.axis_id for plane in estimate.planes}),
@@ -86,15 +86,18 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             ),
             truth=truth,
             projections=[
-                drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)
+                figure_element(figure)
+                for figure in projection_figures(estimate, None if truth is None else truth.com)
             ],
-            regions=drawn(
+            regions=figure_element(
                 regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)
             ),
-            voxels=drawn(voxel_figure(estimate.voxels)),
+            voxels=figure_element(voxel_figure(estimate.voxels)),
             voxel_text=voxel_map_text(estimate.voxels),
-            moments=drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
-            predictions=drawn(prediction_figure(estimate.predictions)) if estimate.predictions else None,
+            moments=figure_element(moments_figure(estimate, None if truth is None else truth.i_com)),
+            predictions=figure_element(prediction_figure(estimate.predictions))
+            if estimate.predictions
+            else None,
             consistent_count=sum(each.consistent for each in estimate.predictions),
             warnings=[
                 each
@@ -108,9 +111,9 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
                 *tilt_lines(result),
                 *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1),
             ],
-            sources=drawn(sources_figure(rows, half)),
+            sources=figure_element(sources_figure(rows, half)),
             sources_text=largest_source_text(rows),
-            influences=drawn(influence_figure(estimate.sensitivity)),
+            influences=figure_element(influence_figure(estimate.sensitivity)),
             naive=sorted(result.regions.baselines) if result.regions is not None else [],
             score=score,
             best_naive=(
@@ -123,7 +126,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
     )
 
 
-def verdict_in_words(answer: Answer) -> str:
+def answer_summary(answer: Answer) -> str:
     """Summary in two or three sentences: centre of mass, heaviest region, strikes used."""
     estimate, result = answer.estimate, answer.result
     com = estimate.com
@@ -161,7 +164,7 @@ def _heaviest_in_words(distribution: MassDistribution) -> str:
     return f"{part} of the mass ({100 * distribution.masses[heaviest] / mass:.0f}\u00a0%) is {place}."
 
 
-def stills(estimate: Estimate) -> list[Still]:
+def camera_stills(estimate: Estimate) -> list[Still]:
     """Camera images with the markers outlined, one per pivot axis, nearest to the balance angle."""
     found: list[Still] = []
     seen: set[str] = set()
@@ -235,7 +238,12 @@ def _strike_plots(answer: Answer) -> list[tuple[StrikeResult, Markup]]:
             continue
         strike = by_id[motion.strike_id]
         plots.append(
-            (strike, drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}")))
+            (
+                strike,
+                figure_element(
+                    strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}")
+                ),
+            )
         )
     return plots
 

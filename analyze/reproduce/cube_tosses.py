@@ -153,7 +153,7 @@ def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | N
         covariance=to_true @ flight.covariance @ to_true,
         residual=scale * flight.residual,
     )
-    motions = [scaled(motion, scale) for motion in tosses.motions]
+    motions = [with_scaled_positions(motion, scale) for motion in tosses.motions]
     found: list[BalancedBody] = []
     touching = (edge_contacts(motions, EDGE_M), corner_contacts(motions, EDGE_M))
     for number, contacts in enumerate(touching):
@@ -203,7 +203,7 @@ def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -
     )
 
 
-def scaled(motion: BodyMotion, scale: float) -> BodyMotion:
+def with_scaled_positions(motion: BodyMotion, scale: float) -> BodyMotion:
     """Motion with every position multiplied by `scale`."""
     return replace(motion, position=motion.position * scale)
 

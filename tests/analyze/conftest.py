@@ -40,4 +40,4 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     for figure in ("regions", "voxel", "moments", "prediction", "sources", "influence", "strike"):
         monkeypatch.setattr(f"analyze.report.report.{figure}_figure", lambda *_: None)
     monkeypatch.setattr("analyze.report.report.projection_figures", lambda *_: [None] * 3)
-    monkeypatch.setattr("analyze.report.report.drawn", lambda _: Markup("<svg></svg>"))
+    monkeypatch.setattr("analyze.report.report.figure_element", lambda _: Markup("<svg></svg>"))

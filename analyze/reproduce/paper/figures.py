@@ -37,7 +37,7 @@ _PHASE_WORDS = {
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 6: theta, omega and alpha of one strike, with its phases; None if no session has a profile."""
     profile = next(
-        (record.profile for record in scores.designed(records) if record.profile is not None), None
+        (record.profile for record in scores.with_our_plan(records) if record.profile is not None), None
     )
     if profile is None:
         return None
@@ -103,7 +103,7 @@ def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 9(a): error of the equi-plane's angle for each strike on the carton; None without strikes."""
     angles = [
         angle
-        for record in scores.designed(records)
+        for record in scores.with_our_plan(records)
         if record.object == "carton"
         for angle in record.angles
         if angle.paper_rad is not None
@@ -134,7 +134,7 @@ def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 9(b, c): error of c over angle noise, and of the region masses over noise of the moments."""
-    mine = scores.designed(records)
+    mine = scores.with_our_plan(records)
     com = [row for record in mine if record.moment_noise for row in record.angle_noise]
     masses = [row for record in mine for row in record.moment_noise]
     if not com or not masses:
@@ -157,7 +157,7 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 10: errors of c and of the region masses over the noise of the scan."""
-    mine = scores.designed(records)
+    mine = scores.with_our_plan(records)
     com, masses = (
         [row for r in mine for row in r.scan_noise_com],
         [row for r in mine for row in r.scan_noise_masses],
@@ -207,7 +207,7 @@ def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: flo
 
 def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 11: every result of both metrics with its mean, next to the paper's published results."""
-    mine = scores.within_class(scores.designed(records))
+    mine = scores.on_paper_objects(scores.with_our_plan(records))
     if not mine:
         return None
     centres = [
@@ -270,10 +270,10 @@ def _metrics(records: Sequence[SessionRecord], condition: Condition, *, paper: b
 
 def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 12: each object's silhouette with true and estimated c, and a slice of estimated regions."""
-    mine = scores.designed(records)
+    mine = scores.with_our_plan(records)
     names = [
         name
-        for name in (*OBJECTS, *sorted({r.object for r in scores.outside_class(mine)}))
+        for name in (*OBJECTS, *sorted({r.object for r in scores.on_other_objects(mine)}))
         if any(r.object == name for r in mine)
     ]
     if not names:

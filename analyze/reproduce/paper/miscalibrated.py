@@ -40,7 +40,7 @@ MIN_EDGE_RADIUS_M = 1e-4
 """Lower limit of a drawn edge radius."""
 
 
-def miscalibrated(evidence: Evidence, rng: np.random.Generator) -> Evidence:
+def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evidence:
     """Evidence with calibration errors drawn and their sd stated (docs/explanation/method.md, Targets).
 
     Args:

@@ -13,7 +13,7 @@ from analyze.reproduce.paper.tables import Column, Table, Value, objects_of
 
 def moments_table(records: Sequence[SessionRecord]) -> Table:
     """Table of moments with one row per object and axis, with exact calibration."""
-    ours = scores.designed(records)
+    ours = scores.with_our_plan(records)
     rows: list[tuple[Value, ...]] = []
     for name in objects_of(ours):
         mine = [record for record in ours if record.object == name]

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from analyze.report.csv_table import csv_text
-from analyze.report.page import drawn, page_environment
+from analyze.report.page import figure_element, page_environment
 from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.figures import (
     angles_figure,
@@ -26,7 +26,7 @@ from analyze.reproduce.paper.moments_table import moments_table
 from analyze.reproduce.paper.published import published_centres, published_masses
 from analyze.reproduce.paper.record import SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
-from analyze.reproduce.paper.targets import missed, targets, targets_table
+from analyze.reproduce.paper.targets import missed_targets, targets, targets_table
 from schemas.output_file import write_text
 
 PAGE = "index.html"
@@ -119,10 +119,10 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
     environment = page_environment()
     environment.filters["cell"] = _cell
     figures = [(make(records), title, caption) for make, title, caption in _FIGURES]
-    ours = scores.designed(records)
+    ours = scores.with_our_plan(records)
     return environment.get_template("paper.html").render(
         lead=summary(records),
-        missed=missed(records),
+        missed=missed_targets(records),
         sources=[
             f"{count} × {source}"
             for source, count in sorted(Counter(record.source.value for record in records).items())
@@ -131,7 +131,9 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
         sessions=len(records),
         tables=tables,
         figures=[
-            _Drawn(title, caption, drawn(figure)) for figure, title, caption in figures if figure is not None
+            _Drawn(title, caption, figure_element(figure))
+            for figure, title, caption in figures
+            if figure is not None
         ],
     )
 
@@ -157,7 +159,7 @@ def summary(records: Sequence[SessionRecord]) -> str:
 
 def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequence[Sequence[Value]]]]:
     """Data of the figures as (file name, headings, rows)."""
-    mine = scores.designed(records)
+    mine = scores.with_our_plan(records)
     found: list[tuple[str, list[str], Sequence[Sequence[Value]]]] = []
     profile = next((record.profile for record in mine if record.profile is not None), None)
     if profile is not None:
@@ -234,7 +236,7 @@ def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
         (each.object, None, None, "published", each.distance_m, None) for each in published_centres()
     ]
     rows += [(each.object, None, None, "published", None, each.metric) for each in published_masses()]
-    for record in scores.within_class(records):
+    for record in scores.on_paper_objects(records):
         for condition in record.ours:
             for method, answers in (
                 ("ours", [record.ours[condition]]),

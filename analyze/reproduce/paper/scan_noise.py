@@ -34,7 +34,7 @@ SAME_EDGE_COSINE = np.cos(np.radians(15.0))
 """Least cosine, of both direction and face normal, for a scanned edge to count as the struck one."""
 
 
-def over_scan_noise(
+def errors_over_scan_noise(
     evidence: Evidence, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
 ) -> tuple[list[Sensitivity], list[Sensitivity]]:
     """Error of c [m] and metric of the region masses, each over the largest shift [m] of a scanned point.

@@ -19,17 +19,17 @@ EMPTY_REGION_FRACTION = 0.01
 """Fraction of the total mass below which a region's mass counts as being at its lower bound, zero."""
 
 
-def designed(records: Iterable[SessionRecord]) -> list[SessionRecord]:
+def with_our_plan(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     """Sessions whose strikes were planned by our design (method 1.6), not by the paper's rule."""
     return [record for record in records if record.method is PlanMethod.OURS]
 
 
-def within_class(records: Iterable[SessionRecord]) -> list[SessionRecord]:
+def on_paper_objects(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     """Sessions on the paper's four objects, each a shell and two uniform parts."""
     return [record for record in records if record.object in OBJECTS]
 
 
-def outside_class(records: Iterable[SessionRecord]) -> list[SessionRecord]:
+def on_other_objects(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     """Sessions on objects other than the paper's four."""
     return [record for record in records if record.object not in OBJECTS]
 
@@ -44,7 +44,7 @@ def metric(masses: Sequence[float], record: SessionRecord) -> float:
     return float(np.abs(np.subtract(masses, record.true_masses_kg)).mean() / record.mass_kg)
 
 
-def misplaced(masses: Sequence[float], record: SessionRecord) -> float:
+def mass_in_wrong_region(masses: Sequence[float], record: SessionRecord) -> float:
     """Fraction of the mass M that is attributed to a wrong region."""
     return float(np.abs(np.subtract(masses, record.true_masses_kg)).sum() / 2 / record.mass_kg)
 
@@ -52,7 +52,7 @@ def misplaced(masses: Sequence[float], record: SessionRecord) -> float:
 def answers(
     records: Iterable[SessionRecord], condition: Condition, *, paper: bool
 ) -> Iterator[tuple[MethodAnswer, SessionRecord]]:
-    """Answers with their sessions: one of ours per session, or the paper's of every round."""
+    """Answers with their sessions: ours of each session, or with `paper` the paper's of each round."""
     for record in records:
         for answer in record.paper.get(condition, []) if paper else [record.ours[condition]]:
             yield answer, record
@@ -96,7 +96,7 @@ def standardised(records: Sequence[SessionRecord], condition: Condition) -> list
         ),
         Standardised("I about the edge", np.array(edge), (np.abs(edge) < SIGMAS_95).astype(float)),
         Standardised("I about c", np.array(about_com), (np.abs(about_com) < SIGMAS_95).astype(float)),
-        standardised_masses(within_class(records), condition, "region masses"),
+        standardised_masses(on_paper_objects(records), condition, "region masses"),
     ]
 
 

@@ -14,8 +14,8 @@ from scipy.spatial import ConvexHull
 from analyze.estimation.paper import distance_from_pivot
 from analyze.pipeline.estimate import Estimate, estimate_evidence
 from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_without_tips
-from analyze.reproduce.paper.miscalibrated import miscalibrated
-from analyze.reproduce.paper.own_choice import own_choice
+from analyze.reproduce.paper.miscalibrated import with_calibration_errors
+from analyze.reproduce.paper.own_choice import com_from_papers_choice
 from analyze.reproduce.paper.record import (
     Angle,
     AxisMoment,
@@ -26,7 +26,7 @@ from analyze.reproduce.paper.record import (
     SessionRecord,
     ThetaSource,
 )
-from analyze.reproduce.paper.scan_noise import LEVELS_M, over_scan_noise
+from analyze.reproduce.paper.scan_noise import LEVELS_M, errors_over_scan_noise
 from analyze.reproduce.paper.sensitivity import (
     ANGLE_LEVELS_DEG,
     MOMENT_LEVELS,
@@ -66,7 +66,7 @@ class Sweeps:
     scan_m: tuple[float, ...] = ()
 
 
-def sweeps_of(name: str) -> Sweeps:
+def default_sweeps(name: str) -> Sweeps:
     """Default sweeps of an object: all for the carton, as in the paper, else the paper's angle noise only."""
     return Sweeps(ANGLE_LEVELS_DEG, MOMENT_LEVELS, LEVELS_M) if name == SWEPT_OBJECT else Sweeps()
 
@@ -84,7 +84,7 @@ def session_record(
         evidence: strikes of the session.
         body: ground truth, which no estimate uses.
         source: origin of theta(t).
-        sweeps: noise levels; by default those of `sweeps_of` for the object.
+        sweeps: noise levels; by default those of `default_sweeps` for the object.
         progress: called with (text, done, total).
 
     Raises:
@@ -99,7 +99,7 @@ def session_record(
     cpu_s = time.process_time() - began
     refuse_without_tips(exact, name)
     report("with calibration errors drawn", 1, PROGRESS_STEPS)
-    drawn = estimate_evidence(miscalibrated(evidence, rng))
+    drawn = estimate_evidence(with_calibration_errors(evidence, rng))
     estimates = {Condition.EXACT: exact, Condition.DRAWN: drawn}
     report("by the paper's method", 2, PROGRESS_STEPS)
     paper = {
@@ -107,11 +107,11 @@ def session_record(
         for condition, estimate in estimates.items()
     }
     report("over noise of the angles", 3, PROGRESS_STEPS)
-    sweeps = sweeps or sweeps_of(name)
+    sweeps = sweeps or default_sweeps(name)
     angle_noise = com_over_angles(exact, body, sweeps.angles_deg, rng)
     moment_noise = masses_over_moments(exact, body, sweeps.moments, rng)
     report("over noise of the scan", 4, PROGRESS_STEPS)
-    scan_com, scan_masses = over_scan_noise(evidence, body, sweeps.scan_m, rng)
+    scan_com, scan_masses = errors_over_scan_noise(evidence, body, sweeps.scan_m, rng)
     report("drawing", 5, PROGRESS_STEPS)
     model = evidence.model
     return SessionRecord(
@@ -139,7 +139,7 @@ def session_record(
         moment_noise=moment_noise,
         scan_noise_com=scan_com,
         scan_noise_masses=scan_masses,
-        own_choice=own_choice(exact, body),
+        own_choice=com_from_papers_choice(exact, body),
         profile=_profile(exact, body) if name == SWEPT_OBJECT else None,
         section=_section(exact, body),
     )

@@ -44,7 +44,13 @@ class Table:
 
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
     """All tables with rows, in the order of the page."""
-    found = [table1(records), table2(records), stated_errors(records), own_choice(records), sessions(records)]
+    found = [
+        table1(records),
+        table2(records),
+        stated_errors_table(records),
+        papers_choice_table(records),
+        sessions_table(records),
+    ]
     return [table for table in found if table.rows]
 
 
@@ -52,7 +58,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
     """Table 1: errors of the centre of mass, by object and method."""
     rows: list[tuple[Value, ...]] = []
     of_paper = published_centres()
-    ours = scores.designed(records)
+    ours = scores.with_our_plan(records)
     for name in objects_of(ours):
         mine = [record for record in ours if record.object == name]
         printed = [each for each in of_paper if each.object == name]
@@ -121,7 +127,7 @@ def table2(records: Sequence[SessionRecord]) -> Table:
     """Table 2: errors of the region masses, by object and method."""
     rows: list[tuple[Value, ...]] = []
     of_paper = published_masses()
-    ours = scores.designed(records)
+    ours = scores.with_our_plan(records)
     for name in objects_of(ours):
         mine = [record for record in ours if record.object == name]
         printed = [each for each in of_paper if each.object == name]
@@ -136,10 +142,15 @@ def table2(records: Sequence[SessionRecord]) -> Table:
             )
         for method, condition, paper in _METHODS:
             found = [(a.masses_kg, r) for a, r in scores.answers(mine, condition, paper=paper)]
-            pairs = [(scores.metric(m, r), scores.misplaced(m, r)) for m, r in found if m is not None]
+            pairs = [
+                (scores.metric(m, r), scores.mass_in_wrong_region(m, r)) for m, r in found if m is not None
+            ]
             rows.append(_masses_row(name, method, pairs, len(found)))
         for key in sorted(mine[0].naive_kg):
-            pairs = [(scores.metric(r.naive_kg[key], r), scores.misplaced(r.naive_kg[key], r)) for r in mine]
+            pairs = [
+                (scores.metric(r.naive_kg[key], r), scores.mass_in_wrong_region(r.naive_kg[key], r))
+                for r in mine
+            ]
             rows.append(_masses_row(name, f"naive: {key.replace('_', ' ')}", pairs, len(pairs)))
     return Table(
         "table2",
@@ -179,13 +190,13 @@ def _masses_row(
     )
 
 
-def stated_errors(records: Sequence[SessionRecord]) -> Table:
+def stated_errors_table(records: Sequence[SessionRecord]) -> Table:
     """Table of achieved errors over stated standard deviations, by condition and quantity."""
     rows: list[tuple[Value, ...]] = []
-    ours = scores.designed(records)
+    ours = scores.with_our_plan(records)
     for condition in Condition if ours else ():
         rows += [_stated_error_row(condition, each) for each in scores.standardised(ours, condition)]
-        for name in objects_of(scores.within_class(ours)):
+        for name in objects_of(scores.on_paper_objects(ours)):
             of_it = [record for record in ours if record.object == name]
             each = scores.standardised_masses(of_it, condition, f"region masses, {name}")
             rows.append(
@@ -222,10 +233,10 @@ def _stated_error_row(
     )
 
 
-def own_choice(records: Sequence[SessionRecord]) -> Table:
+def papers_choice_table(records: Sequence[SessionRecord]) -> Table:
     """Table of the centre of mass from the paper's own choice of strikes, by object."""
     rows: list[tuple[Value, ...]] = []
-    ours = scores.designed(records)
+    ours = scores.with_our_plan(records)
     for name in objects_of(ours):
         found = [
             record.own_choice for record in ours if record.object == name and record.own_choice is not None
@@ -276,7 +287,7 @@ def _present(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def sessions(records: Sequence[SessionRecord]) -> Table:
+def sessions_table(records: Sequence[SessionRecord]) -> Table:
     """Table of the errors of every session."""
     rows: list[tuple[Value, ...]] = []
     for record in records:

@@ -48,7 +48,7 @@ class Target:
 
 def targets(records: Sequence[SessionRecord]) -> list[Target]:
     """All targets, in the order of the table (docs/explanation/method.md, Targets)."""
-    mine = scores.within_class(scores.designed(records))
+    mine = scores.on_paper_objects(scores.with_our_plan(records))
     carton = [record for record in mine if record.scan_noise_com]
     moments = [axis for record in mine for axis in record.ours[Condition.EXACT].moments]
     scan = [
@@ -143,7 +143,11 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             (answer.masses_kg, record) for answer, record in scores.answers(mine, condition, paper=False)
         ]
         metric = [100 * scores.metric(masses, record) for masses, record in answers if masses is not None]
-        wrong = [100 * scores.misplaced(masses, record) for masses, record in answers if masses is not None]
+        wrong = [
+            100 * scores.mass_in_wrong_region(masses, record)
+            for masses, record in answers
+            if masses is not None
+        ]
         why = bounds.masses_bound(mine, condition)
         found.append(
             Target(f"region masses, the paper's metric{label}", "%", 1, "11.5", 4, 1.5, metric, bound=why)
@@ -204,7 +208,7 @@ def targets_table(records: Sequence[SessionRecord]) -> Table:
     return Table("targets", "Targets", tuple(Column(name) for name in names), rows, note)
 
 
-def missed(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
+def missed_targets(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
     """Missed targets grouped by reason, as (quantities, physical reason)."""
     found: dict[str, list[str]] = {}
     for each in targets(records):

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
-from analyze.cards.drawn_shape import MAX_FACES, drawn_shape, simplified
-from analyze.cards.page import cards, render_cards
+from analyze.cards.drawn_shape import MAX_FACES, drawn_shape, simplify_mesh
+from analyze.cards.page import placement_cards, render_cards
 from analyze.cards.view import Frame, from_above, from_the_camera, from_the_front_right
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
@@ -64,7 +64,7 @@ def test_card_shows_the_plans_numbers():
 
 def test_measures_are_of_the_object_as_placed():
     plan, model, spec = planned("carton")
-    for card in cards(plan, model, spec):
+    for card in placement_cards(plan, model, spec):
         place = card.place
         along = np.abs(np.array(card.strike.pivot.direction))
         half = float(along @ model.extent) / 2
@@ -77,7 +77,7 @@ def test_measures_are_of_the_object_as_placed():
 
 def test_rim_touches_the_line_in_one_point():
     plan, model, spec = planned("salt")
-    card = cards(plan, model, spec)[0]
+    card = placement_cards(plan, model, spec)[0]
     assert card.place.edge is None
     assert "rim touches the line at the mark" in card.on_line
     assert card.place.front_to_mark == pytest.approx(0.036, abs=1e-4)
@@ -96,11 +96,11 @@ def painted(svg):
 
 
 @pytest.mark.parametrize("name", ["carton", pytest.param("spray", marks=pytest.mark.slow), "salt"])
-def test_drawn_tag_can_be_detected_and_faces_the_camera(name):
+def test_tag_that_faces_the_camera_can_be_detected_in_the_pictures(name):
     plan, model, spec = planned(name)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
     seen = {}
-    for card in cards(plan, model, spec):
+    for card in placement_cards(plan, model, spec):
         if card.strike.axis_id in seen:
             continue
         for picture in (card.scene, card.side):
@@ -124,7 +124,7 @@ def test_tags_of_two_families_are_drawn(tmp_path):
         ["25h9-2" if name == 0 else name for name in strike.visible_markers] for strike in usual.strikes
     ]
     assert StrikePlan.model_validate_json(plan.model_dump_json()) == plan
-    for card in cards(plan, model, files.spec):
+    for card in placement_cards(plan, model, files.spec):
         family, tag_id = family_and_id(card.strike.visible_markers[0])
         detector = cv2.aruco.ArucoDetector(
             cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
@@ -155,7 +155,7 @@ def test_parallel_views_are_to_scale_and_not_mirrored():
 def test_fine_mesh_is_simplified_and_keeps_its_edges():
     box = trimesh.creation.box([80.0, 60.0, 150.0]).subdivide_to_size(1.2)
     cell = 150.0 / 30
-    vertices, faces = simplified(np.asarray(box.vertices), np.asarray(box.faces), cell)
+    vertices, faces = simplify_mesh(np.asarray(box.vertices), np.asarray(box.faces), cell)
     assert len(box.faces) > 50_000
     assert len(faces) < MAX_FACES * 1.5
     assert np.ptp(vertices, axis=0) == pytest.approx([80, 60, 150], abs=0.02 * cell)
@@ -177,7 +177,7 @@ def test_fine_convex_mesh_is_drawn_as_its_hull():
     assert np.all(np.einsum("ti,ti->t", np.cross(b - a, c - a), a) > 0)
 
 
-def test_hollow_bodies_are_cut_fine_enough_to_be_sorted():
+def test_triangles_of_hollow_bodies_are_small_enough_to_sort_by_depth():
     _, carton, _ = planned("carton")
     _, spray, _ = planned("spray")
     assert drawn_shape(carton).convex
@@ -216,7 +216,8 @@ def test_card_states_an_impact_beside_the_mark():
     moved = [x + 0.012 * d for x, d in zip(first.impact.point, first.pivot.direction, strict=True)]
     other = first.model_copy(update={"impact": first.impact.model_copy(update={"point": moved})})
     plain, beside = (
-        cards(plan.model_copy(update={"strikes": [each]}), model, spec)[0] for each in (first, other)
+        placement_cards(plan.model_copy(update={"strikes": [each]}), model, spec)[0]
+        for each in (first, other)
     )
     assert "from the mark" not in plain.set_striker
     assert "12 mm from the mark away from the camera" in beside.set_striker

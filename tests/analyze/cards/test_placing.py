@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from analyze.cards.placing import MIN_ROTATION, TOWARDS, Tilt, Turn, moves, placement_change, sides
+from analyze.cards.placing import (
+    MIN_ROTATION,
+    TOWARDS,
+    Tilt,
+    Turn,
+    placement_change,
+    placement_moves,
+    side_names,
+)
 from schemas.object_spec import Box, ObjectSpec, Shape
 
 quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1)
@@ -25,7 +33,7 @@ def carried_out(steps):
 @given(quaternions, quaternions)
 def test_moves_lead_from_one_placement_to_the_other(before, now):
     R_before, R_now = Rotation.from_quat(before).as_matrix(), Rotation.from_quat(now).as_matrix()
-    steps = moves(R_before, R_now)
+    steps = placement_moves(R_before, R_now)
     left_over = Rotation.from_matrix(R_now @ (carried_out(steps) @ R_before).T).magnitude()
     # Up to three moves smaller than MIN_ROTATION are left out.
     assert left_over < 3.1 * MIN_ROTATION
@@ -79,14 +87,14 @@ def test_side_is_named_by_its_tag_or_else_by_an_axis():
         shape=Shape(box=Box(size_m=[0.1, 0.1, 0.1])),
         marker=[{"id": 7, "size_m": 0.03, "T_object_marker": top}],
     )
-    found = sides(spec, STANDING)
+    found = side_names(spec, STANDING)
     assert (found.top, found.under, found.camera, found.away) == (
         "tag 7",
         "the −z side",
         "the −y side",
         "the +x side",
     )
-    turned = sides(spec, Tilt("towards the camera", np.pi / 2).matrix())
+    turned = side_names(spec, Tilt("towards the camera", np.pi / 2).matrix())
     assert turned.camera == "tag 7"
-    between = sides(spec, Turn(np.pi / 4).matrix())
+    between = side_names(spec, Turn(np.pi / 4).matrix())
     assert between.camera == "the −x/−y side"

@@ -183,7 +183,7 @@ def test_verdict_names_trusted_quantities_and_strikes_to_repeat(evidence, estima
     every = np.array(estimate.result.inertia_measured).all()
     assert estimate.result.inertia.source == ("measured" if every else "prior")
     assert all(each.consistent for each in estimate.estimate.predictions)
-    # Of one strike's frames many may be outside at once: they share the error of its phi.
+    # Many frames of one strike may be outside together, because they share the error of its phi.
     assert np.mean([each.motion.outside for each in estimate.estimate.predictions]) < 0.15
     assert [strike.prediction.consistent for strike in estimate.result.strikes] == [True] * len(
         evidence.motions

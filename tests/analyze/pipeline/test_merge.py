@@ -293,7 +293,7 @@ def test_same_id_for_two_edges_gives_two_axes(halves):
 
 
 def test_shared_error_of_an_edge_is_not_averaged_away(whole):
-    """Twelve strikes on the same edges give the same covariance in one recording or in six."""
+    """Twelve strikes repeated in four recordings: the part of the covariance from shared errors remains."""
     noisy = [
         replace(motion, fit=dataclasses.replace(motion.fit, covariance=1e-4 * motion.fit.covariance))
         for motion in whole.motions

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from analyze.cards.page import cards
+from analyze.cards.page import placement_cards
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
@@ -80,7 +80,7 @@ def test_file_is_complete(rrd):
 
 def test_texts_equal_those_of_the_printed_cards(planned):
     plan = planned[0]
-    for card in cards(*planned):
+    for card in placement_cards(*planned):
         text = card_text(card)
         assert card.put_down in text
         assert f"{1000 * plan.strikes[card.number - 1].impact_height_m:.0f} mm" in text

@@ -104,7 +104,7 @@ def test_drawn_answer_has_regions_and_a_density_for_every_cell(estimate):
     assert len(answer.voxels.points) == len(answer.voxels.density)
 
 
-def test_balance_moment_is_the_end_of_stage_one(evidence):
+def test_balance_moment_is_the_length_of_stage_one_or_a_default(evidence):
     motion = evidence.motions[0]
     assert 0.02 < views.balance_moment(motion) < 0.6
     assert views.balance_moment(None) == pytest.approx(0.2)

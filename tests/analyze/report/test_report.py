@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analyze.report.page import manifest_time, number, signed
-from analyze.report.report import Still, render_report, verdict_in_words, write_report
+from analyze.report.report import Still, answer_summary, render_report, write_report
 from analyze.report.truth import shown_truth
 from analyze.result.answer import answer_evidence
 from analyze.result.document import quantity
@@ -83,8 +83,8 @@ def test_heaviest_region_is_named_only_if_the_intervals_determine_it(estimate, i
         estimate.estimate.distribution, names=names, masses=ends.mean(axis=1), intervals=ends, explained=True
     )
     answer = replace(estimate, estimate=replace(estimate.estimate, distribution=determined))
-    assert expected in verdict_in_words(answer)
-    unexplained = verdict_in_words(
+    assert expected in answer_summary(answer)
+    unexplained = answer_summary(
         replace(
             answer, estimate=replace(estimate.estimate, distribution=replace(determined, explained=False))
         )
@@ -194,7 +194,7 @@ def test_object_name_is_escaped(short, undrawn):
 
 
 def test_failed_write_leaves_no_partial_file(short, undrawn, tmp_path, monkeypatch):
-    monkeypatch.setattr("analyze.report.report.stills", lambda *_: [])
+    monkeypatch.setattr("analyze.report.report.camera_stills", lambda *_: [])
     monkeypatch.setattr(
         "schemas.output_file.os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "disk full"))
     )

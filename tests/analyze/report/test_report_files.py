@@ -28,7 +28,7 @@ def run(estimate, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.verbs.report.estimate_files", lambda *_: estimate)
     monkeypatch.setattr("analyze.result.score.score_if_virtual", lambda *_: None)
     monkeypatch.setattr("analyze.report.report.render_report", lambda *_: "<page>")
-    monkeypatch.setattr("analyze.report.report.stills", lambda *_: [])
+    monkeypatch.setattr("analyze.report.report.camera_stills", lambda *_: [])
     (tmp_path / "r.mcap").touch()
 
     def run(*arguments: object) -> Result:

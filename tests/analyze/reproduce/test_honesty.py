@@ -11,7 +11,7 @@ from analyze.reproduce.paper.miscalibrated import (
     OWN_RADIUS_SD,
     RADIUS_SD,
     TILT_SD,
-    miscalibrated,
+    with_calibration_errors,
 )
 from analyze.reproduce.paper.record import Condition, MethodAnswer, SessionRecord, ThetaSource
 from analyze.reproduce.paper.scores import scatter_of_mean, standardised_masses
@@ -80,7 +80,7 @@ def test_drawn_errors_have_the_stated_sd():
     axes = sorted(set(axis_of.values()))
     slower, masses, rounder = [], [], []
     for _ in range(DRAWS):
-        drawn = miscalibrated(evidence, rng)
+        drawn = with_calibration_errors(evidence, rng)
         ratio = {axis: set() for axis in axes}
         for motion in drawn.motions:
             if motion.strike_id in before:

@@ -17,7 +17,7 @@ from analyze.reproduce.paper.published import published_centres, published_masse
 from analyze.reproduce.paper.record import Condition, SessionRecord, ThetaSource
 from analyze.reproduce.paper.scores import distance, metric
 from analyze.reproduce.paper.session import Sweeps, session_record
-from analyze.reproduce.paper.targets import missed
+from analyze.reproduce.paper.targets import missed_targets
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.reproduce.theta_sessions import theta_session
 
@@ -152,14 +152,14 @@ def test_moments_table_compares_paper_ours_and_ground_truth(drawn):
 def test_missed_target_has_a_physical_reason(drawn):
     text = (drawn / "index.html").read_text(encoding="utf-8")
     names = [record_of(name) for name in OBJECTS]
-    for quantities, reason in missed(names):
+    for quantities, reason in missed_targets(names):
         assert len(reason) > 40
         assert str(escape(quantities)) in text
     salt = record_of("salt")
     near = salt.model_copy(
         update={"naive_kg": {"shell": [salt.true_masses_kg[0] + 1e-5, *salt.true_masses_kg[1:]]}}
     )
-    why = dict(missed([near]))["region masses over the best naive answer's, salt"]
+    why = dict(missed_targets([near]))["region masses over the best naive answer's, salt"]
     assert "“shell” happens to be nearly right for the salt" in why
     assert "% of the mass is in the shell" in why
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from analyze.cli import main as analyze
 from analyze.errors import EstimationError, MergeError
 from analyze.report.comparison_document import comparison_document, upper_factor
-from analyze.report.comparison_page import comparison_json, lead
+from analyze.report.comparison_page import comparison_json, comparison_summary
 from analyze.result.comparison import SessionComparison, compare_evidence
 from schemas.comparison import Comparison
 from tests.analyze.balanced_html import Balanced
@@ -105,7 +105,7 @@ def test_session_with_another_filling_is_the_outlier(odd):
     assert found.verdict[0].startswith("doubt that the sessions are of one body")
     assert found.verdict[1].startswith("repeat session 2, rr.mcap: it stands out")
     assert "without it the others repeat to 0.0" in found.verdict[1]
-    assert lead(found).startswith("The 3 sessions do not agree; session 2 stands out.")
+    assert comparison_summary(found).startswith("The 3 sessions do not agree; session 2 stands out.")
 
 
 def test_json_reads_back(alike):

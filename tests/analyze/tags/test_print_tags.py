@@ -41,7 +41,7 @@ def painted(pdf: bytes):
         for outline in black_outlines(text):
             points = (np.array(outline) * [1, -1] + [0, box[3]]) * scale
             assert len(np.unique(points.round(6), axis=0)) == 4
-            # A pixel is black if its middle is.
+            # A pixel is black if its centre is.
             ends = (points.min(axis=0), points.max(axis=0))
             (left, top), (right, bottom) = (np.ceil(edge - 0.5).astype(int) for edge in ends)
             image[top:bottom, left:right] = 0
