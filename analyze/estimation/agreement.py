@@ -1,4 +1,4 @@
-"""Consistency of a strike's estimators, of the paper's centre of mass with ours, of recordings."""
+"""Consistency of the estimators of a strike, of the paper's centre of mass with ours, of recordings."""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -17,7 +17,7 @@ from analyze.estimation.joint_model import COM, SECOND, JointModel
 from analyze.estimation.paper import PaperCentre
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import CentreOfMass, EquiPlane, MotionFit, TipMotion
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 FALSE_ALARM_PROBABILITY = 1e-3
 """False-alarm probability of the test that recordings share one centre of mass."""
@@ -94,7 +94,7 @@ class EstimatorDisagreement:
     used: str
     """Name of the estimator used."""
     other: str
-    """Name of the estimator that disagrees with it."""
+    """Name of the estimator that differs from it."""
     phi_off: float
     """phi of the other estimator minus phi of the one used [rad]."""
     sigmas: float
@@ -146,7 +146,7 @@ class CentreDifference:
     distance: float
     """Distance between the two [m]."""
     sigmas: float
-    """Difference as one standardised error."""
+    """Difference in standard deviations, as one standardised error."""
 
     @property
     def agree(self) -> bool:

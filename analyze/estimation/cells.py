@@ -35,7 +35,7 @@ class Cells:
     """(n,) moment of inertia about the own centroid per kilogram [m^2], about any axis: d^2/6 for a cube
     (VISAPP 2013, eq. 7)."""
     pitch: float
-    """Edge d of the cubes that the cells were cut from [m]."""
+    """Edge d [m] of the cubes (voxels) that the cells were cut from."""
 
     @property
     def volumes(self) -> Array:
@@ -75,7 +75,7 @@ def cells_from_voxels(voxels: Voxels) -> Cells:
         points=np.concatenate([voxels.shell_centres[in_wall], voxels.core_centres[inside]]),
         shell=wall,
         interior=interior,
-        # A slab of thickness f*d, mean over its orientations; d^2/6 for the whole cube.
+        # Moment of a slab of thickness f*d, mean over its orientations; d^2/6 for a whole cube.
         own_inertia=voxels.pitch**2 * (2 + filled**2) / 18,
         pitch=voxels.pitch,
     )

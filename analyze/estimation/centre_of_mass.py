@@ -49,7 +49,7 @@ def require_planes(planes: Sequence[EquiPlane]) -> None:
         EstimationError: there is no plane.
     """
     if not planes:
-        raise EstimationError("no good strike: strike again, or lower the number of excluded strikes")
+        raise EstimationError("no strike can be used: strike again, or exclude fewer strikes")
 
 
 def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
@@ -101,6 +101,7 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 
 
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
+    """Estimated tilt of the table of one levelling."""
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)
     return TableTilt(

@@ -195,7 +195,7 @@ class Checks:
     """Distance of c outside the hull in standard deviations; 0 if it lies inside."""
 
 
-def check(
+def check_solution(
     planes: Sequence[EquiPlane],
     systematic: SystematicErrors,
     prior: ComPrior,

@@ -11,7 +11,7 @@ from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 from schemas.strike_plan import PlannedStrike
 
 AXIS_TOLERANCE = 1e-3
-"""Largest angle [rad] between a plan's pivot.direction and W's +y at rest."""
+"""Largest angle [rad], as a chord, between a plan's pivot.direction and W's +y at rest."""
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
@@ -27,7 +27,7 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
     """
     if motion.fit is None:
         raise EstimationError(
-            f"strike {strike_id}: no motion was fitted ({motion.verdict.value}): exclude it"
+            f"strike {strike_id}: no motion could be fitted ({motion.verdict.value}): exclude this strike"
         )
     return equiplane_from_fit(strike_id, planned, motion.fit)
 
@@ -46,9 +46,11 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
     R_world_object = np.array(planned.R_world_object)
     direction = np.array(planned.pivot.direction)
     direction = direction / np.linalg.norm(direction)
-    if np.linalg.norm(R_world_object @ direction - np.array([0.0, 1.0, 0.0])) > AXIS_TOLERANCE:
+    off = float(np.linalg.norm(R_world_object @ direction - np.array([0.0, 1.0, 0.0])))
+    if off > AXIS_TOLERANCE:
         raise EstimationError(
-            f"plan strike {planned.id}: pivot.direction is not W's +y at rest: make the plan anew"
+            f"plan strike {planned.id}: pivot.direction is {off:.3g} rad off W's +y at rest, not within "
+            f"{AXIS_TOLERANCE:g}: make the plan anew"
         )
     up = R_world_object[2]
     point, radius, sd, rounded, radius_sd = (
@@ -62,7 +64,7 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         # The centre of curvature at the contact point at phi takes the part of a rounded edge's centre line.
         point = point + R_world_object[0] * fit.rolling.forward + up * fit.rolling.up
         radius, rounded, radius_sd = fit.rolling.radius, not fit.rolling.of_shape, fit.rolling.radius_sd
-        # The place of the plan's pivot point has no effect on a curve of the shape itself.
+        # For a rolling curve that belongs to the shape, the place of the plan's pivot point has no effect.
         sd = float(np.hypot(sd, fit.rolling.sd)) if rounded else fit.rolling.sd
     return EquiPlane(
         strike_id=strike_id,

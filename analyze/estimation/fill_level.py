@@ -29,7 +29,7 @@ MIN_HALF_HEIGHT_FRACTION = 0.05
 MIN_FILLED_SHARE = 0.01
 """Smallest share of the inside's volume that counts as a filling."""
 DRAWS = 4000
-"""Draws from the posterior."""
+"""Number of draws from the posterior."""
 DRAWS_PER_KEPT = 4
 """Draws made for each one wanted, so that enough lie within the bounds."""
 MIN_DRAWS = 200
@@ -133,7 +133,7 @@ def fill_level(
             between.
         along: (3,) direction in O that pointed upwards when the object was filled; any length.
         density: Density of the filling; None if it is not known.
-        rng: Random generator of the draws.
+        rng: Random generator of the draws; the same seed gives the same result.
 
     Raises:
         EstimationError: the object has no inside.
@@ -158,6 +158,7 @@ def _refined_grid(
     whole: tuple[float, float],
     about: Array,
 ) -> _Grid:
+    """Grid whose levels cover the posterior closely, with moments about `about` (3,) [m, in O]."""
     levels = np.linspace(*whole, LEVEL_GRID_POINTS)
     grid = _Grid(moments, shells, along, density, levels, about)
     for _ in range(_MAX_REFINEMENTS):
@@ -323,6 +324,7 @@ def _interpolated(nodes: Array, at: Array, values: Array) -> Array:
 
 
 def _marginal(draws: Array, widest: float) -> Marginal:
+    """Marginal posterior of `draws` (n,); `widest` is the width of the range of possible values."""
     low, high = (float(end[0]) for end in narrowest_intervals(np.sort(draws)[:, None]))
     return Marginal(
         float(draws.mean()), float(draws.std()), (low, high), high - low < _UNOBSERVED_WIDTH * widest

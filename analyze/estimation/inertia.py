@@ -16,7 +16,7 @@ from analyze.estimation.second_moments import symmetric_entries, symmetric_matri
 from analyze.types import Array, AxisInertia, EquiPlane, InertialParameters
 
 MEASURED_FRACTION = 0.5
-"""Fraction of the prior's sd below which the sd of a tensor entry marks it as measured."""
+"""Fraction of the prior's sd below which the sd of a tensor entry marks the entry as measured."""
 
 
 @dataclass(frozen=True)
@@ -96,12 +96,14 @@ def inertial_parameters(
         EstimationError: there is no plane.
     """
     require_planes(planes)
-    return parameters_of(
+    return inertial_parameters_from_joint(
         solve_joint(planes, systematic, com_prior, MomentModel(scale, shape)), com_prior, scale
     )
 
 
-def parameters_of(solution: JointSolution, com_prior: ComPrior, scale: Scale) -> InertialParameters:
+def inertial_parameters_from_joint(
+    solution: JointSolution, com_prior: ComPrior, scale: Scale
+) -> InertialParameters:
     """Mass, centre of mass and inertia tensor of a joint solution, with their covariance (10, 10).
 
     Args:

@@ -53,7 +53,9 @@ class MomentModel:
     """Mass, gravity and prior of the moments: the inputs needed to use k."""
 
     scale: Scale
+    """Mass and gravity."""
     prior: MomentPrior
+    """Prior of the inertia per kilogram."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,7 @@ def solve_joint(
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
+    """Data of the strikes; k is used if `with_k`, for planes that have one."""
     n = len(planes)
     covariance = np.tile(np.eye(2), (n, 1, 1))
     log_k, uses_k = np.zeros(n), np.zeros(n)
@@ -182,6 +185,7 @@ def _standardised_error(z: Array, data: StrikeData) -> Array:
 
 
 def _information(rows: Array, weight: Array) -> Array:
+    """Information (count, count) of the strikes, from `rows` (strikes, 2, count) and weights (strikes,)."""
     flat = rows.reshape(-1, rows.shape[-1])
     return flat.T @ (flat * np.repeat(weight, 2)[:, None])
 
@@ -196,6 +200,7 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 
 
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
+    """Information (count, count) of the priors at the unknowns `x` (count,)."""
     precision = np.diag(diagonal)
     if shape is not None:
         rows = _shape_rows(shape, x)[1]

@@ -25,7 +25,7 @@ COM = slice(0, 3)
 SECOND = slice(3, 9)
 """Indices of the second moments' six numbers (second_moments.py)."""
 LENGTHS = slice(3, 6)
-"""Indices of the logarithms among these."""
+"""Indices of the logarithms of the body's lengths among these six."""
 TILT, SCALE_TERM, RADIUS, GRAVITY = slice(9, 11), 11, 12, 13
 """Indices of the shared errors: lean of the vertical, scale, common edge radius, gravity."""
 FIRST_AXIS_TERM = 14
@@ -33,7 +33,9 @@ FIRST_AXIS_TERM = 14
 FORWARD, ANGLE, OWN_RADIUS, OWN_K = range(4)
 """Indices among the unknowns of one axis: place forward, angle, own edge radius, own part of k."""
 AXIS_TERMS = 4
+"""Number of unknowns of one axis."""
 LEVEL_TERMS = 2
+"""Number of unknowns of one levelling: lean towards W's x and y."""
 OWN_RADIUS_FRACTION = 0.3
 """1 sigma of one edge's radius about the common one, as a fraction of the common one's stated sd."""
 MIN_DISTANCE = 1e-3

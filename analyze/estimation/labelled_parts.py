@@ -39,8 +39,8 @@ def parts_of_bodies(
     used = {number for label in labels for number in label.bodies}
     if beyond := sorted(number for number in used if number > len(bodies)):
         raise ShapeError(
-            f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: see "
-            "`analyze parts`"
+            f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: "
+            "correct it, `analyze parts` lists the bodies"
         )
     parts = [
         (label.name, merged_solid([bodies[number - 1].properties for number in label.bodies]))
@@ -110,6 +110,7 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
+    """Uniform solid of the parts of cells with `volumes` (n,) [m^3]."""
     volume = float(volumes.sum())
     centroid = volumes @ cells.points / volume
     arm = cells.points - centroid

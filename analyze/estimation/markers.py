@@ -109,4 +109,5 @@ def _point_inertia(place: Array) -> Array:
 
 
 def _lever(com: Array, point: Array, direction: Array, radius: float) -> float:
+    """Distance [m] of c from the contact line at balance, R + rho."""
     return float(np.linalg.norm(np.cross(com - point, direction))) + radius

@@ -18,23 +18,23 @@ GRID_POINTS = 24
 GRID_REFINEMENTS = 5
 """Number of refinements of that grid."""
 I_STEPS = 11
-"""Number of values of I tried."""
+"""Number of values of I (moment about the edge) tried."""
 I_RANGE = 0.05
-"""Relative range dI / I of these: "the estimated error of the motion capturing system"."""
+"""Relative half range dI / I of these: "the estimated error of the motion capturing system"."""
 PLANE_STEPS = 30
 """Positions of the dividing plane per sweep direction."""
 TIE_DISTANCE = 1e-4
 """Difference [m] in distance to c below which solutions count as equally close."""
 MIN_DETERMINANT = 1e-12
-"""Determinant of eq. (9)'s coefficients, in units of the squared distance of the pivot from c, that is not
-solved."""
+"""Determinant of eq. (9)'s coefficients, in units of the squared distance of the pivot from c, below which it
+is not solved."""
 MIN_ANGLE_PAST_BALANCE = np.radians(5.0)
-"""Angle [rad] on either side of phi that is excluded: eq. (5) is 0/0 at t2."""
+"""Smallest angle [rad] past phi of the samples used: eq. (5) is 0/0 at t2, where theta = phi."""
 MIN_STAGE_TWO_SAMPLES = 12
 """Smallest number of samples of stage two."""
 DERIVATIVE_REACH = 4
-"""Samples on either side that a smoothed second derivative depends on; excluded at both ends, or landing
-enters."""
+"""Samples on either side that a smoothed second derivative depends on; as many are excluded at both ends of
+stage two, so that the landing has no effect."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ def paper_centre_of_mass(
 ) -> PaperCentre:
     """Centre of mass by the paper's intersection of regions (VISAPP 2013, 3.2.2).
 
-    It is the centroid of all points whose angle about each pivot is within `err` of that strike's phi. Where
-    the regions do not overlap, `err` grows by a quarter until they do.
+    It is the centroid of all points of the body's bounding box whose angle about each pivot is within `err`
+    of that strike's phi. Where the regions do not overlap, `err` grows by a quarter until they do.
 
     Args:
         planes: Equi-planes in O, one per strike.
@@ -188,9 +188,9 @@ def paper_regions(
 ) -> PaperRegions | None:
     """Region masses by a sweep of the dividing plane and of I (VISAPP 2013, 3.3.2).
 
-    Readings where the paper is open: m_j is a region's mass (its sums are divided by N_j); the three parallel
-    axes pass through the pivot, c, and the pivot's mirror image in c, thus lie in one plane and determine the
-    total mass; the dividing plane sweeps along the body's principal directions.
+    Interpretations where the paper is ambiguous: m_j is a region's mass (its sums are divided by N_j); the
+    three parallel axes pass through the pivot, c, and the pivot's mirror image in c, thus cross one straight
+    line and determine the total mass; the dividing plane sweeps along the body's principal directions.
 
     Args:
         planes: Equi-planes in O, one per axis.
@@ -222,13 +222,21 @@ def paper_regions(
 
 @dataclass(frozen=True)
 class _Solution:
+    """Solution of one axis whose centre of mass is closest to c."""
+
     axis_id: str
     masses: Array
+    """(3,) masses of shell, upper and lower part [kg]."""
     areas: Array
+    """(3,) areas of the regions projected along the axis [m^2], the weights of the mean over axes."""
     normal: Array
+    """(3,) unit normal of the dividing plane, in O."""
     offset: float
+    """Offset of the dividing plane from O's origin [m]."""
     i_edge: float
+    """Moment of inertia about the edge [kg m^2]."""
     error: float
+    """Distance of its centre of mass from c [m]."""
 
 
 @dataclass(frozen=True)
@@ -285,6 +293,7 @@ def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
 def _axis_solution(
     plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, sweep: _Sweep
 ) -> _Solution | None:
+    """Solution of eq. (9) for one axis; None if none has positive masses with the right sum."""
     arm = com - plane.point
     arm = arm - plane.direction * (arm @ plane.direction)
     square = float(arm @ arm)
@@ -319,14 +328,17 @@ def _axis_solution(
 
 
 def _between(low: float, high: float) -> list[float]:
+    """Evenly spaced positions of the dividing plane between two ends [m]."""
     return [low + (high - low) * step / (PLANE_STEPS + 1) for step in range(1, PLANE_STEPS + 1)]
 
 
 def _parts(cells: Cells, upper: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Volumes (n,) [m^3] of the cells in shell, upper and lower part; `upper` (n,) marks cells above."""
     return cells.shell, cells.interior * upper, cells.interior * ~upper
 
 
 def _projected_area(cells: Cells, part: Array, plane: EquiPlane) -> float:
+    """Area [m^2] of a region projected along the pivot axis; `part` (n,) are the cells' volumes in it."""
     forward = np.cross(plane.direction, plane.up)
     points = cells.points[part > 0]
     column, row = (np.round(points @ axis / cells.pitch).astype(np.int64) for axis in (forward, plane.up))

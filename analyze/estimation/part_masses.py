@@ -26,14 +26,15 @@ from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
 
 _MAX_DENSITY = DENSITIES[1]
+"""Largest density of a part [kg/m^3], about that of lead."""
 _CHAINS, _STEPS, _BURN_IN_STEPS = 100, 160, 60
+"""Number of chains, of their steps, and of the first steps that are dropped."""
 _DIFFERENCE_MOVES = 0.6
 """Share of moves along the difference of two other chains, which follows the bounds."""
 _PRIOR_SD_OVER_MASS = 2.0
-"""Prior sd of a part's mass over the object's mass; wide, since zero and the mass bound what the data leave
-open."""
+"""Prior sd of a part's mass over the object's mass; wide, since zero and the object's mass bound it too."""
 _CENTRE_ITERATIONS = 2
-"""Number of iterations for the parts' own c."""
+"""Number of times that the c of the parts, about which moments are taken, is updated."""
 _MASS_BOUND_SIGMAS = 5.0
 """Standard deviations by which a part's upper bound exceeds the object's mass."""
 _UNOBSERVED_WIDTH = 0.5
@@ -121,14 +122,17 @@ def part_masses(
         moments: Measured mass, centre of mass and moments of the whole object.
         names: Names of the n parts.
         parts: Volume, centroid in O and inertia about it per kilogram of each part.
-        rng: Random generator of the chains.
+        rng: Random generator of the chains; the same seed gives the same result.
 
     Raises:
         EstimationError: fewer than two parts, or a part without volume.
     """
     volumes = np.array([part.volume for part in parts])
     if len(parts) < 2 or volumes.min() <= 0:
-        raise EstimationError("masses of parts need at least two parts, each with a volume")
+        raise EstimationError(
+            f"{len(parts)} parts: masses of parts need at least two parts, each with a volume: check the "
+            "labels"
+        )
     uniform = moments.mass * volumes / volumes.sum()
     most = np.minimum(
         _MAX_DENSITY * volumes, moments.mass + _MASS_BOUND_SIGMAS * math.sqrt(float(moments.covariance[0, 0]))

@@ -35,15 +35,15 @@ from analyze.types import Array, EquiPlane
 SIGMAS = 3.0
 """Half-width of all bounds in standard deviations."""
 MIN_TOLERANCE = 0.02
-"""Smallest relative tolerance of each axis's k R: effect of slip and air."""
+"""Smallest relative tolerance of each axis's k R, which covers slip and air."""
 MAX_TOLERANCE = 0.5
-"""Relative tolerance of k R above which a strike gives no bound."""
+"""Relative tolerance of k R above which a strike is not used for a bound."""
 MIN_COM_DISTANCE = 0.1
 """Smallest distance of c from an edge, over the shape's rms distance from it."""
 TOLERANCE_FACTORS = (1.0, 2.0, 4.0, 8.0)
 """Factors on the tolerances, tried in turn until the strikes are consistent."""
 MIN_ROBUST_WEIGHT = 0.3
-"""Robust weight below which a strike gives no bound."""
+"""Robust weight below which a strike is not used for a bound."""
 OPEN_LOG_GRAVITY_SD = 3.0
 """1 sigma of ln g where the rate is estimated; a factor of 64 is 1.4 sigma."""
 ANY_FILLING_FACTOR = 10.0
@@ -206,7 +206,7 @@ def _extremes(
 
 
 def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Bounds of the true over the stated rate from bounds on s; None if these exclude each other."""
+    """Bounds of the true over the stated rate from pairs of bounds on s; None if these exclude each other."""
     if not each:
         return None
     least, most = max(low for low, _ in each), min(high for _, high in each)
@@ -255,11 +255,11 @@ class _Programme:
         return sign * float(found.fun) * unit if found.status == 0 else None
 
 
-def with_scaled_k(plane: EquiPlane, faster: float) -> EquiPlane:
-    """Equi-plane with k [rad/s^2] and its errors multiplied by `faster`."""
+def with_scaled_k(plane: EquiPlane, factor: float) -> EquiPlane:
+    """Equi-plane with k [rad/s^2] and its errors multiplied by `factor`."""
     if plane.k is None or plane.sd_k is None:
         return plane
-    return replace(plane, k=plane.k * faster, sd_k=plane.sd_k * faster, cov_phi_k=plane.cov_phi_k * faster)
+    return replace(plane, k=plane.k * factor, sd_k=plane.sd_k * factor, cov_phi_k=plane.cov_phi_k * factor)
 
 
 def estimated_rate(
@@ -267,7 +267,7 @@ def estimated_rate(
     systematic: SystematicErrors,
     prior: ComPrior,
     moments: MomentModel,
-    about: float,
+    approximate: float,
 ) -> RateEstimate | None:
     """Estimate of the true over the stated frame rate from axes with different R, for any filling.
 
@@ -276,12 +276,12 @@ def estimated_rate(
         systematic: Standard deviations of the shared errors.
         prior: Prior of c.
         moments: Mass, gravity, and the shape's prior of the moments.
-        about: Approximate ratio, to start from.
+        approximate: Approximate ratio, to start from.
 
     Returns:
         None if the axes do not determine the ratio to `MAX_RATE_SD`.
     """
-    faster = about**2
+    k_factor = approximate**2
 
     def wide(com: Array) -> UnitPrior:
         shape = moments.prior(com)
@@ -290,14 +290,14 @@ def estimated_rate(
     open_scale = replace(moments.scale, gravity_sd=OPEN_LOG_GRAVITY_SD * moments.scale.gravity)
     # Corrected by the approximate ratio, so that the problem starts near its solution.
     found = solve_joint(
-        [with_scaled_k(plane, faster) for plane in planes], systematic, prior, MomentModel(open_scale, wide)
+        [with_scaled_k(plane, k_factor) for plane in planes], systematic, prior, MomentModel(open_scale, wide)
     )
     off, sd = (
         OPEN_LOG_GRAVITY_SD * float(found.x[GRAVITY]),
         OPEN_LOG_GRAVITY_SD * _unit_sd_of_g(found, prior, wide(found.x[COM])),
     )
     # ln k = ln g + ...: a factor on g is equivalent to the square of one on the rate.
-    ratio = about * float(np.exp(-off / 2))
+    ratio = approximate * float(np.exp(-off / 2))
     return RateEstimate(ratio, ratio * sd / 2) if sd / 2 <= MAX_RATE_SD else None
 
 

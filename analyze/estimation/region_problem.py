@@ -18,21 +18,21 @@ from analyze.estimation.cells import Cells
 from analyze.estimation.part_masses import whitening_matrix
 from analyze.estimation.truncated_normal import ShareDistribution, share_distribution
 from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
-from analyze.types import Array, InertialParameters, IntArray
+from analyze.types import TENSOR_ENTRIES, Array, InertialParameters, IntArray
 
 MIN_PART_SHARE = 0.02
 """Smallest fraction of the interior's volume on either side of the dividing plane."""
 _PRIOR_PRECISION = 1e-2
 """Prior precision 1 / sd^2 of a share; the bounds are far more informative."""
 _COARSE_CLUMP = 2
-"""Edge of the clumps of the coarse solution, in cells."""
+"""Edge, in cells, of the clumps of cells used for a coarse solution."""
 _PIECE_CLUMP = 3
-"""Edge of the clumps of `pieces`, in cells."""
+"""Edge, in cells, of the clumps of cells that `pieces` returns."""
 _FITTED_PARAMETERS = 3
 """Effective number of fitted parameters: of two shares and three of the dividing plane most meet a bound
 (simulated: 2 to 4)."""
 _MAX_DENSITY = DENSITIES[1]
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Largest density of a piece [kg/m^3], about that of lead."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class DividingPlanes:
     """(b, 2, 2) inverse covariances of these shares."""
     chi_square: Array
     """(b,) chi^2 of the measured moments at the mean shares."""
-    enough: NDArray[np.bool_]
-    """(b,) True where both sides hold enough of the interior."""
+    both_sides_filled: NDArray[np.bool_]
+    """(b,) True where each side contains at least `MIN_PART_SHARE` of the interior."""
 
     @property
     def shares(self) -> ShareDistribution:
@@ -72,24 +72,21 @@ class DividingPlanes:
         return DividingPlanes(*(either(name) for name in self.__dataclass_fields__))
 
     @classmethod
-    def concatenate(cls, all_of_them: Sequence[DividingPlanes]) -> DividingPlanes:
-        """Concatenate several sets of positions."""
+    def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
+        """Positions of several sets, one after the other."""
         return cls(
-            *(
-                np.concatenate([getattr(each, name) for each in all_of_them])
-                for name in cls.__dataclass_fields__
-            )
+            *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )
 
 
 @dataclass(frozen=True)
-class Pieces:
+class BodyPieces:
     """The body cut into few pieces, with their contribution to the measured moments."""
 
     region: IntArray
     """(n,) region of each piece: 0 shell, 1 upper, 2 lower."""
     explaining: Array
-    """(n, k) whitened moments of the body if all its mass were in the piece."""
+    """(n, k) whitened moments that the body would have if all its mass were in the piece."""
     most: Array
     """(n,) largest share of the body's mass, at the density of lead."""
 
@@ -109,8 +106,8 @@ class RegionProblem:
         contents = _contents(cells, parameters.com.position)
         inside = cells.interior > 0
         points, interior = cells.points[inside] - self.middle, cells.interior[inside, None] * contents[inside]
-        self._fine = _Pieces.of(points, interior, cells.pitch)
-        self._coarse = _Pieces.of(
+        self._fine = _CutPieces.from_cells(points, interior, cells.pitch)
+        self._coarse = _CutPieces.from_cells(
             *_clumped(points, interior, _COARSE_CLUMP * cells.pitch), _COARSE_CLUMP * cells.pitch
         )
         self._points, self._contents = points, interior
@@ -139,7 +136,7 @@ class RegionProblem:
             mean=mean,
             precision=precision,
             chi_square=np.sum(left**2, axis=1) - np.sum(mean * right, axis=1),
-            enough=(part > MIN_PART_SHARE) & (part < 1 - MIN_PART_SHARE),
+            both_sides_filled=(part > MIN_PART_SHARE) & (part < 1 - MIN_PART_SHARE),
         )
 
     def probability(self, misfit: float) -> float:
@@ -150,7 +147,7 @@ class RegionProblem:
         )
         return 1.0 if freedom < 1 else float(chdtrc(freedom, max(misfit, 0.0)))
 
-    def pieces(self, normal: Array, height: float) -> Pieces:
+    def pieces(self, normal: Array, height: float) -> BodyPieces:
         """Pieces of the body: the shell as one, and the interior on either side of the plane in clumps.
 
         Args:
@@ -164,7 +161,7 @@ class RegionProblem:
             contents.append(clumps)
             region += [part] * len(clumps)
         together = np.vstack(contents)
-        return Pieces(
+        return BodyPieces(
             np.array(region), self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass
         )
 
@@ -198,7 +195,7 @@ class RegionProblem:
 
 
 @dataclass(frozen=True)
-class _Pieces:
+class _CutPieces:
     """Pieces of the interior to be cut by many planes, in single precision: 1e-6 of a moment."""
 
     places: NDArray[np.float32]
@@ -209,7 +206,7 @@ class _Pieces:
     """Width [m] of the layer about a plane in which a piece counts in part."""
 
     @classmethod
-    def of(cls, points: Array, contents: Array, pitch: float) -> _Pieces:
+    def from_cells(cls, points: Array, contents: Array, pitch: float) -> _CutPieces:
         """Pieces at `points` (n, 3) [m] from the body's middle with `contents` (n, 10)."""
         return cls(
             np.vstack([points.T / pitch, np.ones(len(points))]).astype(np.float32),
@@ -236,7 +233,8 @@ def _contents(cells: Cells, about: Array) -> Array:
     """
     arm = cells.points - about
     second = np.stack(
-        [arm[:, i] * arm[:, j] + (cells.own_inertia / 2 if i == j else 0.0) for i, j in _PAIRS], axis=1
+        [arm[:, i] * arm[:, j] + (cells.own_inertia / 2 if i == j else 0.0) for i, j in TENSOR_ENTRIES],
+        axis=1,
     )
     return np.column_stack([np.ones(len(arm)), arm, second])
 
@@ -270,7 +268,7 @@ def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:
     rows = np.zeros((3 + len(unit), 9))
     rows[:3, :3] = np.eye(3)
     # tr S - l.S.l
-    for column, (i, j) in enumerate(_PAIRS, 3):
+    for column, (i, j) in enumerate(TENSOR_ENTRIES, 3):
         rows[3:, column] = (i == j) - (1.0 if i == j else 2.0) * directions[:, i] * directions[:, j]
     # d(I / m) = dI / m - I / m^2 dm
     per_kilogram = np.zeros((3 + len(unit), 4 + len(unit)))

@@ -16,10 +16,11 @@ from analyze.types import Array, InertialParameters, IntArray, MassDistribution,
 REGION_NAMES = ("shell", "upper", "lower")
 """Names of the regions in results: shell, interior above and below the dividing plane."""
 RANDOM_PLANES = 3000
-"""Random positions of the dividing plane that start the chains."""
+"""Number of random positions of the dividing plane from which the chains start."""
 CHAINS = 200
+"""Number of Metropolis chains."""
 COOLING_STEPS, KEPT_STEPS = 12, 10
-"""Steps of the chains while they cool, and afterwards."""
+"""Steps of each chain while it cools, and afterwards, when every position is kept."""
 MAX_TEMPERATURE = 10.0
 """Initial temperature of the posterior, so that the chains find all its modes."""
 DIFFERENCE_MOVES = 0.5
@@ -51,7 +52,7 @@ def mass_distribution(
     Args:
         parameters: Mass, c and moments with their joint covariance.
         cells: Cells of the body.
-        rng: Random generator of the chains.
+        rng: Random generator of the chains; the same seed gives the same result.
     """
     return _distribution([_shell_posterior(parameters, cells, rng)], np.ones(1), parameters, rng)
 
@@ -65,7 +66,7 @@ def mass_distribution_over(
         parameters: Mass, c and moments with their joint covariance.
         shells: Cells for two or more shell thicknesses in a geometric series; each stands for an equal range
             of the logarithm, over which the prior is uniform.
-        rng: Random generator of the chains.
+        rng: Random generator of the chains; the same seed gives the same result.
     """
     posteriors = [_shell_posterior(parameters, shell.cells, rng) for shell in shells]
     evidence = np.array([each.log_evidence for each in posteriors])
@@ -99,6 +100,7 @@ class _ShellPosterior:
 def _shell_posterior(
     parameters: InertialParameters, cells: Cells, rng: np.random.Generator
 ) -> _ShellPosterior:
+    """Posterior of dividing plane and region masses for the cells of one shell thickness."""
     problem = RegionProblem(parameters, cells)
     chains, log_evidence = _posterior(problem, rng)
     shares = chains.planes.shares.draw(rng)
@@ -219,9 +221,9 @@ class _Chains:
     """(b,) log posterior, the mass shares integrated out."""
 
     @classmethod
-    def at(cls, planes: DividingPlanes) -> _Chains:
-        """Positions `planes` with their log posterior."""
-        possible = np.where(planes.enough, planes.shares.log_mass - planes.chi_square / 2, -1e300)
+    def of_planes(cls, planes: DividingPlanes) -> _Chains:
+        """Chains at the positions `planes`, with their log posterior."""
+        possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
         return cls(planes, possible)
 
 
@@ -233,21 +235,23 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chain
     """
     normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
     heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach
-    look = _Chains.at(problem.solve(normals, heights, coarsely=True))
+    look = _Chains.of_planes(problem.solve(normals, heights, coarsely=True))
     # n and -n are one plane: all normals on one side, so that differences of two chains are meaningful.
     near = normals[int(np.argmax(look.log_posterior))]
     chosen = _resampled(look.log_posterior / MAX_TEMPERATURE, CHAINS, rng)
-    chains = _Chains.at(problem.solve(*_oriented(normals[chosen], heights[chosen], near), coarsely=True))
+    chains = _Chains.of_planes(
+        problem.solve(*_oriented(normals[chosen], heights[chosen], near), coarsely=True)
+    )
     for step in range(COOLING_STEPS):
         there = problem.solve(*_oriented(*_proposals(chains.planes, problem.reach, rng), near), coarsely=True)
         chains = _metropolis_step(
-            chains, _Chains.at(there), MAX_TEMPERATURE ** (1 - step / COOLING_STEPS), rng
+            chains, _Chains.of_planes(there), MAX_TEMPERATURE ** (1 - step / COOLING_STEPS), rng
         )
-    chains = _Chains.at(problem.solve(chains.planes.normals, chains.planes.heights))
+    chains = _Chains.of_planes(problem.solve(chains.planes.normals, chains.planes.heights))
     kept: list[_Chains] = []
     for _ in range(KEPT_STEPS):
         there = problem.solve(*_oriented(*_proposals(chains.planes, problem.reach, rng), near))
-        chains = _metropolis_step(chains, _Chains.at(there), 1.0, rng)
+        chains = _metropolis_step(chains, _Chains.of_planes(there), 1.0, rng)
         kept.append(chains)
     most = float(look.log_posterior.max())
     log_evidence = most + float(np.log(np.mean(np.exp(look.log_posterior - most))))
@@ -294,11 +298,12 @@ def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntAr
     return np.minimum(np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count), len(weight) - 1)
 
 
-def _oriented(normals: Array, heights: Array, of: Array) -> tuple[Array, Array]:
-    """The same planes (b, 3), (b,) [m], each with its normal on the side of `of` (3,)."""
-    side = np.where(normals @ of < 0, -1.0, 1.0)
+def _oriented(normals: Array, heights: Array, towards: Array) -> tuple[Array, Array]:
+    """The same planes (b, 3), (b,) [m], each with its normal on the side of `towards` (3,)."""
+    side = np.where(normals @ towards < 0, -1.0, 1.0)
     return normals * side[:, None], heights * side
 
 
 def _unit(vectors: Array) -> Array:
+    """Unit vectors (b, 3) along `vectors` (b, 3)."""
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analyze.types import Array
+from analyze.types import TENSOR_ENTRIES, Array
 
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Index pairs of a symmetric matrix, or of U, in the order of all vectors of six entries."""
 MIN_EIGENVALUE_FRACTION = 1e-3
 """Lower bound of an eigenvalue of the second-moment matrix over its trace, so that the tensor is possible."""
 
@@ -25,11 +23,11 @@ def unit_inertia(numbers: Array) -> tuple[Array, Array]:
         numbers: (6,) logarithms of U's diagonal [m], then U's entries 12, 13, 23 [m].
     """
     U = np.zeros((3, 3))
-    for (i, j), number in zip(ENTRIES, numbers.tolist(), strict=True):
+    for (i, j), number in zip(TENSOR_ENTRIES, numbers.tolist(), strict=True):
         U[i, j] = np.exp(number) if i == j else number
     S = U @ U.T
     by = np.zeros((6, 3, 3))
-    for n, (i, j) in enumerate(ENTRIES):
+    for n, (i, j) in enumerate(TENSOR_ENTRIES):
         size = U[i, i] if i == j else 1.0
         by[n, i, :] += size * U[:, j]
         by[n, :, i] += size * U[:, j]
@@ -42,7 +40,7 @@ def log_cholesky(inertia: Array) -> Array:
     inertia = nearest_possible(inertia)
     S = np.trace(inertia) / 2 * np.eye(3) - inertia
     U = np.asarray(np.linalg.cholesky(S[::-1, ::-1]), dtype=np.float64)[::-1, ::-1]
-    return np.array([np.log(U[i, j]) if i == j else U[i, j] for i, j in ENTRIES])
+    return np.array([np.log(U[i, j]) if i == j else U[i, j] for i, j in TENSOR_ENTRIES])
 
 
 def nearest_possible(inertia: Array) -> Array:
@@ -61,12 +59,12 @@ def nearest_possible(inertia: Array) -> Array:
 
 def symmetric_entries(matrix: Array) -> Array:
     """Entries (..., 6) in the order xx, yy, zz, xy, xz, yz of symmetric matrices (..., 3, 3)."""
-    return np.stack([matrix[..., i, j] for i, j in ENTRIES], axis=-1)
+    return np.stack([matrix[..., i, j] for i, j in TENSOR_ENTRIES], axis=-1)
 
 
 def symmetric_matrix(entries: Array) -> Array:
     """Symmetric matrix (3, 3) of six entries (6,) in the order xx, yy, zz, xy, xz, yz."""
     matrix = np.zeros((3, 3))
-    for (i, j), value in zip(ENTRIES, entries.tolist(), strict=True):
+    for (i, j), value in zip(TENSOR_ENTRIES, entries.tolist(), strict=True):
         matrix[i, j] = matrix[j, i] = value
     return matrix

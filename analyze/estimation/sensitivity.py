@@ -43,7 +43,7 @@ class ErrorSource(enum.Enum):
     PLACE = "place of edges and faces"
     ANGLE = "angle error of an axis"
     K = "gravity, air and play, in k"
-    PRIOR = "shape, where strikes say nothing"
+    PRIOR = "shape, where strikes determine nothing"
     MASS = "mass of object and markers"
 
 

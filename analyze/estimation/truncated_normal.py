@@ -135,7 +135,7 @@ class ShareDistribution:
     @property
     def _sides(self) -> tuple[_Side, _Side]:
         """The triangle's sides (u, 0), second share zero, and (u, 1 - u), third share zero."""
-        return _Side.of(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.of(
+        return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])
         )
 
@@ -154,6 +154,7 @@ class ShareDistribution:
         )
 
     def _draw_inside(self, rng: np.random.Generator) -> Array:
+        """One draw (b, 3) of the shares of each distribution, none of them zero."""
         density = np.exp(self.log_density - self.log_density.max(axis=1, keepdims=True))
         between = np.cumsum(density[:, 1:] + density[:, :-1], axis=1)
         level = rng.uniform(size=len(between)) * between[:, -1]
@@ -182,14 +183,14 @@ class _Side:
     """(b,) log density at the mean."""
 
     @classmethod
-    def of(cls, of: ShareDistribution, start: Array, along: Array) -> _Side:
+    def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
         """Distributions on the side (u, v) = start + u along; `start` and `along` are (2,)."""
-        off = of.mean - start
-        towards = np.einsum("i,bij,bj->b", along, of.precision, off)
-        size = np.einsum("i,bij,j->b", along, of.precision, along)
+        off = shares.mean - start
+        towards = np.einsum("i,bij,bj->b", along, shares.precision, off)
+        size = np.einsum("i,bij,j->b", along, shares.precision, along)
         mean = towards / size
         left = off - mean[:, None] * along
-        return cls(mean, 1.0 / np.sqrt(size), -0.5 * np.einsum("bi,bij,bj->b", left, of.precision, left))
+        return cls(mean, 1.0 / np.sqrt(size), -0.5 * np.einsum("bi,bij,bj->b", left, shares.precision, left))
 
     @property
     def log_mass(self) -> Array:
@@ -238,6 +239,7 @@ def _second_given_first(mean: Array, precision: Array, u: Array) -> tuple[Array,
 
 
 def _log_density(mean: Array, precision: Array, u: Array) -> Array:
+    """Log marginal density (b, n) of the first share at `u` (b, n)."""
     middle, sd = _second_given_first(mean, precision, u)
     alone = precision[:, 0, 0] - precision[:, 0, 1] ** 2 / precision[:, 1, 1]
     inside = log_normal_mass(-middle / sd[:, None], (1.0 - u - middle) / sd[:, None])

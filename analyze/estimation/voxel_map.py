@@ -33,6 +33,7 @@ _CONVERGED_DECREASE = 1e-9
 _INITIAL_STIFFNESS = 1e3
 """Initial weight of the entropy against chi^2; halved until the moments are met."""
 _MAX_HALVINGS = 40
+"""Largest number of these halvings."""
 _MAX_MISFIT = 1.0
 """Rms of the standardised residuals at which the moments count as met."""
 
@@ -54,7 +55,7 @@ class VoxelMap:
     determined: Array
     """(8,) share of each octant's prior variance that the moments remove, 0 to 1."""
     directions: int
-    """Number of directions, of n, that the moments determine."""
+    """Number of directions in the n-dimensional space of cell masses that the moments determine."""
     misfit: float
     """Rms of the standardised residuals; far above 1 if no densities within the bounds have these moments."""
 
@@ -116,6 +117,7 @@ def _whitened(moments: MeasuredMoments, cells: Cells) -> tuple[Array, Array]:
 
 
 def _masses(multipliers: Array, features: Array, most: Array, offset: float) -> Array:
+    """Masses (n,) [kg] of the cells for given `multipliers` (k,); `most` (n,) [kg] are those of lead."""
     return most / (1.0 + np.exp(-np.clip(offset + features @ multipliers, -500, 500)))
 
 

@@ -67,7 +67,7 @@ from analyze.types import (
     MotionFit,
     TipMotion,
 )
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.progress import Progress

@@ -1,7 +1,7 @@
-"""Random boxes with hidden masses, and the strikes they would give; written apart from the estimators.
+"""Boxes with hidden masses and the phi and k of their strikes; independent of the estimators.
 
-Does not model: slip, bounce, frames. phi and k are the closed form of a body on a rounded edge, with drawn
-errors."""
+phi and k are the closed form of a body on a rounded edge. Does not model: slip, bounce, frames.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Body:
-    """A box centred on O as cubes with masses."""
+    """Box centred on O, made of cubes with masses."""
 
     size: Array
     pitch: float
@@ -32,7 +32,7 @@ class Body:
 
     @property
     def cells(self) -> Cells:
-        """Its cubes, of equal volume."""
+        """Cells of the body: its cubes, of equal volume."""
         volume = self.pitch**3
         return Cells(
             self.points,
@@ -86,7 +86,7 @@ def box_body(
 
 
 def planned_strike(body: Body, face: int, sign: int, along: int, side: int, repeat: int = 0) -> PlannedStrike:
-    """Resting on the face `sign * face`, tipping over the edge parallel to `along` on `side`."""
+    """Strike of a box on the face `sign * face`, which tips over its edge parallel to `along` on `side`."""
     down = np.zeros(3)
     down[face] = sign
     up = -down
@@ -139,15 +139,16 @@ def tip(
 
 
 def fit_of(phi: float, k: float, sd_phi: float, sd_k: float) -> MotionFit:
-    """A fit with these values."""
+    """Motion fit with the given values and standard deviations."""
     return MotionFit(
         "pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, 0.0, (0, 1), np.zeros(1), ""
     )
 
 
 def describe(planes: list[EquiPlane]) -> str:
-    """For assertion messages."""
+    """Axes and phi of planes, for assertion messages."""
     return ", ".join(f"{plane.axis_id}: {plane.phi:.3f}" for plane in planes)
 
 
 SIX_AXES = ((2, -1, 1, 1), (2, -1, 0, 1), (2, -1, 1, -1), (0, -1, 1, 1), (1, -1, 2, 1), (1, 1, 0, 1))
+"""arguments of `planned_strike` for six axes that determine c and the moments"""

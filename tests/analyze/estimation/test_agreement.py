@@ -7,7 +7,8 @@ from analyze.estimation.agreement import centre_difference, estimator_disagreeme
 from analyze.estimation.paper import PaperCentre
 from analyze.estimation.priors import ComPrior
 from analyze.result.answer import answer_evidence
-from schemas.result import Verdict, WarningCode
+from schemas.result import WarningCode
+from schemas.strike_result import Verdict
 from tests.analyze.simulated_session import carton, session
 
 BODY = carton()
@@ -29,7 +30,7 @@ def shifted(motion, degrees):
     return replace(motion, alternatives=(replace(other, phi=motion.fit.phi + np.radians(degrees)),))
 
 
-def test_an_estimator_that_means_another_phi_is_named_with_its_number(evidence):
+def test_estimator_with_another_phi_is_reported_with_its_difference(evidence):
     # Its sd is 0.02 rad, 1.15 degrees.
     found = answer_evidence(changed(evidence, 4, lambda motion: shifted(motion, 4.6)))
     name = evidence.motions[4].strike_id
@@ -40,11 +41,11 @@ def test_an_estimator_that_means_another_phi_is_named_with_its_number(evidence):
     assert any(each.startswith(f"doubt strike {name}: φ by sign_change") for each in found.result.verdict)
 
 
-def test_what_its_sd_allow_is_no_disagreement(evidence):
+def test_differences_within_the_sd_are_not_reported(evidence):
     assert not estimator_disagreements([shifted(motion, 3.0) for motion in evidence.motions])
 
 
-def test_k_counts_where_both_have_it_and_a_violated_assumption_is_no_news(evidence):
+def test_k_is_compared_unless_assumptions_are_violated(evidence):
     motion = evidence.motions[0]
     other = replace(motion.fit, estimator="moment_balance", k=1.1 * motion.fit.k)
     (apart,) = estimator_disagreements([replace(motion, alternatives=(other,))])
@@ -54,13 +55,13 @@ def test_k_counts_where_both_have_it_and_a_violated_assumption_is_no_news(eviden
     )
 
 
-def test_a_sign_change_says_nothing_of_a_strike_that_rocked_back(evidence):
+def test_sign_change_is_not_compared_if_the_strike_rocked_back(evidence):
     motion = shifted(evidence.motions[0], 20.0)
     assert estimator_disagreements([motion])
     assert not estimator_disagreements([replace(motion, verdict=Verdict.ROCKED_BACK)])
 
 
-def test_the_papers_centre_may_be_off_by_what_its_angles_are(evidence):
+def test_papers_centre_is_compared_within_its_angle_errors(evidence):
     estimate = answer_evidence(evidence)
     prior = ComPrior.from_bounds(*evidence.model.bounds)
     for off, agree in ((1e-3, True), (0.015, False)):

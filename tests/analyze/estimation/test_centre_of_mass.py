@@ -19,7 +19,7 @@ SD_PHI = 3e-4
 
 
 def planes(rng, axes=SIX_AXES, repeats=3, errors=ERRORS, body=BODY, bias=0.0):
-    """Equi-planes with every error drawn as `errors` says."""
+    """Equi-planes with all errors drawn with the standard deviations of `errors`."""
     tilt, scale, radius = rng.normal(0, 1, 3) * (
         errors.gravity_tilt_sd,
         errors.scale_sd,
@@ -57,7 +57,7 @@ def test_exact_angles_give_the_exact_centre():
 
 
 @pytest.mark.parametrize("repeats", [1, 3])
-def test_95_percent_intervals_hold_the_truth_in_90_to_98_percent(repeats):
+def test_95_percent_intervals_contain_the_truth_in_90_to_98_percent(repeats):
     rng = np.random.default_rng(7)
     z = []
     for _ in range(50):
@@ -65,17 +65,17 @@ def test_95_percent_intervals_hold_the_truth_in_90_to_98_percent(repeats):
         z.append((com.position - BODY.com) / np.sqrt(np.diag(com.covariance)))
     z = np.array(z)
     assert 0.90 <= np.mean(np.abs(z) < 1.96) <= 0.985
-    assert 0.8 < np.sqrt(np.mean(z**2)) < 1.25, "neither too sure nor needlessly wide"
+    assert 0.8 < np.sqrt(np.mean(z**2)) < 1.25, "neither too narrow nor too wide"
 
 
-def test_repeats_do_not_look_surer_than_the_errors_they_share():
+def test_repeats_do_not_reduce_shared_errors():
     once = centre_of_mass(planes(np.random.default_rng(1), repeats=1), ERRORS, PRIOR)
     often = centre_of_mass(planes(np.random.default_rng(1), repeats=30), ERRORS, PRIOR)
     ratio = np.sqrt(np.trace(often.covariance) / np.trace(once.covariance))
-    assert 0.5 < ratio <= 1.0, "30 repeats, yet the level of the table is as unknown as before"
+    assert 0.5 < ratio <= 1.0, "30 repeats do not reduce the uncertainty of the table's tilt"
 
 
-def test_three_edges_at_one_vertex_leave_the_diagonal_open():
+def test_three_edges_at_one_vertex_leave_the_diagonal_unobserved():
     axes = ((2, -1, 1, 1), (2, -1, 0, 1), (0, 1, 1, -1))
     com = centre_of_mass(planes(np.random.default_rng(2), axes=axes), ERRORS, PRIOR)
     edges = [planned_strike(BODY, *axis) for axis in axes]
@@ -83,20 +83,20 @@ def test_three_edges_at_one_vertex_leave_the_diagonal_open():
     assert len({s.axis_id for s in edges}) == 3
     if not com.observed:
         assert abs(com.unobserved_direction @ (BODY.com - vertex) / np.linalg.norm(BODY.com - vertex)) > 0.9
-    assert np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]) > 2e-3, "never surer than the geometry allows"
+    assert np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]) > 2e-3, "not smaller than the geometry allows"
 
 
-def test_parallel_axes_leave_their_direction_open():
+def test_parallel_axes_leave_their_direction_unobserved():
     axes = ((2, -1, 1, 1), (2, -1, 1, -1), (0, -1, 1, 1))
     com = centre_of_mass(planes(np.random.default_rng(3), axes=axes), ERRORS, PRIOR)
     assert not com.observed
     assert abs(com.unobserved_direction[1]) > 0.99
     assert np.sqrt(com.covariance[1, 1]) == pytest.approx(PRIOR.sd[1], rel=0.05), (
-        "the prior's sd stands where nothing was measured"
+        "a direction that was not measured has the prior's sd"
     )
 
 
-def test_one_bad_strike_is_found_and_hardly_counts():
+def test_outlier_has_little_weight():
     good = planes(np.random.default_rng(4))
     bad = [*good]
     strike = planned_strike(BODY, *SIX_AXES[2])
@@ -108,7 +108,7 @@ def test_one_bad_strike_is_found_and_hardly_counts():
     assert np.linalg.norm(after.position - before.position) < 0.2e-3
 
 
-def test_more_scatter_than_stated_widens_the_answer():
+def test_scatter_beyond_the_stated_sd_widens_the_covariance():
     calm, wild = np.random.default_rng(5), np.random.default_rng(5)
     stated = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=1e-4)
     drawn = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=5e-3)
@@ -122,26 +122,26 @@ def test_no_strike_is_refused_with_the_remedy():
         centre_of_mass([], ERRORS, PRIOR)
 
 
-def test_the_papers_estimator_comes_near():
+def test_papers_estimator_is_within_a_few_millimetres():
     found = paper_centre_of_mass(planes(np.random.default_rng(6)), BODY.cells, np.radians(0.5))
     assert np.linalg.norm(found.position - BODY.com) < 2.5e-3
     assert found.volume > 0
     assert found.err >= np.radians(0.5)
 
 
-def test_the_papers_estimator_is_the_overlaps_centroid_not_a_cell_of_its_first_grid():
+def test_papers_estimator_is_finer_than_its_first_grid():
     exact = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=0.0)
     three = planes(np.random.default_rng(6), axes=SIX_AXES[:3], repeats=1, errors=exact)
     found = paper_centre_of_mass(three, BODY.cells)
     assert np.linalg.norm(found.position - BODY.com) < 1.2e-3, (
-        "Fig. 9(b): what the width of the regions costs without any error"
+        "Fig. 9(b): error from the width of the regions alone"
     )
     turned = [replace(plane, phi=plane.phi + 2e-3) for plane in three]
     moved = np.linalg.norm(paper_centre_of_mass(turned, BODY.cells).position - found.position)
-    assert 0.5 * 2e-3 * 0.03 < moved < 2e-3 * 0.3, "it goes with the angles"
+    assert 0.5 * 2e-3 * 0.03 < moved < 2e-3 * 0.3, "the result depends continuously on the angles"
 
 
-def test_the_target_for_the_papers_own_noise_is_met():
+def test_target_for_the_papers_own_noise_is_met():
     """Target: centre of mass from angles with 1.85 deg noise, 9 strikes on 3 axes: 5 mm (paper: 12.5 mm)."""
     rng = np.random.default_rng(8)
     noise = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=np.radians(1.85))
@@ -155,7 +155,7 @@ def test_the_target_for_the_papers_own_noise_is_met():
     assert np.mean(error) < 5e-3
 
 
-def test_the_stated_rounding_is_not_that_of_a_flank_whose_radius_the_shape_gives():
+def test_stated_rounding_does_not_apply_to_flanks_of_the_shape():
     found = planes(np.random.default_rng(5))
     unknown = SystematicErrors(gravity_tilt_sd=1e-4, edge_radius_sd=3e-3)
     known = SystematicErrors(gravity_tilt_sd=1e-4)

@@ -46,7 +46,7 @@ def test_leave_one_out_prediction_equals_a_fit_without_the_strike():
     )
 
 
-def test_one_strike_far_off_is_named():
+def test_outlying_strike_fails_its_prediction():
     some = planes(np.random.default_rng(1))
     some[3] = replace(some[3], phi=some[3].phi + 0.02)
     found = leave_one_out(solve_joint(some, ERRORS, PRIOR, MOMENTS))
@@ -54,7 +54,7 @@ def test_one_strike_far_off_is_named():
     assert found[3].phi_off == pytest.approx(0.02, abs=3e-3)
 
 
-def test_a_wrong_time_base_shows_as_another_gravity():
+def test_wrong_time_base_changes_the_estimated_gravity():
     for faster in (1.0, 1.4):
         some = planes(np.random.default_rng(2), faster)
         solution = solve_joint(some, ERRORS, PRIOR, MOMENTS)
@@ -63,7 +63,7 @@ def test_a_wrong_time_base_shows_as_another_gravity():
         assert found.agrees == (faster == 1.0)
 
 
-def test_what_no_body_of_that_shape_could_be_is_said():
+def test_impossible_moments_and_centres_are_reported():
     some = planes(np.random.default_rng(3))
     assert not impossible_moments(solve_joint(some, ERRORS, PRIOR, MOMENTS), CORNERS)
     odd = [replace(plane, k=2.5 * plane.k) if plane.axis_id == some[0].axis_id else plane for plane in some]

@@ -9,7 +9,7 @@ BODY = box_body((0.08, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0
 
 
 @pytest.mark.parametrize("axis", SIX_AXES)
-def test_the_true_phi_gives_a_plane_through_the_centre_of_mass(axis):
+def test_true_phi_gives_a_plane_through_the_centre_of_mass(axis):
     strike = planned_strike(BODY, *axis)
     phi, k = tip(BODY, strike)
     plane = equiplane_from_fit("s", strike, fit_of(phi, k, 1e-3, 0.1))
@@ -18,7 +18,7 @@ def test_the_true_phi_gives_a_plane_through_the_centre_of_mass(axis):
     assert standing_angle(BODY.com, plane.direction, plane.up, plane.point) == pytest.approx(phi, abs=1e-12)
 
 
-def test_the_normal_is_the_papers_equation_4():
+def test_normal_is_the_papers_equation_4():
     strike = planned_strike(BODY, *SIX_AXES[0])
     plane = equiplane_from_fit("s", strike, fit_of(0.4, 80.0, 1e-3, 0.1))
     # In W at rest: l = +y, up = +z; R turns up by -phi about y; n = (R up) x l.
@@ -27,14 +27,14 @@ def test_the_normal_is_the_papers_equation_4():
     assert np.allclose(R_world_object @ plane.normal, expected, atol=1e-12)
 
 
-def test_one_degree_more_moves_c_by_one_degree_of_its_distance():
+def test_distance_from_the_plane_is_r_times_the_angle():
     strike = planned_strike(BODY, *SIX_AXES[1])
     plane = equiplane_from_fit("s", strike, fit_of(0.3, 80.0, 1e-3, 0.1))
     point = plane.point + 0.1 * balance_direction(plane.direction, plane.up, 0.3 + 0.01)
     assert plane.normal @ (point - plane.point) == pytest.approx(0.1 * np.sin(0.01), rel=1e-6)
 
 
-def test_a_pivot_across_the_worlds_y_is_refused():
+def test_pivot_off_the_worlds_y_is_refused():
     strike = planned_strike(BODY, *SIX_AXES[0])
     turned = strike.model_copy(
         update={"pivot": strike.pivot.model_copy(update={"direction": [1.0, 0.0, 0.0]})}

@@ -1,4 +1,4 @@
-"""Level, mass and density of a filling from moments of nested boxes, which are computed without cells."""
+"""Level, mass and density of a filling from analytic moments of nested boxes."""
 
 import hashlib
 import io
@@ -55,13 +55,13 @@ def shells():
 
 
 def box(size, middle, mass):
-    """Mass, centroid, tensor about O."""
+    """Mass, centroid and inertia tensor about O of a uniform box."""
     own = mass / 12 * (np.sum(size**2) * np.eye(3) - np.diag(size**2))
     return mass, middle, own + mass * (middle @ middle * np.eye(3) - np.outer(middle, middle))
 
 
 def moments(level, filling, wall, rng=None, com_sd=3e-4, relative_sd=5e-3):
-    """Of a box with a wall of 3 mm, filled up to `level` (0 to 1) with `filling` kg."""
+    """Moments of a box with a shell of 3 mm, filled up to `level` (0 to 1) with `filling` [kg]."""
     inner = SIZE - 2 * WALL
     hollow = inner.prod() / SIZE.prod()
     tall = np.array([inner[0], inner[1], level * inner[2]])
@@ -92,7 +92,7 @@ def volume_of(level):
 
 
 @pytest.mark.parametrize("level", [0.1, 0.5, 0.98])
-def test_a_filling_of_unknown_density_is_found_with_its_level(shells, level):
+def test_level_and_mass_of_a_filling_of_unknown_density(shells, level):
     found = fill_level(moments(level, 0.2, 0.06), shells[2:3], UP, None, np.random.default_rng(1))
     assert found.level.value == pytest.approx(height_of(level), abs=max(2 * found.level.sd, 1e-3))
     assert found.mass.value == pytest.approx(0.2, abs=max(2 * found.mass.sd, 2e-3))
@@ -103,7 +103,7 @@ def test_a_filling_of_unknown_density_is_found_with_its_level(shells, level):
     assert found.misfit < 0.7
 
 
-def test_a_known_density_makes_the_level_surer(shells):
+def test_known_density_gives_a_narrower_level(shells):
     seen = moments(0.5, 0.2, 0.06)
     open_ = fill_level(seen, shells[2:3], UP, None, np.random.default_rng(1))
     density = 0.2 / volume_of(0.5)
@@ -113,7 +113,7 @@ def test_a_known_density_makes_the_level_surer(shells):
     assert holds(known.level, height_of(0.5))
 
 
-def test_the_intervals_hold_the_truth_and_say_where_they_do_not(shells):
+def test_intervals_contain_the_truth(shells):
     rng = np.random.default_rng(4)
     held = []
     for _ in range(20):
@@ -126,7 +126,7 @@ def test_the_intervals_hold_the_truth_and_say_where_they_do_not(shells):
     assert np.all(np.sum(held, axis=0) >= 16)
 
 
-def test_a_thickness_that_is_not_given_comes_with_its_interval(shells):
+def test_unknown_thickness_is_estimated_with_an_interval(shells):
     found = fill_level(moments(0.4, 0.15, 0.08), shells, UP, None, np.random.default_rng(2))
     assert found.thickness is not None
     assert holds(found.thickness, WALL)
@@ -136,12 +136,12 @@ def test_a_thickness_that_is_not_given_comes_with_its_interval(shells):
     assert found.level.sd >= 0.9 * fixed.level.sd
 
 
-def test_the_direction_counts(shells):
+def test_result_depends_on_the_direction(shells):
     seen = moments(0.4, 0.2, 0.06)
     assert fill_level(seen, shells[2:3], np.array([1.0, 0, 0]), None, np.random.default_rng(1)).misfit > 5
 
 
-def test_the_same_seed_gives_the_same_answer(shells):
+def test_same_seed_gives_the_same_result(shells):
     seen = moments(0.4, 0.2, 0.06)
     one, other = (fill_level(seen, shells[2:3], UP, None, np.random.default_rng(7)) for _ in range(2))
     assert one.level == other.level
@@ -154,7 +154,7 @@ def labelled(evidence, thickness=WALL, **given):
     )
 
 
-def test_a_session_says_what_fills_the_object_and_what_that_assumes():
+def test_result_of_a_session_has_the_filling_and_its_assumptions():
     evidence = session(carton(), np.random.default_rng(3))
     result = answer_evidence(labelled(evidence, None, along=[0.0, 0.0, -1.0])).result
     filling = result.filling
@@ -164,7 +164,7 @@ def test_a_session_says_what_fills_the_object_and_what_that_assumes():
     assert filling.mass.value + filling.shell.value == pytest.approx(result.mass.value, rel=0.01)
     codes = [warning.code for warning in result.warnings]
     assert WarningCode.FILLING_ASSUMED_RIGID in codes
-    # Its two halves are divided by a slanting border, which no level is.
+    # The plane between its two halves is slanted, unlike any level.
     assert (WarningCode.FILLING_UNEXPLAINED in codes) == (filling.misfit > 2.5)
     console = Console(width=100, record=True, file=io.StringIO())
     console.print(_filling(filling))
@@ -199,7 +199,7 @@ def test_a_session_says_what_fills_the_object_and_what_that_assumes():
         ),
     ],
 )
-def test_labels_that_mean_no_filling_are_refused_in_words(labels, why):
+def test_labels_without_a_filling_are_refused_with_the_reason(labels, why):
     head = (
         'name = "o"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\nshape = {box = {size_m = [0.1, 0.1, 0.1]}}\nmarker = '
         "[{id = 0, size_m = 0.02}]\n"
@@ -208,7 +208,7 @@ def test_labels_that_mean_no_filling_are_refused_in_words(labels, why):
         parse_object_spec(head + labels, "o.toml")
 
 
-def test_an_object_with_labels_as_they_were_keeps_its_identity():
+def test_object_without_new_labels_keeps_its_identity():
     spec = object_spec(carton()).model_copy(
         update={"labels": [PartLabel(name="a", wall=True), PartLabel(name="b", between_m=[0.0, 0.1])]}
     )

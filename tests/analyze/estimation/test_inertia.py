@@ -62,7 +62,7 @@ def test_exact_motions_give_the_exact_moments():
     )
 
 
-def test_stated_errors_are_those_found_by_brute_force():
+def test_stated_errors_agree_with_simulation():
     rng = np.random.default_rng(1)
     z_com, relative = [], []
     for _ in range(70):
@@ -72,23 +72,23 @@ def test_stated_errors_are_those_found_by_brute_force():
             truth = axis.direction @ BODY.inertia @ axis.direction
             z_com.append((axis.i_com - truth) / axis.i_com_sd)
             relative.append(axis.i_com / truth - 1)
-    # Measured over 900 moments: 92 % inside, root mean square 1.13. Of 420, three in a session alike, 0.019
-    # and 0.05 are chance.
+    # Over 900 moments: 92 % inside, root mean square 1.13. For 420, of which three per session are
+    # correlated, these have a random error of 0.019 and 0.05.
     assert 0.88 <= np.mean(np.abs(z_com) < 1.96) <= 0.98
     assert 0.75 < np.sqrt(np.mean(np.square(z_com))) < 1.25
-    assert np.sqrt(np.mean(np.square(relative))) < 0.04, "METHOD: I_c,l 8 % must, 4 % aim"
+    assert np.sqrt(np.mean(np.square(relative))) < 0.04, "targets for I_c,l: 8 % required, 4 % desired"
 
 
-def test_what_no_strike_measured_is_flagged_and_comes_from_the_shape():
+def test_entries_that_no_strike_measured_are_marked_as_prior():
     _, found = estimate(np.random.default_rng(2))
     assert np.diag(found.measured).all()
     assert not found.measured[np.triu_indices(3, 1)].any(), (
-        "a box's own edges say nothing of the products of inertia"
+        "a box's own edges do not determine the products of inertia"
     )
     assert found.inertia_sd[0, 1] > 5 * found.inertia_sd[0, 0]
 
 
-def test_the_tensor_is_always_that_of_a_body():
+def test_nearest_possible_tensor_belongs_to_a_body():
     rng = np.random.default_rng(3)
     for _ in range(50):
         wild = rng.normal(size=(3, 3))
@@ -98,7 +98,7 @@ def test_the_tensor_is_always_that_of_a_body():
         assert moments[0] + moments[1] >= moments[2] * (1 - 1e-9)
 
 
-def test_the_joint_covariance_is_one():
+def test_joint_covariance_is_positive_semidefinite():
     _, found = estimate(np.random.default_rng(4))
     values = np.linalg.eigvalsh(
         found.joint_covariance / np.outer(*2 * [np.sqrt(np.diag(found.joint_covariance))])
@@ -106,19 +106,19 @@ def test_the_joint_covariance_is_one():
     assert values.min() > -1e-9
 
 
-def test_the_papers_equation_5_from_theta_itself():
+def test_papers_equation_5_from_theta():
     strike = planned_strike(BODY, *SIX_AXES[0])
     phi, k = tip(BODY, strike)
     tipped = motion(strike, phi, k, 1e-4, 0.1, np.random.default_rng(5))
     moment = k * 5e-4
     found = paper_edge_inertia(tipped.angle, tipped.fit, tipped.phases.stage_two, moment)
     assert found.i_edge == pytest.approx(5e-4, rel=0.1), (
-        "differentiating twice costs this much at 0.05 deg per frame"
+        "error of differentiating twice at 0.05 deg per frame"
     )
     assert 0 < found.excluded_share < 0.9
 
 
-def test_any_six_numbers_are_a_bodys_and_a_bodys_are_found_again():
+def test_log_cholesky_numbers_are_possible_and_invertible():
     rng = np.random.default_rng(6)
     for _ in range(20):
         numbers = np.concatenate([rng.uniform(-6, -2, 3), rng.normal(0, 0.05, 3)])
@@ -136,8 +136,8 @@ def test_any_six_numbers_are_a_bodys_and_a_bodys_are_found_again():
     )
 
 
-def test_a_flanks_vague_radius_is_in_the_moments():
-    """With the centre of curvature nearer to c by 2 mm and the radius larger by as much, R alone is off."""
+def test_uncertain_radius_of_a_flank_widens_the_moments():
+    """With the centre of curvature 2 mm nearer to c and the radius 2 mm larger, only R is wrong."""
     planes, _ = estimate(np.random.default_rng(4), noise=0.3)
     first = planes[0].axis_id
     off = [

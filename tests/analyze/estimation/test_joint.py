@@ -36,7 +36,7 @@ def planes(sd_phi=3e-4, relative_sd_k=2e-3, repeats=1, rng=None):
     return found
 
 
-def test_derivatives_are_those_of_difference_quotients():
+def test_derivatives_agree_with_difference_quotients():
     model = JointModel(planes(), ERRORS, MOMENTS.scale)
     rng = np.random.default_rng(3)
     x = model.start(BODY.com, BODY.inertia / BODY.mass)
@@ -68,14 +68,14 @@ def test_phi_alone_uses_no_k():
     assert (solution.data.parts == 1.0).all()
 
 
-def test_an_outlier_loses_its_weight_and_hardly_moves_c():
+def test_outlier_loses_its_weight_and_hardly_moves_c():
     some = planes(repeats=3, rng=np.random.default_rng(5))
     clean = solve_joint(some, ERRORS, PRIOR, MOMENTS)
     odd = [replace(some[0], phi=some[0].phi + 0.1), *some[1:]]
     robust = solve_joint(odd, ERRORS, PRIOR, MOMENTS)
     assert robust.weight[0] < 0.01
     assert np.median(robust.weight) > 0.5
-    # Without the strike's own part in the mean: a fraction of what is known of c.
+    # The strike is left out, which moves c by less than its standard deviation.
     assert np.linalg.norm(robust.x[COM] - clean.x[COM]) < np.sqrt(np.trace(clean.covariance[COM, COM]))
 
 
@@ -90,7 +90,7 @@ def test_scatter_beyond_the_stated_sd_widens_the_covariance():
     assert solve_joint(planes(repeats=5), ERRORS, PRIOR, MOMENTS).spread == 1.0
 
 
-def test_the_solution_does_not_depend_on_the_start():
+def test_solution_does_not_depend_on_the_start():
     some = planes(repeats=2, rng=np.random.default_rng(8))
     cold = solve_joint(some, ERRORS, PRIOR, MOMENTS)
     other = solve_joint(planes(repeats=2, rng=np.random.default_rng(9)), ERRORS, PRIOR, MOMENTS)

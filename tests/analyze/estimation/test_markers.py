@@ -16,7 +16,7 @@ CARD = MarkerSpec(id=0, size_m=0.005, mass_kg=5e-4, T_object_marker=PLACE.tolist
 
 
 def with_card() -> Body:
-    """The body with half a gram on its top, as one point of the cubes' frame."""
+    """Body with a point mass of half a gram on its top."""
     nearest = int(np.argmin(np.linalg.norm(BODY.points - PLACE[:3, 3], axis=1)))
     points = BODY.points.copy()
     # One more point in place of none: the cubes there keep their masses.
@@ -47,7 +47,7 @@ def whole():
     )
 
 
-def test_half_a_gram_on_34_moves_c_by_a_millimetre_and_is_taken_off_again():
+def test_half_a_gram_on_34_moves_c_by_a_millimetre_and_is_subtracted():
     found = whole()
     assert np.linalg.norm(found.com.position - BODY.com) > 0.7e-3
     bare = without_markers(found, [CARD])
@@ -58,7 +58,7 @@ def test_half_a_gram_on_34_moves_c_by_a_millimetre_and_is_taken_off_again():
         assert axis.i_edge > axis.i_com
 
 
-def test_a_heavier_mass_than_stated_is_carried_into_c():
+def test_mass_error_contributes_to_c():
     found = whole()
     bare = without_markers(found, [CARD])
     assert bare.covariance.shape == (10, 10)
@@ -66,7 +66,7 @@ def test_a_heavier_mass_than_stated_is_carried_into_c():
     assert bare.covariance[0, 0] == pytest.approx(found.mass_sd**2)
 
 
-def test_markers_without_mass_change_nothing_and_without_place_cannot_be_taken_off():
+def test_markers_without_mass_have_no_effect_and_without_pose_cannot_be_subtracted():
     found = whole()
     assert without_markers(found, [MarkerSpec(id=1, size_m=0.03)]) is found
     assert can_subtract([CARD, MarkerSpec(id=1, size_m=0.03)])

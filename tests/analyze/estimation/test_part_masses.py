@@ -1,4 +1,4 @@
-"""Masses of labelled parts: bodies of a mesh, wall and layers, from moments with errors."""
+"""Masses of labelled parts (bodies of a mesh, shell and layers) from moments with errors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HEAD, HANDLE = (0.09, 0.03, 0.03), (0.02, 0.02, 0.16)
 
 
 def hammer() -> bytes:
-    """A head across the end of a handle that it touches; centres at 0.095 and 0 m along z."""
+    """STL of a head that touches the end of a handle; centres at 0.095 and 0 m along z."""
     head = trimesh.creation.box(HEAD, trimesh.transformations.translation_matrix([0.01, 0, 0.095]))
     handle = trimesh.creation.box(HANDLE)
     return bytes(trimesh.util.concatenate([handle, head]).export(file_type="stl"))
@@ -49,7 +49,7 @@ def spec(labels: list[PartLabel] | None = None, shape: Shape | None = None) -> O
 
 
 def moments_of(parts, masses, rng=None, com_sd=5e-4, relative_sd=0.01):
-    """Exact moments about three axes through c, or drawn with errors, and what is stated of these."""
+    """Moments about three axes through c, exact or with drawn errors of the stated sd."""
     masses = np.array(masses)
     mass = masses.sum()
     com = sum(m * part.centroid for m, part in zip(masses, parts, strict=True)) / mass
@@ -65,7 +65,7 @@ def moments_of(parts, masses, rng=None, com_sd=5e-4, relative_sd=0.01):
     return MeasuredMoments(mass + error[0], com + error[1:4], directions, about + error[4:], np.diag(sd**2))
 
 
-def test_touching_bodies_stay_apart_and_have_their_own_volume():
+def test_touching_bodies_are_separate():
     bodies = bodies_of(spec(), hammer(), "hammer.stl")
     assert [body.open_edges for body in bodies] == [0, 0]
     assert bodies[0].properties.volume == pytest.approx(np.prod(HEAD), rel=1e-5)
@@ -90,7 +90,7 @@ def test_only_a_mesh_has_bodies():
         bodies_of(spec(shape=Shape(box=Box(size_m=[0.1, 0.1, 0.1]))), None, "box.toml")
 
 
-def test_solids_joined_weigh_what_they_do_apart():
+def test_merged_solid_has_the_moments_of_its_parts():
     parts = [body.properties for body in bodies_of(spec(), hammer(), "hammer.stl")]
     whole = merged_solid(parts)
     mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(hammer()), file_type="stl")
@@ -99,7 +99,7 @@ def test_solids_joined_weigh_what_they_do_apart():
     assert whole.unit_inertia == pytest.approx(mesh.moment_inertia / mesh.volume, rel=1e-6, abs=1e-12)
 
 
-def test_masses_of_bodies_come_back_from_their_moments():
+def test_masses_of_bodies_from_exact_moments():
     parts = [body.properties for body in bodies_of(spec(), hammer(), "hammer.stl")]
     found = part_masses(moments_of(parts, [0.25, 0.04]), ["head", "handle"], parts, np.random.default_rng(1))
     assert found.masses == pytest.approx([0.25, 0.04], abs=5e-4)
@@ -107,7 +107,7 @@ def test_masses_of_bodies_come_back_from_their_moments():
     assert found.misfit < 0.2
 
 
-def test_their_intervals_hold_the_truth():
+def test_intervals_contain_the_truth():
     parts = [body.properties for body in bodies_of(spec(), hammer(), "hammer.stl")]
     rng = np.random.default_rng(2)
     inside, z = [], []
@@ -116,13 +116,13 @@ def test_their_intervals_hold_the_truth():
         found = part_masses(moments_of(parts, truth, rng), ["head", "handle"], parts, rng)
         inside.append((found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1]))
         z.append((found.masses[0] - truth[0]) / np.sqrt(found.covariance[0, 0]))
-    # Of 24, where one part's mass gives the other's: 20 or more in 994 cases of 1000; the root mean square is
-    # known to 0.14.
+    # Of 24 correlated intervals 20 or more contain the truth with probability 0.994; the root mean square has
+    # a random error of 0.14.
     assert np.mean(inside) >= 20 / 24
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
-def test_what_the_moments_leave_open_is_said():
+def test_undetermined_masses_are_reported_as_not_observed():
     """Three parts in a row; only one poorly known moment separates the middle one from its neighbours."""
     row = trimesh.util.concatenate(
         [
@@ -181,7 +181,7 @@ def test_wall_and_layers_fill_the_body():
     assert parts["wall"].volume == pytest.approx(0.06 * 0.05 * 0.1 - inside, rel=0.02)
 
 
-def test_layers_that_overlap_or_hold_nothing_are_refused():
+def test_overlapping_or_empty_layers_are_refused():
     overlap = [PartLabel(name="a", between_m=[-0.05, 0.01]), PartLabel(name="b", between_m=[-0.01, 0.05])]
     with pytest.raises(ShapeError, match="two layers overlap"):
         parts_of_cells(overlap, box_cells(overlap), "box")
@@ -218,7 +218,7 @@ def test_layers_that_overlap_or_hold_nothing_are_refused():
         ),
     ],
 )
-def test_labels_that_cannot_be_are_refused_in_one_line(labels, words):
+def test_invalid_labels_are_refused_in_one_line(labels, words):
     text = (
         'name = "x"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "a.stl"\nunit = "mm"\n[[marker]]\nid '
         f"= 0\nsize_m = 0.02\n{labels}\n"
@@ -258,7 +258,7 @@ def test_a_session_gives_the_masses_of_wall_and_layers():
     wall = estimate.result.parts.parts[0]
     assert wall.name == "wall"
     low, high = wall.mass.interval95
-    # Its inside is in truth two halves of 14 and 4 g, no uniform part: that is said.
+    # The true inside has two halves of 14 and 4 g and is not uniform, which is reported.
     assert any("do not explain the moments" in warning.text for warning in estimate.result.warnings)
     assert 0 < low < high < body.mass
     console = Console(record=True, width=120, file=io.StringIO())

@@ -1,4 +1,4 @@
-"""ISO 5725's statistics beside its own printed numbers, and beside a known population."""
+"""Statistics of ISO 5725 compared with its tables and with a simulated population."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from analyze.estimation.precision import mandel_h, mandel_h_limit, precision
 @pytest.mark.parametrize(
     ("groups", "five_percent", "one_percent"), [(3, 1.15, 1.15), (5, 1.57, 1.72), (10, 1.80, 2.18)]
 )
-def test_the_limits_of_mandels_h_are_the_standards(groups, five_percent, one_percent):
+def test_limits_of_mandels_h_are_those_of_the_standard(groups, five_percent, one_percent):
     """ISO 5725-2:1994, tables 6 and 7."""
     assert mandel_h_limit(groups, 0.05) == pytest.approx(five_percent, abs=0.006)
     assert mandel_h_limit(groups, 0.01) == pytest.approx(one_percent, abs=0.006)
 
 
-def test_equal_groups_are_plain_analysis_of_variance():
+def test_groups_of_equal_size_by_plain_analysis_of_variance():
     groups = [[1.0, 1.2], [1.5, 1.7], [0.9, 0.9]]
     found = precision(groups)
     assert found.s_r == pytest.approx(np.sqrt((0.02 + 0.02 + 0.0) / 3))
@@ -27,7 +27,7 @@ def test_equal_groups_are_plain_analysis_of_variance():
     assert (found.freedom_r, found.freedom_R) == (3, 2)
 
 
-def test_it_finds_what_a_population_has():
+def test_standard_deviations_of_a_simulated_population():
     rng = np.random.default_rng(1)
     groups = [rng.normal(5 + rng.normal(0, 0.3), 0.1, size).tolist() for size in rng.integers(2, 5, 400)]
     found = precision(groups)
@@ -37,7 +37,7 @@ def test_it_finds_what_a_population_has():
     assert found.s_R == pytest.approx(np.hypot(0.3, 0.1), rel=0.1)
 
 
-def test_what_cannot_be_told_is_not():
+def test_undetermined_quantities_are_none():
     one = precision([[1.0, 1.1, 0.9]])
     assert one.s_r == pytest.approx(0.1)
     assert one.s_R is None
@@ -48,13 +48,13 @@ def test_what_cannot_be_told_is_not():
     assert precision([[1.0]]).s_R is None
 
 
-def test_groups_that_agree_better_than_their_scatter_have_no_part_between_them():
+def test_groups_closer_than_their_scatter_have_no_variance_between_them():
     found = precision([[1.0, 2.0], [1.2, 1.8], [1.1, 1.9]])
     assert found.s_L == 0
     assert found.s_R == found.s_r
 
 
-def test_h_names_the_one_that_is_off():
+def test_h_of_an_outlying_group_exceeds_the_limit():
     h = mandel_h([1.0, 1.01, 0.99, 1.0, 2.0])
     assert h is not None
     assert int(np.argmax(np.abs(h))) == 4

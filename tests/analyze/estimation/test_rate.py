@@ -1,4 +1,4 @@
-"""What strikes say of the frame rate: bounds by the shape, and the rate itself by parallel axes."""
+"""Check of the frame rate: bounds by the shape, and the rate itself from parallel axes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def body_of(seed, even=False):
 
 
 def check_of(body, rate, axes=SIX_AXES, seed=0):
-    """Of strikes whose times are stated at 1/`rate` of the true frame rate."""
+    """Rate check of strikes whose stated frame rate is 1/`rate` of the true one."""
     rng = np.random.default_rng(seed)
     planes = []
     for axis in axes:
@@ -45,7 +45,7 @@ def check_of(body, rate, axes=SIX_AXES, seed=0):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_240_taken_for_30_is_found_whatever_is_inside(seed):
+def test_240_fps_stated_as_30_is_found_for_any_filling(seed):
     body = body_of(seed)
     right, _ = check_of(body, 1.0, seed=seed)
     assert right.possible
@@ -55,13 +55,13 @@ def test_240_taken_for_30_is_found_whatever_is_inside(seed):
 
 
 @pytest.mark.parametrize("rate", [0.5, 4 / 3, 2.0])
-def test_so_is_a_rate_that_is_less_wrong(rate):
+def test_smaller_rate_errors_are_found(rate):
     found, _ = check_of(body_of(1), rate)
     assert not found.possible
     assert found.low < rate < found.high
 
 
-def test_parallel_axes_with_different_arms_tell_it_whatever_the_filling():
+def test_parallel_axes_with_different_arms_determine_the_rate_for_any_filling():
     off = []
     for seed in range(6):
         found, _ = check_of(body_of(seed), 1.2, seed=seed)
@@ -72,14 +72,14 @@ def test_parallel_axes_with_different_arms_tell_it_whatever_the_filling():
     assert 0.2 < np.sqrt(np.mean(np.square(off))) < 2.0
 
 
-def test_a_centred_mass_struck_upright_leaves_only_the_bounds():
+def test_centred_mass_struck_upright_gives_only_bounds():
     found, _ = check_of(body_of(0, even=True), 1.0, UPRIGHT)
     assert found.estimate is None
     assert found.low < 0.95
     assert found.high > 1.05
 
 
-def test_an_axis_known_badly_bounds_nothing():
+def test_imprecise_axis_gives_no_bound():
     body = body_of(0)
     _, planes = check_of(body, 1.0)
     points = np.vstack([body.points, CORNERS])
@@ -92,7 +92,7 @@ def test_an_axis_known_badly_bounds_nothing():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_edges_of_one_corner_that_leave_c_open_bound_it_each(seed):
+def test_edges_of_one_corner_bound_the_rate_one_by_one(seed):
     body = body_of(seed)
     right, _ = check_of(body, 1.0, UPRIGHT[:2], seed=seed)
     assert right is not None

@@ -17,7 +17,7 @@ SIZE = (0.078, 0.06, 0.15)
 
 
 def parameters(body, rng, com_sd, relative_sd):
-    """What errors of `com_sd` m per axis and `relative_sd` of each moment make of the truth."""
+    """Inertial parameters with errors of `com_sd` [m] per axis of c and `relative_sd` of each moment."""
     com = body.com + rng.normal(0, com_sd, 3)
     zeros = np.zeros(1)
     centre = CentreOfMass(
@@ -42,7 +42,7 @@ def parameters(body, rng, com_sd, relative_sd):
     [((0.026, 0.014, 0.004), 0.005), ((0.035, 0.022, 0.0), 0.02), ((0.032, 0.002, 0.0), 0.01)],
     ids=["box", "spray", "salt"],
 )
-def test_half_a_millimetre_and_one_percent_give_the_masses_to_4_percent(masses, border):
+def test_masses_to_4_percent_from_c_to_half_a_millimetre_and_moments_to_1_percent(masses, border):
     """Target: region masses 4 % by the paper's metric, and half the best naive answer's error."""
     rng = np.random.default_rng(11)
     body = box_body(SIZE, masses, border, (0.4, 0.3, 0.87), pitch=0.006)
@@ -77,15 +77,15 @@ def test_masses_are_positive_and_their_sum_is_the_mass():
     )
 
 
-def test_the_same_seed_gives_the_same_answer():
+def test_same_seed_gives_the_same_result():
     body = box_body(SIZE, (0.03, 0.01, 0.004), 0.0, pitch=0.01)
     given = parameters(body, np.random.default_rng(2), 3e-4, 0.01)
     first, second = (mass_distribution(given, body.cells, np.random.default_rng(5)) for _ in range(2))
     assert (first.masses == second.masses).all()
 
 
-def test_an_empty_region_has_an_interval_from_nothing_upwards():
-    """All draws of a border fell on the bound once: a point, with no width."""
+def test_interval_of_an_empty_region_begins_at_zero():
+    """Draws at the bound of zero must not all coincide: the interval has a width."""
     body = box_body(SIZE, (0.034, 0.0, 0.006), 0.03, (0.4, 0.3, 0.87), pitch=0.01)
     for seed in range(3):
         found = mass_distribution(
@@ -96,8 +96,8 @@ def test_an_empty_region_has_an_interval_from_nothing_upwards():
         assert 1e-4 < found.intervals[1, 1] < 0.01
 
 
-def test_a_border_across_the_longest_direction_does_not_mix_up_its_sides():
-    """Planes on both sides of level belong together: the best one decides which side is upper."""
+def test_sides_of_a_plane_parallel_to_the_longest_direction_are_not_mixed():
+    """Which side is upper is decided by the best plane for all planes."""
     body = box_body(SIZE, (0.008, 0.028, 0.008), 0.0, (1.0, 0.0, 0.0), pitch=0.01)
     found = mass_distribution(
         parameters(body, np.random.default_rng(1), 2e-4, 0.003), body.cells, np.random.default_rng(0)
@@ -107,7 +107,7 @@ def test_a_border_across_the_longest_direction_does_not_mix_up_its_sides():
     assert np.sqrt(np.diag(found.covariance))[1:].max() < 0.004
 
 
-def test_lumps_are_no_two_even_parts_and_that_is_said():
+def test_lumps_are_reported_as_unexplained():
     """Two lumps at the ends of a uniform shell: no plane explains them; the bounds for any filling hold."""
     body = box_body(SIZE, (0.012, 0.02, 0.02), 0.0, pitch=0.01)
     shell = body.shell > 0
@@ -132,7 +132,7 @@ def test_lumps_are_no_two_even_parts_and_that_is_said():
     assert np.abs(found.masses - truth).max() < 0.35 * body.masses.sum()
 
 
-def test_less_certain_data_give_wider_masses():
+def test_less_precise_data_give_wider_masses():
     body = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, pitch=0.01)
     sharp, dull = (
         mass_distribution(
@@ -143,7 +143,7 @@ def test_less_certain_data_give_wider_masses():
     assert np.trace(dull.covariance) > 2 * np.trace(sharp.covariance)
 
 
-def test_naive_answers_stand_beside():
+def test_naive_answers_are_reported():
     body = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, pitch=0.01)
     found = mass_distribution(
         parameters(body, np.random.default_rng(4), 3e-4, 0.01), body.cells, np.random.default_rng(0)
@@ -154,7 +154,7 @@ def test_naive_answers_stand_beside():
         assert (masses >= 0).all()
 
 
-def test_the_papers_sweep_leaves_the_border_open_even_when_everything_is_exact():
+def test_papers_sweep_does_not_determine_the_plane_even_from_exact_data():
     """The paper's parallel axes fix c on their line for every plane: its criterion cannot choose."""
     body = box_body(SIZE, (0.020, 0.012, 0.012), 0.02, pitch=0.006)
     given = parameters(body, np.random.default_rng(5), 0.0, 0.0)

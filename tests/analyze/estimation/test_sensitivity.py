@@ -1,4 +1,4 @@
-"""What moves c: the same as estimating again with one strike, one stated error or one mass changed."""
+"""Sensitivity of c compared with a new estimate after one strike, stated error or mass was changed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def solved(estimate, planes, systematic=None):
     )
 
 
-def test_c_moves_with_each_strike_as_estimated_anew(estimate):
+def test_influence_of_a_strike_agrees_with_a_new_estimate(estimate):
     planes = equiplanes(estimate.evidence, estimate.evidence.motions)
     before = solved(estimate, planes).x[COM]
     for i in (0, 5, 11):
@@ -61,20 +61,19 @@ def test_c_moves_with_each_strike_as_estimated_anew(estimate):
         )
 
 
-def test_the_parts_add_up_to_the_whole(estimate):
+def test_contributions_add_up_to_the_covariance(estimate):
     total = sum(share.covariance for share in estimate.sensitivity.shares)
     assert np.allclose(total, estimate.com.covariance, rtol=1e-6, atol=1e-15)
     for share in estimate.sensitivity.shares:
         assert np.linalg.eigvalsh(share.covariance).min() > -1e-9 * np.trace(estimate.com.covariance)
 
 
-def test_a_tilt_of_its_sd_moves_c_as_it_moves_all_strikes(estimate):
-    """All strikes here stand at one heading: a tilt turns the phi of each alike."""
+def test_contribution_of_the_tilt_agrees_with_the_strikes_influence(estimate):
+    """All strikes have one heading, so that a tilt changes each phi equally."""
     sd = systematic_errors(estimate.evidence).gravity_tilt_sd
     moved = sd * sum(each.by_phi for each in estimate.sensitivity.strikes)
     part = next(share.covariance for share in estimate.sensitivity.shares if share.source is ErrorSource.TILT)
-    # The strikes scatter by more than is stated, which widens the covariance and leaves the estimate where it
-    # is.
+    # The strikes scatter by more than stated, which widens the covariance and not the estimate.
     assert np.allclose(np.outer(moved, moved), part, rtol=0.25, atol=1e-13)
 
 
@@ -86,7 +85,7 @@ def test_a_tilt_of_its_sd_moves_c_as_it_moves_all_strikes(estimate):
         (ErrorSource.ANGLE, {"axis_angle_sd": 1e-9}),
     ],
 )
-def test_an_error_that_is_not_stated_causes_nothing(estimate, source, without):
+def test_contribution_agrees_with_an_estimate_without_the_error(estimate, source, without):
     """A source's contribution is at most the gain without it: the strikes are then also weighted better."""
     evidence = estimate.evidence
     systematic = replace(systematic_errors(evidence), **without)
@@ -96,7 +95,7 @@ def test_an_error_that_is_not_stated_causes_nothing(estimate, source, without):
     assert 0.4 * gained < np.trace(part) < 1.02 * gained
 
 
-def test_markers_that_weigh_something_are_in_it(evidence):
+def test_mass_of_markers_contributes(evidence):
     marker = MarkerSpec(id=0, size_m=0.03, mass_kg=2e-3, thickness_m=1e-3, T_object_marker=np.eye(4).tolist())
     spec = evidence.spec.model_copy(update={"marker": [marker], "mass_sd_kg": 5e-4})
     found = estimate_evidence(replace(evidence, spec=spec))

@@ -1,4 +1,4 @@
-"""The lean of the vertical from two headings of one edge, and from a level's reading."""
+"""Tilt of the table from two headings of one edge, and from the reading of a level."""
 
 from dataclasses import replace
 
@@ -37,14 +37,14 @@ def exact(strikes, slope):
     )
 
 
-def test_half_the_difference_of_phi_is_the_tables_rise():
+def test_half_the_difference_of_phi_is_the_tilt():
     strike = planned_strike(BODY, *ONE_FACE[0])
     here, turned = exact([strike, reversed_strike(strike)], (0.004, 0.0))
-    # The rounding rolls uphill: radius / R, a hundredth, on top.
+    # The rounding rolls uphill, which adds radius / R, a hundredth.
     assert (here.phi - turned.phi) / 2 == pytest.approx(0.004, rel=0.02)
 
 
-def test_a_turned_strike_tells_the_tilt_and_corrects_c():
+def test_turned_strike_determines_the_tilt_and_corrects_c():
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     slope = (0.006, -0.003)
     planes = exact([*strikes, reversed_strike(strikes[0])], slope)
@@ -61,7 +61,7 @@ def test_a_turned_strike_tells_the_tilt_and_corrects_c():
     assert without.tilts[0].sd[0] > 0.95 * TILT
 
 
-def test_residuals_are_of_planes_that_stand_upright_in_gravity():
+def test_residuals_refer_to_planes_upright_in_gravity():
     """Planes upright in gravity contain c for any tilt; those upright on the table miss it by R tilt."""
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     planes = exact([*strikes, reversed_strike(strikes[0])], (0.006, 0.0))
@@ -71,7 +71,7 @@ def test_residuals_are_of_planes_that_stand_upright_in_gravity():
     assert [plane.phi for plane in com.planes] == [plane.phi for plane in planes], "what was measured stays"
 
 
-def test_any_two_headings_tell_what_they_differ_in():
+def test_any_two_headings_determine_a_part_of_the_tilt():
     strike = planned_strike(BODY, *ONE_FACE[0])
     quarter = strike.model_copy(update={"id": "q", "heading_rad": np.pi / 2})
     planes = exact([strike, reversed_strike(strike), quarter], (0.004, -0.005))
@@ -80,7 +80,7 @@ def test_any_two_headings_tell_what_they_differ_in():
     assert max(tilt.sd) < 0.3 * TILT
 
 
-def test_intervals_of_tilt_and_c_hold_the_truth():
+def test_intervals_of_tilt_and_c_contain_the_truth():
     rng = np.random.default_rng(31)
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     sessions = [
@@ -100,7 +100,7 @@ def test_intervals_of_tilt_and_c_hold_the_truth():
     assert np.median(without) > 1.2
 
 
-def test_a_levels_reading_takes_the_priors_place():
+def test_reading_of_a_level_replaces_the_prior():
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     planes = exact(strikes, (0.006, 0.0))
     read = replace(STATED, readings=(TiltPrior((0.006, 0.0), (2e-4, TILT)),))
@@ -123,7 +123,7 @@ def test_two_tables_have_their_own_tilts():
     assert [tilt.lean[0] for tilt in com.tilts] == pytest.approx([0.004, -0.003], abs=2e-4)
 
 
-def test_a_repeat_at_another_heading_is_no_outlier_among_repeats():
+def test_repeat_at_another_heading_is_not_an_outlier():
     strike = planned_strike(BODY, *ONE_FACE[0])
     fit = fit_of(0.4, 60.0, 3e-4, 0.1)
     same = [equiplane_from_fit(f"s{i}", strike, fit) for i in range(3)]

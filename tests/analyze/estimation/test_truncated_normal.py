@@ -1,4 +1,4 @@
-"""Cut normal distributions beside plain sums over a fine grid, and far out in their tails."""
+"""Truncated normal distributions compared with sums over a fine grid, and far out in their tails."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def on_a_grid(mean, precision, n=1500):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_mass_and_draws_are_those_of_the_cut_distribution(case):
+def test_mass_and_draws_agree_with_the_grid(case):
     mean, precision = CASES[case]
     mass, middle, sd, empty = on_a_grid(mean, precision)
     found = share_distribution(np.tile(mean, (20_000, 1)), np.tile(precision, (20_000, 1, 1)))
@@ -57,8 +57,8 @@ def test_mass_and_draws_are_those_of_the_cut_distribution(case):
     assert (draws[:, 1:] == 0).mean(axis=0) == pytest.approx(empty, abs=0.015)
 
 
-def test_forty_sigmas_beyond_the_bounds_there_is_still_a_spread():
-    """All of it hugs the corner where all is wall: a point, with no width, would be too sure."""
+def test_draws_keep_a_width_forty_sigmas_beyond_the_bounds():
+    """Almost all probability is in the corner of shell only, yet the draws must keep a width."""
     found = share_distribution(np.array([[1.5, -0.6]]), np.array([[[6e3, 2e3], [2e3, 6e3]]])).draw(
         np.random.default_rng(2)
     )
@@ -70,7 +70,7 @@ def test_forty_sigmas_beyond_the_bounds_there_is_still_a_spread():
     assert (many.std(axis=0) > 1e-5).all()
 
 
-def test_a_tail_is_drawn_as_the_exponential_that_it_nearly_is():
+def test_draws_of_a_far_tail_are_nearly_exponential():
     rng = np.random.default_rng(3)
     zeros = np.zeros(20_000)
     far = draw_truncated(zeros, zeros + 1.0, zeros + 50.0, zeros + 60.0, rng) - 50.0
@@ -78,13 +78,13 @@ def test_a_tail_is_drawn_as_the_exponential_that_it_nearly_is():
     assert far.std() == pytest.approx(1 / 50, rel=0.05)
 
 
-def test_what_lies_between_far_out():
+def test_log_normal_mass_is_precise_in_the_tails():
     low, high = np.array([-1.0, 38.0, -60.0]), np.array([1.0, 39.0, -50.0])
     expected = [np.log(0.6826894921), log_ndtr(-38.0), log_ndtr(-50.0)]
     assert log_normal_mass(low, high) == pytest.approx(np.array(expected), rel=1e-9)
 
 
-def test_the_shortest_interval_begins_at_the_bound_where_the_draws_crowd_there():
+def test_shortest_interval_begins_at_the_bound_if_draws_concentrate_there():
     rng = np.random.default_rng(4)
     draws = np.column_stack([rng.exponential(1.0, 4000), rng.normal(10.0, 1.0, 4000)])
     low, high = shortest_intervals(draws, 0.0)

@@ -18,7 +18,7 @@ def estimate():
     return estimate_evidence(session(carton(), np.random.default_rng(3)))
 
 
-def test_it_has_the_moments_and_stays_in_its_bounds(estimate):
+def test_map_has_the_moments_within_its_bounds(estimate):
     voxels, com = estimate.voxels, estimate.com
     masses = voxels.density * voxels.volumes
     assert masses.sum() == pytest.approx(estimate.inertial.mass, rel=1e-3)
@@ -28,7 +28,7 @@ def test_it_has_the_moments_and_stays_in_its_bounds(estimate):
     assert voxels.density.max() < DENSITIES[1]
 
 
-def test_the_heavier_side_is_the_heavier_side(estimate):
+def test_heavier_half_has_the_larger_mass(estimate):
     body = carton()
     below = body.points[:, 2] < 0
     lower = estimate.voxels.points[:, 2] < 0
@@ -38,7 +38,7 @@ def test_the_heavier_side_is_the_heavier_side(estimate):
     )
 
 
-def test_it_says_how_little_was_measured(estimate):
+def test_determined_shares_are_reported(estimate):
     voxels = estimate.voxels
     assert voxels.directions <= 10
     assert np.all((voxels.determined > 0) & (voxels.determined < 1))
@@ -47,7 +47,7 @@ def test_it_says_how_little_was_measured(estimate):
     assert "prior" in words
 
 
-def test_moments_that_no_body_of_that_shape_has_are_missed_and_said(estimate):
+def test_impossible_moments_give_a_large_misfit(estimate):
     moments = measured_moments(estimate.inertial)
     outside = MeasuredMoments(
         moments.mass,
@@ -61,7 +61,7 @@ def test_moments_that_no_body_of_that_shape_has_are_missed_and_said(estimate):
     assert "misses the moments" in voxel_map_text(voxels)
 
 
-def test_a_body_of_one_density_gives_an_even_map(estimate):
+def test_uniform_body_gives_a_uniform_map(estimate):
     cells = estimate.cells
     masses = 0.05 * cells.volumes / cells.volumes.sum()
     centre = masses @ cells.points / masses.sum()

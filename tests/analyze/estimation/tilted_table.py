@@ -1,7 +1,8 @@
 """Tips of a box on a sloping table, by Lagrange's equation in space; independent of the estimators.
 
-Models: gravity as a vector, the object as it lies on the table at its heading, an edge's rounding that rolls
-without slip, frames with noise. Does not model: slip, air, the striker (a tip starts with a speed)."""
+Models: gravity as a vector, the object's pose at its heading, an edge's rounding that rolls without slip,
+frames with noise. Does not model: slip, air, the striker (a tip starts with an angular rate).
+"""
 
 from __future__ import annotations
 
@@ -18,24 +19,24 @@ SUBSTEPS = 3
 REST = 30
 FRAMES = 170
 PAST = np.radians(25.0)
-"""past the balance, where a fit ends"""
+"""angle [rad] past balance at which a fit ends"""
 ENERGY = 1.1
 REVERSED = np.pi
 
 
 @dataclass(frozen=True)
 class Laid:
-    """One strike as it really is."""
+    """One strike with the true pose of the object on the table."""
 
     body: Body
     strike: PlannedStrike
     slope: Array
-    """(2,) rise of the table towards W's x and y"""
+    """(2,) slope of the table towards W's x and y"""
     moved: Array
-    """(3,) m in O, real centre line less the planned one"""
+    """(3,) true minus planned place of the centre line [m], in O"""
     radius: float
     turned: float
-    """rad about the edge, of the object at rest against what it should be"""
+    """error [rad] of the object's rest angle about the edge"""
 
 
 def reversed_strike(strike: PlannedStrike, repeat: int = 0) -> PlannedStrike:
@@ -46,7 +47,7 @@ def reversed_strike(strike: PlannedStrike, repeat: int = 0) -> PlannedStrike:
 def seen_tips(
     laid: list[Laid], noise: float, rng: np.random.Generator
 ) -> list[tuple[TipAngle, tuple[int, int]]]:
-    """What the camera sees of each, with `noise` [rad] a frame, and the frames in which only gravity acts."""
+    """Measured tip angle of each strike with `noise` [rad] per frame, and the frames of its free motion."""
     line, tip, start = _placed(laid)
     n = len(laid)
     radius = np.array([each.radius for each in laid])
@@ -57,12 +58,12 @@ def seen_tips(
     in_body = np.array([each.strike.pivot.direction for each in laid])
     about_c = np.einsum("ni,nij,nj->n", in_body, np.array([each.body.inertia for each in laid]), in_body)
 
-    # Rodrigues' formula, once for all angles: what turns, and where it is a quarter turn later.
+    # Rodrigues' formula for all angles: the component that turns, and the same turned by 90 degrees.
     along = line * np.sum(start * line, axis=1, keepdims=True)
     across, later, rolled = start - along, np.cross(line, start), radius[:, None] * tip
 
     def course(theta: Array) -> Array:
-        """c less its start (n, 3)."""
+        """Displacement (n, 3) of c from its start at angles `theta` (n,)."""
         return (
             rolled * theta[:, None]
             + np.cos(theta)[:, None] * across
@@ -112,7 +113,7 @@ def seen_tips(
 
 
 def _placed(laid: list[Laid]) -> tuple[Array, Array, Array]:
-    """In W: pivot line and tip direction (n, 3), and c from the real centre line at rest (n, 3) m."""
+    """Pivot lines and tip directions (n, 3), and c from the true centre line at rest (n, 3) [m], in W."""
     lines, tips, arms = [], [], []
     for each in laid:
         heading = each.strike.heading_rad
@@ -129,7 +130,7 @@ def _placed(laid: list[Laid]) -> tuple[Array, Array, Array]:
 
 
 def _turned(arm: Array, line: Array, theta: Array) -> Array:
-    """Rodrigues' formula; (n, 3), (n, 3), (n,)."""
+    """Vectors `arm` (n, 3) turned about unit `line` (n, 3) by `theta` (n,) [rad]: Rodrigues' formula."""
     along = line * np.sum(arm * line, axis=-1, keepdims=True)
     cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
     return along + cos * (arm - along) + sin * np.cross(line, arm)
@@ -137,7 +138,7 @@ def _turned(arm: Array, line: Array, theta: Array) -> Array:
 
 @dataclass(frozen=True)
 class Drawn:
-    """1 sigma of what is drawn once per session, per axis and heading, and per strike."""
+    """1 sigma of errors drawn per session, per axis and heading, and per strike."""
 
     tilt: float
     edge: float = 2e-4
@@ -149,7 +150,7 @@ class Drawn:
 def laid_session(
     body: Body, strikes: list[PlannedStrike], drawn: Drawn, rng: np.random.Generator
 ) -> list[Laid]:
-    """A session's strikes with its errors drawn."""
+    """Strikes of a session with drawn errors."""
     slope, more_radius = rng.normal(0, drawn.tilt, 2), rng.normal(0, drawn.radius)
     moved: dict[str, Array] = {}
     angle: dict[tuple[str, float], float] = {}
