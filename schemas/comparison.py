@@ -7,8 +7,9 @@ from typing import Literal
 from pydantic import Field
 
 from schemas.document import Document
+from schemas.quantity import Quantity
 from schemas.report import ReportRecording
-from schemas.result import RESULT_VERSION, AxisMoment, Quantity, RegionResult
+from schemas.result import RESULT_VERSION, AxisMoment, RegionResult
 
 
 class SessionsAgreement(Document):

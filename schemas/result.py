@@ -7,11 +7,13 @@ names.
 from __future__ import annotations
 
 import enum
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, ClassVar
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from schemas.document import Document, Vector3
+from schemas.quantity import Quantity, RenamedDocument, SparseDocument, json_entries
+from schemas.strike_result import StrikeResult
 
 RESULT_VERSION = "2.0"
 """Schema version of results, reports and comparisons; recordings and plans have their own."""
@@ -20,103 +22,6 @@ RENAMED_CODES = {
     "filling_turns_with_it": "filling_assumed_rigid",
 }
 """Warning codes of version 2.0, by their codes in 1.x."""
-
-
-def _entries(data: object) -> dict[str, Any] | None:
-    """Entries of a JSON object; None if it is something else."""
-    return cast("dict[str, Any]", data) if isinstance(data, dict) else None
-
-
-class RenamedDocument(Document):
-    """Base of result documents whose keys were renamed: reads the old key, writes the new one."""
-
-    renamed: ClassVar[dict[str, str]] = {}
-    """New key by old key."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _take_new_names(cls, data: Any) -> Any:
-        entries = _entries(data)
-        return (
-            data if entries is None else {cls.renamed.get(key, key): value for key, value in entries.items()}
-        )
-
-
-class SparseDocument(Document):
-    """Base of result documents that leave out optional entries without a value."""
-
-    left_out_if_none: ClassVar[tuple[str, ...]] = ()
-    """Names of entries that are not written if they are None."""
-
-    @model_serializer(mode="wrap")
-    def _without_empty_entries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = write(self)
-        for name in self.left_out_if_none:
-            if written[name] is None:
-                del written[name]
-        return written
-
-
-class Quantity(Document):
-    """A quantity with unit, sd and 95 % interval; value and sd may be null if not observed."""
-
-    value: float | list[float] | list[list[float]] | None
-    """number, vector (3,) or matrix (3, 3), in `unit`; null if not observed"""
-    unit: str
-    sd: float | list[float] | None = None
-    """1 sigma of each component, in `unit`; nine numbers row by row for a matrix"""
-    covariance: list[list[float]] | None = None
-    """(3, 3) covariance of a vector, in `unit` squared"""
-    interval95: list[float] | list[list[float]] | None = None
-    """lower and upper end of the 95 % interval; one such pair per component of a vector"""
-    frame: str | None = None
-    """frame of a vector or matrix, such as O; null for a scalar"""
-    observed: bool = True
-    """false if no strike determines the quantity, or one of its directions"""
-    unobserved_direction: list[float] | None = None
-    """unit direction (3,) in which a vector is not observed"""
-    source: Literal["measured", "prior", "given"] = "measured"
-    """origin of the number; for several numbers that of the weakest (`inertia_measured` has it entry by
-    entry)"""
-
-    def as_scalar(self) -> float:
-        """Value of a scalar quantity.
-
-        Raises:
-            TypeError: the quantity is a vector or matrix, or has no value.
-        """
-        if not isinstance(self.value, float):
-            raise TypeError(f"no scalar value: {self.value!r}")
-        return self.value
-
-    def interval_ends(self) -> tuple[float, float]:
-        """Ends of a scalar quantity's 95 % interval.
-
-        Raises:
-            TypeError: the quantity is a vector or matrix, or has no interval.
-        """
-        match self.interval95:
-            case [float(low), float(high)]:
-                return low, high
-            case _:
-                raise TypeError(f"no interval of a scalar: {self.interval95!r}")
-
-
-class Verdict(enum.Enum):
-    """Outcome of a strike."""
-
-    GOOD = "good"
-    ROCKED_BACK = "rocked_back"
-    SLID = "slid"
-    ROLLED = "rolled"
-    TWISTED = "twisted"
-    AIRBORNE = "airborne"
-    STRUCK_TWICE = "struck_twice"
-    MARKER_LOST = "marker_lost"
-    NOT_MOVED = "not_moved"
-    WRONG_PLACEMENT = "wrong_placement"
-    EXCLUDED = "excluded"
-    UNREADABLE = "unreadable"
 
 
 class WarningCode(enum.Enum):
@@ -156,103 +61,6 @@ class ResultWarning(Document):
     text: str
 
 
-class AlternativeFit(Document):
-    """Phi and k of the same strike by another estimator than the one used."""
-
-    estimator: str
-    phi: Quantity
-    k: Quantity | None = None
-    note: str = ""
-    violated: list[str] = Field(default=[])
-    """assumptions of the estimator that the motion violates"""
-
-
-class PredictionResult(RenamedDocument):
-    """Leave-one-out prediction of one strike from all others, compared with its measurement."""
-
-    renamed: ClassVar[dict[str, str]] = {"foretold": "consistent"}
-
-    phi: Quantity = Field(description="predicted balance angle; sd of the prediction")
-    k: Quantity = Field(description="predicted k; sd of the prediction")
-    sigmas: float = Field(
-        ge=0, description="standardised difference of phi and k together, measured less predicted"
-    )
-    motion_sigmas: float = Field(
-        ge=0,
-        description=(
-            "standardised difference of theta(t), started from the first free frames with the predicted phi"
-            " and k"
-        ),
-    )
-    consistent: bool = Field(description="true if both standardised differences are at most 3")
-    frames: int = Field(
-        description=(
-            "frames of theta(t) compared: until the prediction's sd exceeds 3 deg, or the free motion ends"
-        )
-    )
-    start_frames: int = Field(description="frames before them, which only give the start")
-    worst_offset_rad: float = Field(
-        description="measured less predicted theta at the frame with the largest standardised difference"
-    )
-    worst_band_rad: float = Field(description="1.96 sd of the difference at that frame")
-    outside_share: float = Field(
-        ge=0, le=1, description="share of frames that differ by more than 1.96 sd; 0.05 is expected"
-    )
-
-
-class StrikeResult(RenamedDocument):
-    """Outcome of one strike."""
-
-    renamed: ClassVar[dict[str, str]] = {"weight": "information_share", "foretold": "prediction"}
-
-    id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
-    plan_strike_id: str = Field(description="id of the planned strike")
-    axis_id: str = Field(description="name of the pivot edge")
-    plane_id: str = Field(description="name of the face on which the object rested")
-    heading_rad: float = Field(
-        default=0.0, description="heading of object and striker on the table, as planned; 0 is not written"
-    )
-    verdict: Verdict
-    reason: str = Field(default="", description="reason for the verdict")
-    used: bool = Field(description="true if the result uses this strike")
-    information_share: float = Field(
-        ge=0, description="share of the information about the centre of mass; 0 if not used"
-    )
-    estimator: str | None = None
-    estimator_note: str = ""
-    """reason for this estimator and this window"""
-    window_ns: list[int] | None = Field(
-        default=None, description="log times [ns] of the first and last frame that the fit uses"
-    )
-    phi: Quantity | None = Field(default=None, description="balance angle phi about the pivot edge")
-    k: Quantity | None = Field(
-        default=None, description="k = m g R / I_edge for a sharp edge, R the distance of c from it"
-    )
-    cov_phi_k: list[list[float]] | None = Field(default=None, description="(2, 2) covariance of phi and k")
-    i_edge: Quantity | None = Field(default=None, description="moment of inertia about the pivot edge")
-    energy_ratio: float | None = Field(
-        default=None,
-        description="E: kinetic energy after the strike over the energy needed to reach balance; 1 just does",
-    )
-    residual_rms_rad: float | None = Field(default=None, description="rms residual of the fit of theta(t)")
-    equiplane_residual_m: float | None = Field(
-        default=None, description="signed distance of the centre of mass from this strike's equi-plane"
-    )
-    alternatives: list[AlternativeFit] = Field(default=[], description="fits by other estimators")
-    prediction: PredictionResult | None = Field(
-        default=None, description="leave-one-out prediction of a strike used; not written where there is none"
-    )
-
-    @model_serializer(mode="wrap")
-    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = write(self)
-        if not self.heading_rad:
-            del written["heading_rad"]
-        if self.prediction is None:
-            del written["prediction"]
-        return written
-
-
 class AxisMoment(Document):
     """Moments of inertia about one pivot axis and about its parallel through the centre of mass c."""
 
@@ -280,7 +88,7 @@ class RegionResult(SparseDocument):
     @model_validator(mode="before")
     @classmethod
     def _take_new_name(cls, data: Any) -> Any:
-        entries = _entries(data)
+        entries = json_entries(data)
         return (
             {**entries, "name": "shell"} if entries is not None and entries.get("name") == "surface" else data
         )
@@ -304,8 +112,8 @@ class Regions(RenamedDocument, SparseDocument):
     @model_validator(mode="before")
     @classmethod
     def _take_new_baseline_names(cls, data: Any) -> Any:
-        entries = _entries(data)
-        baselines = None if entries is None else _entries(entries.get("baselines"))
+        entries = json_entries(data)
+        baselines = None if entries is None else json_entries(entries.get("baselines"))
         if entries is None or baselines is None:
             return data
         renamed = {"surface": "shell", "surface_and_uniform": "shell_and_uniform"}
@@ -502,7 +310,7 @@ class Result(SparseDocument):
     @classmethod
     def _take_new_version(cls, data: Any) -> Any:
         """Rewrite warning codes and the version of a document of 1.x; keys are rewritten by `renamed`."""
-        entries = _entries(data)
+        entries = json_entries(data)
         if entries is None or not str(entries.get("schema_version", RESULT_VERSION)).startswith("1."):
             return data
         warnings = [_with_new_code(each) for each in entries.get("warnings", [])]
@@ -510,7 +318,7 @@ class Result(SparseDocument):
 
 
 def _with_new_code(warning: Any) -> Any:
-    entries = _entries(warning)
+    entries = json_entries(warning)
     if entries is None or entries.get("code") not in RENAMED_CODES:
         return warning
     return {**entries, "code": RENAMED_CODES[entries["code"]]}

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from schemas.document import Document
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from schemas.tags import MarkerName
 
 

@@ -26,8 +26,8 @@ from analyze.reading.truth import read_truth
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.document import canonical_json
-from schemas.result import Verdict
 from schemas.session_manifest import MANIFEST_NAME
+from schemas.strike_result import Verdict
 
 BEFORE_NS, AFTER_NS = 120_000_000, 620_000_000
 MARGIN_PX = 14

@@ -47,7 +47,9 @@ DOCUMENTS = {
     "schemas.object_spec",
     "schemas.strike_plan",
     "schemas.session_manifest",
+    "schemas.quantity",
     "schemas.result",
+    "schemas.strike_result",
     "schemas.watch_lines",
 }
 FOUNDATION = (

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from analyze.result.answer import Answer
     from analyze.types import Array
-    from schemas.result import Quantity
+    from schemas.quantity import Quantity
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class InertiaTensor:
         return int(np.floor(np.log10(np.abs(self.tensor).max())))
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Name, value ± half width (95 %) in 10^power_of_ten kg m², and origin (measured, prior) per entry."""
+        """Name, value ± half width (95 %) in 10^power_of_ten kg m², and measured or prior, per entry."""
         unit = 10.0**self.power_of_ten
         return [
             (

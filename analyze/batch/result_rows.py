@@ -14,7 +14,8 @@ import pyarrow.parquet as pq
 from analyze.errors import ArchiveError
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.output_file import write_bytes
-from schemas.result import Quantity, Result
+from schemas.quantity import Quantity
+from schemas.result import Result
 
 if TYPE_CHECKING:
     from analyze.result.answer import Answer

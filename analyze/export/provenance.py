@@ -9,7 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
-from schemas.result import Quantity, Result
+from schemas.quantity import Quantity
+from schemas.result import Result
 
 UNPRINTABLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff0-\uffff\ud800-\udfff]"

@@ -12,7 +12,8 @@ from tests.places import RECORDINGS
 
 @pytest.fixture(scope="session", autouse=True)
 def samples_are_tracked_once() -> Iterator[None]:
-    """Many tests look at the committed sample: a strike of it is tracked once for the same markers and object. A copy is another file."""
+    """Many tests look at the committed sample: a strike of it is tracked once for the same markers and
+    object. A copy is another file."""
     from analyze.pipeline import evidence
 
     track, known = evidence._strike, {}

@@ -1,4 +1,5 @@
-"""A session on a virtual box without images: motions by a Runge-Kutta pendulum with frame noise; written apart from the estimators."""
+"""A session on a virtual box without images: motions by a Runge-Kutta pendulum with frame noise; written
+apart from the estimators."""
 
 from __future__ import annotations
 
@@ -10,9 +11,9 @@ from analyze.geometry.object_model import load_object_model
 from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.types import MotionFit, Phases, TipAngle, TipMotion
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape, object_sha256
-from schemas.result import Verdict
 from schemas.session_manifest import CameraCalibrationSpec, ManifestCamera, SessionManifest, TimeSource
 from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.strike_result import Verdict
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, Body, box_body, planned_strike, tip
 
 FRAME_S = 1 / 120
@@ -28,7 +29,8 @@ def session(
     slow: float = 1.0,
     time_source: TimeSource = TimeSource.DEVICE_MAPPED,
 ) -> Evidence:
-    """Strikes on six axes of `body`; phi and k drawn with these errors, tilt [rad] of the table added to all, times stretched by `slow`."""
+    """Strikes on six axes of `body`; phi and k drawn with these errors, tilt [rad] of the table added to all,
+    times stretched by `slow`."""
     spec = object_spec(body)
     strikes = [planned_strike(body, *axis, repeat) for axis in SIX_AXES for repeat in range(repeats)]
     motions = []
@@ -99,7 +101,8 @@ def motion(
 
 
 def tipping(phi: float, k: float, energy: float = 1.05) -> tuple[list[float], float]:
-    """Theta [rad] at 120 frames per second until 0.6 rad past the balance, struck just after frame 29; the rate [rad/s] it begins with."""
+    """Theta [rad] at 120 frames per second until 0.6 rad past the balance, struck just after frame 29; the
+    rate [rad/s] it begins with."""
     omega = float(np.sqrt(2 * k * (1 - np.cos(phi)) * energy))
     truth, theta, rate = [0.0] * 30, 0.0, omega
     while theta < phi + 0.6 and len(truth) < 400:

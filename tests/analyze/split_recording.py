@@ -1,4 +1,5 @@
-"""A finished recording as the row of files that it would be, had the process that wrote it died on the way."""
+"""A finished recording as the row of files that it would be, had the process that wrote it died on the
+way."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ def split_recording(source: Path, first: Path, at_ns: int) -> list[Path]:
 
 
 def as_two_sessions(source: Path, first: Path, second: Path, at_ns: int) -> None:
-    """Write what `source` holds up to a log time, and the rest, as recordings of their own; both know what is hidden in the object."""
+    """Write what `source` holds up to a log time, and the rest, as recordings of their own; both know what is
+    hidden in the object."""
     _write(
         source,
         first,

@@ -22,7 +22,7 @@ from analyze.tracking.camera_model import camera_from_spec
 from analyze.verbs.watch.observer import Observer, markers_of
 from schemas import topics
 from schemas.document import DocumentError, canonical_json, validate
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
 from analyze.types import Marker
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from schemas.tags import name_order
 from schemas.watch_lines import JudgeRequest, SeenMarker, StrikeVerdict, WatchEvent
 

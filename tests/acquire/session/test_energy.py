@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from acquire.session.energy import EnergyLearner
-from schemas.result import Verdict
 from schemas.strike_plan import (
     Impact,
     Pivot,
@@ -20,6 +19,7 @@ from schemas.strike_plan import (
     StrikerPrior,
     parse_strike_plan,
 )
+from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
 MASS, G, HALF = 0.05, 9.81, np.array([0.04, 0.03, 0.09])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from acquire.session import machine as s
-from schemas.result import Verdict
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
+from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
 EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]

@@ -1,0 +1,89 @@
+"""A quantity with its uncertainty, and bases of result documents: renamed keys, entries left out."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal, cast
+
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from schemas.document import Document
+
+
+def json_entries(data: object) -> dict[str, Any] | None:
+    """Entries of a JSON object; None if it is something else."""
+    return cast("dict[str, Any]", data) if isinstance(data, dict) else None
+
+
+class RenamedDocument(Document):
+    """Base of result documents whose keys were renamed: reads the old key, writes the new one."""
+
+    renamed: ClassVar[dict[str, str]] = {}
+    """New key by old key."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_new_names(cls, data: Any) -> Any:
+        entries = json_entries(data)
+        return (
+            data if entries is None else {cls.renamed.get(key, key): value for key, value in entries.items()}
+        )
+
+
+class SparseDocument(Document):
+    """Base of result documents that leave out optional entries without a value."""
+
+    left_out_if_none: ClassVar[tuple[str, ...]] = ()
+    """Names of entries that are not written if they are None."""
+
+    @model_serializer(mode="wrap")
+    def _without_empty_entries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        for name in self.left_out_if_none:
+            if written[name] is None:
+                del written[name]
+        return written
+
+
+class Quantity(Document):
+    """A quantity with unit, sd and 95 % interval; value and sd may be null if not observed."""
+
+    value: float | list[float] | list[list[float]] | None
+    """number, vector (3,) or matrix (3, 3), in `unit`; null if not observed"""
+    unit: str
+    sd: float | list[float] | None = None
+    """1 sigma of each component, in `unit`; nine numbers row by row for a matrix"""
+    covariance: list[list[float]] | None = None
+    """(3, 3) covariance of a vector, in `unit` squared"""
+    interval95: list[float] | list[list[float]] | None = None
+    """lower and upper end of the 95 % interval; one such pair per component of a vector"""
+    frame: str | None = None
+    """frame of a vector or matrix, such as O; null for a scalar"""
+    observed: bool = True
+    """false if no strike determines the quantity, or one of its directions"""
+    unobserved_direction: list[float] | None = None
+    """unit direction (3,) in which a vector is not observed"""
+    source: Literal["measured", "prior", "given"] = "measured"
+    """origin of the number; for several numbers that of the weakest (`inertia_measured` has it entry by
+    entry)"""
+
+    def as_scalar(self) -> float:
+        """Value of a scalar quantity.
+
+        Raises:
+            TypeError: the quantity is a vector or matrix, or has no value.
+        """
+        if not isinstance(self.value, float):
+            raise TypeError(f"no scalar value: {self.value!r}")
+        return self.value
+
+    def interval_ends(self) -> tuple[float, float]:
+        """Ends of a scalar quantity's 95 % interval.
+
+        Raises:
+            TypeError: the quantity is a vector or matrix, or has no interval.
+        """
+        match self.interval95:
+            case [float(low), float(high)]:
+                return low, high
+            case _:
+                raise TypeError(f"no interval of a scalar: {self.interval95!r}")

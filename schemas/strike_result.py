@@ -1,0 +1,125 @@
+"""Outcome of one strike in a result: verdict, fits, prediction from the other strikes."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, ClassVar
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+
+from schemas.document import Document
+from schemas.quantity import Quantity, RenamedDocument
+
+
+class Verdict(enum.Enum):
+    """Outcome of a strike."""
+
+    GOOD = "good"
+    ROCKED_BACK = "rocked_back"
+    SLID = "slid"
+    ROLLED = "rolled"
+    TWISTED = "twisted"
+    AIRBORNE = "airborne"
+    STRUCK_TWICE = "struck_twice"
+    MARKER_LOST = "marker_lost"
+    NOT_MOVED = "not_moved"
+    WRONG_PLACEMENT = "wrong_placement"
+    EXCLUDED = "excluded"
+    UNREADABLE = "unreadable"
+
+
+class AlternativeFit(Document):
+    """Phi and k of the same strike by another estimator than the one used."""
+
+    estimator: str
+    phi: Quantity
+    k: Quantity | None = None
+    note: str = ""
+    violated: list[str] = Field(default=[])
+    """assumptions of the estimator that the motion violates"""
+
+
+class PredictionResult(RenamedDocument):
+    """Leave-one-out prediction of one strike from all others, compared with its measurement."""
+
+    renamed: ClassVar[dict[str, str]] = {"foretold": "consistent"}
+
+    phi: Quantity = Field(description="predicted balance angle; sd of the prediction")
+    k: Quantity = Field(description="predicted k; sd of the prediction")
+    sigmas: float = Field(
+        ge=0, description="standardised difference of phi and k together, measured less predicted"
+    )
+    motion_sigmas: float = Field(
+        ge=0,
+        description=(
+            "standardised difference of theta(t), started from the first free frames with the predicted phi"
+            " and k"
+        ),
+    )
+    consistent: bool = Field(description="true if both standardised differences are at most 3")
+    frames: int = Field(
+        description=(
+            "frames of theta(t) compared: until the prediction's sd exceeds 3 deg, or the free motion ends"
+        )
+    )
+    start_frames: int = Field(description="frames before them, which only give the start")
+    worst_offset_rad: float = Field(
+        description="measured less predicted theta at the frame with the largest standardised difference"
+    )
+    worst_band_rad: float = Field(description="1.96 sd of the difference at that frame")
+    outside_share: float = Field(
+        ge=0, le=1, description="share of frames that differ by more than 1.96 sd; 0.05 is expected"
+    )
+
+
+class StrikeResult(RenamedDocument):
+    """Outcome of one strike."""
+
+    renamed: ClassVar[dict[str, str]] = {"weight": "information_share", "foretold": "prediction"}
+
+    id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
+    plan_strike_id: str = Field(description="id of the planned strike")
+    axis_id: str = Field(description="name of the pivot edge")
+    plane_id: str = Field(description="name of the face on which the object rested")
+    heading_rad: float = Field(
+        default=0.0, description="heading of object and striker on the table, as planned; 0 is not written"
+    )
+    verdict: Verdict
+    reason: str = Field(default="", description="reason for the verdict")
+    used: bool = Field(description="true if the result uses this strike")
+    information_share: float = Field(
+        ge=0, description="share of the information about the centre of mass; 0 if not used"
+    )
+    estimator: str | None = None
+    estimator_note: str = ""
+    """reason for this estimator and this window"""
+    window_ns: list[int] | None = Field(
+        default=None, description="log times [ns] of the first and last frame that the fit uses"
+    )
+    phi: Quantity | None = Field(default=None, description="balance angle phi about the pivot edge")
+    k: Quantity | None = Field(
+        default=None, description="k = m g R / I_edge for a sharp edge, R the distance of c from it"
+    )
+    cov_phi_k: list[list[float]] | None = Field(default=None, description="(2, 2) covariance of phi and k")
+    i_edge: Quantity | None = Field(default=None, description="moment of inertia about the pivot edge")
+    energy_ratio: float | None = Field(
+        default=None,
+        description="E: kinetic energy after the strike over the energy needed to reach balance; 1 just does",
+    )
+    residual_rms_rad: float | None = Field(default=None, description="rms residual of the fit of theta(t)")
+    equiplane_residual_m: float | None = Field(
+        default=None, description="signed distance of the centre of mass from this strike's equi-plane"
+    )
+    alternatives: list[AlternativeFit] = Field(default=[], description="fits by other estimators")
+    prediction: PredictionResult | None = Field(
+        default=None, description="leave-one-out prediction of a strike used; not written where there is none"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        if not self.heading_rad:
+            del written["heading_rad"]
+        if self.prediction is None:
+            del written["prediction"]
+        return written
