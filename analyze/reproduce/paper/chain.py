@@ -10,7 +10,7 @@ from analyze.errors import EstimationError
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import PaperRegions, paper_axis_inertia, paper_centre_of_mass, paper_regions
 from analyze.types import Array, EquiPlane, MotionFit, TipMotion
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate

@@ -38,7 +38,7 @@ from analyze.reproduce.paper.sensitivity import (
 from analyze.result.document import result_document
 from analyze.result.score import tip_truth
 from analyze.types import PHASE_NAMES, Array, TipMotion
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline.evidence import Evidence

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from analyze.reproduce.paper import scores
-from analyze.reproduce.paper.published import OBJECTS, published_centres, published_masses, volume_ratio
+from analyze.reproduce.paper.published import (
+    OBJECTS,
+    PublishedCentre,
+    PublishedMasses,
+    published_centres,
+    published_masses,
+    volume_ratio,
+)
 from analyze.reproduce.paper.record import Condition, SessionRecord
 
 Value = str | float | int | None
+P = TypeVar("P", PublishedCentre, PublishedMasses)
 _METHODS = (
     ("the paper's method here", Condition.EXACT, True),
     ("the paper's method, calibration drawn", Condition.DRAWN, True),
@@ -57,11 +66,7 @@ def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
 def table1(records: Sequence[SessionRecord]) -> Table:
     """Table 1: errors of the centre of mass, by object and method."""
     rows: list[tuple[Value, ...]] = []
-    of_paper = published_centres()
-    ours = scores.with_our_plan(records)
-    for name in objects_of(ours):
-        mine = [record for record in ours if record.object == name]
-        printed = [each for each in of_paper if each.object == name]
+    for name, mine, printed in _by_object(records, published_centres()):
         if printed:
             rows.append(
                 _centre_row(
@@ -106,6 +111,16 @@ def table1(records: Sequence[SessionRecord]) -> Table:
     )
 
 
+def _by_object(
+    records: Sequence[SessionRecord], published: Sequence[P]
+) -> Iterator[tuple[str, list[SessionRecord], list[P]]]:
+    """Yield each object's name, its sessions planned by our design, and its published results."""
+    ours = scores.with_our_plan(records)
+    for name in objects_of(ours):
+        mine = [record for record in ours if record.object == name]
+        yield name, mine, [each for each in published if each.object == name]
+
+
 def _centre_row(
     name: str, method: str, distances: Sequence[float], ratios: Sequence[float]
 ) -> tuple[Value, ...]:
@@ -126,11 +141,7 @@ def _centre_row(
 def table2(records: Sequence[SessionRecord]) -> Table:
     """Table 2: errors of the region masses, by object and method."""
     rows: list[tuple[Value, ...]] = []
-    of_paper = published_masses()
-    ours = scores.with_our_plan(records)
-    for name in objects_of(ours):
-        mine = [record for record in ours if record.object == name]
-        printed = [each for each in of_paper if each.object == name]
+    for name, mine, printed in _by_object(records, published_masses()):
         if printed:
             rows.append(
                 _masses_row(
