@@ -56,7 +56,7 @@ def test_mesh_with_a_flank_has_a_rolling_outline():
     ):
         assert section is not None
         theta = np.radians(np.linspace(2, 60, 30))
-        height, _, _ = section.at(theta)
+        height, _, _ = section.evaluate(theta)
         assert np.abs(height - np.hypot(BODY.a * np.sin(theta), BODY.b * np.cos(theta))).max() < 2e-6
 
 
