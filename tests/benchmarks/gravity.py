@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from analyze.calibration.plumb import find_plumb_lines, plumbed_table, upright
+from analyze.calibration.plumb import find_plumb_lines, table_lean, upright
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.priors import ComPrior, SystematicErrors
@@ -26,7 +26,13 @@ from analyze.motion.pivot_fit import pivot_fit
 from analyze.types import CameraModel, EquiPlane
 from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
 from tests.analyze.estimation.bodies import Body, box_body, planned_strike
-from tests.analyze.estimation.tilted_table import Drawn, Laid, laid_session, reversed_strike, seen_tips
+from tests.analyze.estimation.tilted_table import (
+    ErrorSds,
+    PlacedStrike,
+    measured_tips,
+    placed_session,
+    reversed_strike,
+)
 
 SIZE = (0.08, 0.06, 0.15)
 NOISE = math.radians(0.05)
@@ -78,7 +84,7 @@ class Sessions:
 def simulated(axes: Sequence[tuple[int, int, int, int]], drawn: float, count: int, seed: int) -> Sessions:
     """Simulate sessions on tables whose slopes are drawn with 1 sigma of `drawn` [rad]."""
     many = 9 if len(axes) == 3 else 12
-    laid: list[list[Laid]] = []
+    laid: list[list[PlacedStrike]] = []
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         regions = (0.026, *(rng.dirichlet([2.0, 2.0]) * 0.018).tolist())
@@ -87,9 +93,9 @@ def simulated(axes: Sequence[tuple[int, int, int, int]], drawn: float, count: in
         )
         planned = [planned_strike(body, *axes[i % len(axes)], i // len(axes)) for i in range(many + 1)]
         planned += [reversed_strike(planned[0], i) for i in range(TURNED)]
-        laid.append(laid_session(body, planned, Drawn(drawn), rng))
+        laid.append(placed_session(body, planned, ErrorSds(drawn), rng))
     flat = [each for session in laid for each in session]
-    seen = seen_tips(flat, NOISE, np.random.default_rng([seed, count]))
+    seen = measured_tips(flat, NOISE, np.random.default_rng([seed, count]))
     planes = [
         equiplane_from_fit(each.strike.id, each.strike, pivot_fit(angle, window))
         for each, (angle, window) in zip(flat, seen, strict=True)
@@ -179,7 +185,7 @@ def plumb_table(count: int, seed: int) -> Table:
                 real = turned(WORLD_CAMERA, rng.normal(0, math.radians(camera_sd), 3))
                 hung = [(x + rng.normal(0, 0.004), y) for x, y in strings]
                 lines = find_plumb_lines(photograph(hung, slope, rng, scene, real), CAMERA)
-                found = plumbed_table(
+                found = table_lean(
                     upright(lines, CAMERA), CAMERA, PRIOR_SD, max(math.radians(camera_sd), 1e-7)
                 )
                 off.append(found.lean - slope)

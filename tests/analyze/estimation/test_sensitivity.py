@@ -12,7 +12,8 @@ from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.joint_model import COM
 from analyze.estimation.priors import ComPrior
 from analyze.estimation.sensitivity import ErrorSource
-from analyze.pipeline.estimate import equiplanes, estimate_evidence, systematic_errors
+from analyze.pipeline.equiplanes import equiplanes, systematic_errors
+from analyze.pipeline.estimate import estimate_evidence
 from schemas.object_spec import MarkerSpec
 from tests.analyze.simulated_session import carton, session
 

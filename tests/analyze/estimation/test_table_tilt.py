@@ -10,7 +10,13 @@ from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.priors import ComPrior, SystematicErrors, TiltPrior
 from analyze.motion.pivot_fit import pivot_fit
 from tests.analyze.estimation.bodies import box_body, fit_of, planned_strike
-from tests.analyze.estimation.tilted_table import Drawn, Laid, laid_session, reversed_strike, seen_tips
+from tests.analyze.estimation.tilted_table import (
+    ErrorSds,
+    PlacedStrike,
+    measured_tips,
+    placed_session,
+    reversed_strike,
+)
 
 SIZE = (0.08, 0.06, 0.15)
 BODY = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
@@ -24,7 +30,7 @@ NOTHING = np.zeros(3)
 
 
 def planes_of(laid, noise=NOISE, seed=0):
-    seen = seen_tips(laid, noise, np.random.default_rng(seed))
+    seen = measured_tips(laid, noise, np.random.default_rng(seed))
     return [
         equiplane_from_fit(each.strike.id, each.strike, pivot_fit(*tip))
         for each, tip in zip(laid, seen, strict=True)
@@ -33,7 +39,8 @@ def planes_of(laid, noise=NOISE, seed=0):
 
 def exact(strikes, slope):
     return planes_of(
-        [Laid(BODY, strike, np.array(slope), NOTHING, BODY.edge_radius, 0.0) for strike in strikes], 1e-6
+        [PlacedStrike(BODY, strike, np.array(slope), NOTHING, BODY.edge_radius, 0.0) for strike in strikes],
+        1e-6,
     )
 
 
@@ -84,7 +91,7 @@ def test_intervals_of_tilt_and_c_contain_the_truth():
     rng = np.random.default_rng(31)
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     sessions = [
-        laid_session(BODY, [*strikes, reversed_strike(strikes[0])], Drawn(TILT), rng) for _ in range(50)
+        placed_session(BODY, [*strikes, reversed_strike(strikes[0])], ErrorSds(TILT), rng) for _ in range(50)
     ]
     planes = planes_of([each for session in sessions for each in session], seed=1)
     tilts, places, without = [], [], []

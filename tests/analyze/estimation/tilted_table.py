@@ -25,7 +25,7 @@ REVERSED = np.pi
 
 
 @dataclass(frozen=True)
-class Laid:
+class PlacedStrike:
     """One strike with the true pose of the object on the table."""
 
     body: Body
@@ -44,8 +44,8 @@ def reversed_strike(strike: PlannedStrike, repeat: int = 0) -> PlannedStrike:
     return strike.model_copy(update={"id": f"{strike.axis_id}#r{repeat}", "heading_rad": REVERSED})
 
 
-def seen_tips(
-    laid: list[Laid], noise: float, rng: np.random.Generator
+def measured_tips(
+    laid: list[PlacedStrike], noise: float, rng: np.random.Generator
 ) -> list[tuple[TipAngle, tuple[int, int]]]:
     """Measured tip angle of each strike with `noise` [rad] per frame, and the frames of its free motion."""
     line, tip, start = _placed(laid)
@@ -112,7 +112,7 @@ def seen_tips(
     return seen
 
 
-def _placed(laid: list[Laid]) -> tuple[Array, Array, Array]:
+def _placed(laid: list[PlacedStrike]) -> tuple[Array, Array, Array]:
     """Pivot lines and tip directions (n, 3), and c from the true centre line at rest (n, 3) [m], in W."""
     lines, tips, arms = [], [], []
     for each in laid:
@@ -137,7 +137,7 @@ def _turned(arm: Array, line: Array, theta: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ErrorSds:
     """1 sigma of errors drawn per session, per axis and heading, and per strike."""
 
     tilt: float
@@ -147,14 +147,14 @@ class Drawn:
     strike_angle: float = 5e-4
 
 
-def laid_session(
-    body: Body, strikes: list[PlannedStrike], drawn: Drawn, rng: np.random.Generator
-) -> list[Laid]:
+def placed_session(
+    body: Body, strikes: list[PlannedStrike], drawn: ErrorSds, rng: np.random.Generator
+) -> list[PlacedStrike]:
     """Strikes of a session with drawn errors."""
     slope, more_radius = rng.normal(0, drawn.tilt, 2), rng.normal(0, drawn.radius)
     moved: dict[str, Array] = {}
     angle: dict[tuple[str, float], float] = {}
-    found: list[Laid] = []
+    found: list[PlacedStrike] = []
     for strike in strikes:
         tip, _, up = np.array(strike.R_world_object)
         if strike.axis_id not in moved:
@@ -165,6 +165,6 @@ def laid_session(
         angle.setdefault(key, rng.normal(0, drawn.axis_angle))
         turned = angle[key] + rng.normal(0, drawn.strike_angle)
         found.append(
-            Laid(body, strike, slope, moved[strike.axis_id], body.edge_radius + more_radius, -turned)
+            PlacedStrike(body, strike, slope, moved[strike.axis_id], body.edge_radius + more_radius, -turned)
         )
     return found
