@@ -1,22 +1,23 @@
-"""Everything that analyze raises on purpose.
+"""Exceptions that analyze raises on purpose, as a tree.
 
     AnalyzeError
     ├── RecordingError          a file that cannot be read as a recording
-    │   ├── RecordingCut        it ends early; `acquire recover` can save the rest
-    │   ├── RecordingForeign    it is no recording of ours
-    │   └── RecordingVersion    written by another major schema version
-    ├── ShapeError              a shape that is no closed body, has no unit, or cannot be read
-    ├── PlanError               no set of strikes determines the centre of mass, or the plan is of another object
-    ├── TrackingError           the marker is unknown, seen twice, or not seen
-    ├── JoinError               recordings that are not of one object, or would count a strike twice
-    ├── EstimationError         too few good strikes
+    │   ├── RecordingCut        the file ends early; `acquire recover` can save the rest
+    │   ├── RecordingForeign    the file is not in this project's recording format
+    │   └── RecordingVersion    the file was written by another major schema version
+    ├── ShapeError              a shape that is not a closed body, has no unit, or cannot be read
+    ├── PlanError               no set of strikes determines the centre of mass, or the plan is of another
+    object ├── TrackingError           the marker is unknown, seen twice, or not seen ├── MergeError
+    recordings of different objects, or recordings that share a strike ├── EstimationError         too few
+    good strikes
     ├── ArchiveError            an archive that cannot be listed, or a folder of results that cannot be used
     ├── CalibrationError        images that show no board, or views that do not determine the camera
-    ├── ImportRefused           a video, folder of images or file of others that cannot become a recording
-    └── ExportError             a body that cannot be written for a simulator, or is not read back as it was written
+    ├── ImportRefused           a video, image folder or other program's file that cannot become a recording
+    ├── ExportError             a body that cannot be written for a simulator, or is not read back as it was
+    written └── TagError                tags or boards that cannot be printed as asked
 
 `schemas.output_file.OutputError` (a file that cannot be written) is shared by both packages.
-Each message is one line: the file or thing, what is wrong, what to try.
+Each message is one line: the file or thing, the fault, the remedy.
 """
 
 
@@ -29,52 +30,52 @@ class RecordingError(AnalyzeError):
 
 
 class RecordingCut(RecordingError):
-    """The recording ends early."""
+    """A recording that ends early; `acquire recover` can save what it holds."""
 
 
 class RecordingForeign(RecordingError):
-    """The file is no recording of ours."""
+    """A file that is not in this project's recording format."""
 
 
 class RecordingVersion(RecordingError):
-    """The recording was written by another major schema version."""
+    """A recording that was written by another major schema version."""
 
 
 class ShapeError(AnalyzeError):
-    """A shape that cannot be used."""
+    """A shape that is not a closed body, has no unit, or cannot be read."""
 
 
 class PlanError(AnalyzeError):
-    """No plan can be made, or the plan does not fit."""
+    """No set of strikes determines the centre of mass, or the plan is of another object."""
 
 
 class TrackingError(AnalyzeError):
-    """The marker cannot be followed."""
+    """A marker that is unknown, seen twice in one image, or not seen."""
 
 
-class JoinError(AnalyzeError):
-    """Recordings that cannot be evidence of one object."""
+class MergeError(AnalyzeError):
+    """Recordings that cannot be merged: of different objects, or with a strike in common."""
 
 
 class EstimationError(AnalyzeError):
-    """The data do not determine an answer."""
+    """Data that do not determine the requested quantity."""
 
 
 class ExportError(AnalyzeError):
-    """A body cannot be written for a simulator as asked, or is not read back as it was written."""
+    """A body that cannot be written for a simulator, or is not read back as it was written."""
 
 
 class ImportRefused(AnalyzeError):
-    """What another camera recorded cannot become a recording as asked."""
+    """A video, image folder or other program's file that cannot become a recording."""
 
 
 class CalibrationError(AnalyzeError):
-    """The camera cannot be calibrated with these images."""
+    """Images that show no board, or views that do not determine the camera."""
 
 
 class ArchiveError(AnalyzeError):
-    """An archive or its results cannot be used."""
+    """An archive that cannot be listed, or a folder of results that cannot be used."""
 
 
 class TagError(AnalyzeError):
-    """Tags that cannot be printed as asked."""
+    """Tags or boards that cannot be printed as asked."""

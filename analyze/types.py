@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.result import Verdict
 from schemas.session_manifest import LensModel
+from schemas.strike_result import Verdict
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -77,8 +77,8 @@ class MarkerTrack:
     marker_id: int | str
     """name of the marker"""
     time_ns: IntArray
-    """(n,) log_time [ns] at which the corners were at `corners_px`; with a rolling shutter it differs from the
-    frame's own time by `late_ns`"""
+    """(n,) log_time [ns] at which the corners were at `corners_px`; with a rolling shutter it differs from
+    the frame's own time by `late_ns`"""
     corners_px: Array
     """(n, 4, 2) raw pixels, OpenCV order: top-left, top-right, bottom-right, bottom-left of the marker"""
     corner_sd_px: Array
@@ -90,7 +90,8 @@ class MarkerTrack:
     frames_total: int
     """number of frames in the window, with or without the marker"""
     late_ns: IntArray | None = None
-    """(n,) delay [ns] of `time_ns` after the frame's own time, caused by a rolling shutter; None if it is 0"""
+    """(n,) delay [ns] of `time_ns` after the frame's own time, caused by a rolling shutter; None if it is
+    0"""
 
     @property
     def frame_ns(self) -> IntArray:
@@ -165,8 +166,8 @@ class MotionFit:
     k: float | None
     """m g R / (I_c,l + m (R + rho)^2) [rad/s^2]; None if the estimator does not report it"""
     covariance: Array
-    """(2, 2) covariance of (phi, k), including errors shared by all frames of the strike; the row of k is 0 if
-    k is None"""
+    """(2, 2) covariance of (phi, k), including errors shared by all frames of the strike; the row of k is 0
+    if k is None"""
     theta0: float
     """theta [rad] at `time0_ns`"""
     omega0: float
@@ -209,8 +210,8 @@ class TipMotion:
     energy_ratio: float | None
     """energy of the strike over the energy needed to tip; None if nothing fits"""
     frame_rate_ratio: float | None = None
-    """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the stated
-    rate, or at none of the ratios tried"""
+    """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the
+    stated rate, or at none of the ratios tried"""
 
 
 @dataclass(frozen=True)

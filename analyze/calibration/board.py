@@ -1,4 +1,4 @@
-"""ChArUco board: positions of its corners and tags.
+"""Geometry of a ChArUco board: positions of its corners and tags in its frame B.
 
 Its frame B: x right and y up as printed, z out of its face, origin at the lower left corner of the squares,
 where the print has its mark.
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from analyze.types import Array, IntArray
 
 MM = 1e-3
+"""metres in a millimetre"""
 
 
 @cache
@@ -30,7 +31,7 @@ def corner_points(board: Board) -> Array:
 
 @cache
 def tag_squares(columns: int, rows: int) -> IntArray:
-    """Column and row from the top (tags, 2) of the white square that holds tag i."""
+    """Column and row (tags, 2) of the white square that holds each tag, from the upper left, by tag id."""
     return np.array(
         [(column, row) for row in range(rows) for column in range(columns) if (row + column) % 2],
         dtype=np.int64,
@@ -43,7 +44,7 @@ def tag_count(board: Board) -> int:
 
 
 def tag_corners(board: Board) -> Array:
-    """Corners (4, 2) of a tag from the middle of its square, in squares, x right and y down.
+    """Corners (4, 2) of a tag relative to the middle of its square, in squares, x right and y down.
 
     Order: top-left, top-right, bottom-right, bottom-left.
     """
@@ -51,6 +52,6 @@ def tag_corners(board: Board) -> Array:
     return np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
 
 
-def rim(board: Board) -> float:
+def tag_margin(board: Board) -> float:
     """White margin between a tag and the edge of its square, in squares."""
     return 0.5 * (1.0 - board.marker_mm / board.square_mm)

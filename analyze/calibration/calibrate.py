@@ -1,4 +1,4 @@
-"""Calibration from the views of a board: solve, straighten, refit the corners, reject outliers, and judge."""
+"""Calibration of a lens from views of a board: solve, refit the corners, reject outliers, and judge."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from analyze.calibration.board import corner_points
 from analyze.calibration.precision import pixel_sd
-from analyze.calibration.solve import MEDIAN_CHI, Bundle, observed, resolve, solve
+from analyze.calibration.solve import MEDIAN_CHI, Bundle, refine_bundle, solve, weighted_corners
 from analyze.calibration.straight import refit
 from analyze.calibration.verdict import coverage, doubts, tilt, undetermined
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from schemas.session_manifest import LensModel
 
 OUTLIER_RATIO = 5.0
-"""multiple of the scatter of all corners above which a corner is left out"""
+"""distance from its prediction, over the scatter of all corners, above which a corner is left out"""
 _BAD_VIEW_RATIO, _BAD_VIEW_PX = 4.0, 0.05
-"""multiple of the others' median, and residual [px], above which a view is left out"""
+"""a view is left out if its residual exceeds both this multiple of the others' median and this value [px]"""
 _MAX_OUTLIER_SHARE = 0.3
 """largest share of outliers among a view's corners; above it the view is left out"""
 STEPS = 4
@@ -41,8 +41,11 @@ class Shot:
     """Image with the corners found in it."""
 
     name: str
+    """name of the image for messages"""
     image: NDArray[np.uint8]
+    """(height, width) grey values"""
     view: View
+    """corners of the board"""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,9 @@ class Dropped:
     """View that was left out, with the reason."""
 
     name: str
+    """name of the image"""
     reason: str
+    """reason in words, with its numbers"""
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ class Calibration:
     tilts: tuple[float, ...]
     """tilt of the board per view [rad]"""
     scatter: float
-    """factor on the corners' own sd by the residuals, at least 1"""
+    """factor on the corners' own sd that the residuals require, at least 1"""
     undetermined: tuple[str, ...]
     """reasons why the lens cannot be used; empty if it can"""
     doubts: tuple[str, ...]
@@ -98,12 +103,12 @@ class Calibration:
 def calibrate(
     shots: Sequence[Shot], board: Board, model: LensModel, progress: Callable[[str, int, int], None]
 ) -> Calibration:
-    """Calibrate the camera that took these shots, all of one size; at least one.
+    """Calibrate the lens of the camera that took these images.
 
     The result must not be used if its `undetermined` is not empty.
 
     Args:
-        shots: images with their corners.
+        shots: images with their corners, at least one, all of one size.
         board: the board.
         model: lens model.
         progress: called with a text, the number of finished steps and of all steps.
@@ -113,23 +118,27 @@ def calibrate(
     kept, lost = list(shots), 0
     dropped: list[Dropped] = []
     progress("solving for the lens", 0, STEPS)
-    bundle = solve([observed(shot.view, points) for shot in kept], model, width, height)
+    bundle = solve([weighted_corners(shot.view, points) for shot in kept], model, width, height)
     for turn in range(STEPS - 1):
-        progress("corners once more, through that lens", turn + 1, STEPS)
-        # Before the views are straightened a large residual may be due to the lens: first only gross errors
-        # are left out.
+        progress("refitting the corners with that lens", turn + 1, STEPS)
+        # Before the corners are refitted, a large residual may be due to the lens: in the first round only
+        # gross errors are left out.
         limit = 3.0 if turn == 0 else 1.0
         kept, left, bundle, gone = _without_bad_views(kept, bundle, limit)
         dropped += left
         if turn < 2:
             kept, left, bundle = _refitted(kept, board, points, bundle)
             dropped += left
-            bundle = resolve([observed(shot.view, points) for shot in kept], bundle.lens, bundle.poses)
+            bundle = refine_bundle(
+                [weighted_corners(shot.view, points) for shot in kept], bundle.lens, bundle.poses
+            )
         kept, left, bundle, fewer = _without_outliers(kept, bundle, limit)
         dropped += left
         lost += fewer
         if fewer or left or gone or turn == STEPS - 2:
-            bundle = resolve([observed(shot.view, points) for shot in kept], bundle.lens, bundle.poses)
+            bundle = refine_bundle(
+                [weighted_corners(shot.view, points) for shot in kept], bundle.lens, bundle.poses
+            )
     return assess(kept, bundle, points, dropped, lost)
 
 
@@ -177,7 +186,7 @@ def _refitted(
         for shot, pose in zip(shots, bundle.poses, strict=True)
     ]
     if sum(view is not None for view in views) < min(3, len(shots)):
-        # The lens is too wrong to find the corners again: they are kept, and show it by their residuals.
+        # The lens is too inaccurate for a refit: the corners are kept, and their residuals will show it.
         return list(shots), [], bundle
     kept = [
         Shot(shot.name, shot.image, view) for shot, view in zip(shots, views, strict=True) if view is not None
@@ -193,7 +202,11 @@ def _refitted(
 def _without_bad_views(
     shots: list[Shot], bundle: Bundle, limit: float
 ) -> tuple[list[Shot], list[Dropped], Bundle, bool]:
-    """Shots without views whose corners lie far off: motion blur, a bent board, a misread tag."""
+    """Shots less those whose corners lie far off (motion blur, a bent board, a misread tag).
+
+    Returns:
+        The shots kept, those left out, the bundle of the kept ones, and True if any was left out.
+    """
     size = np.array([float(np.sqrt(np.median(np.sum(residual**2, axis=1)))) for residual in bundle.residuals])
     usual = float(np.median(size))
     bad = (size > limit * _BAD_VIEW_RATIO * usual) & (size > limit * _BAD_VIEW_PX)
@@ -218,7 +231,12 @@ def _without_bad_views(
 def _without_outliers(
     shots: Sequence[Shot], bundle: Bundle, limit: float
 ) -> tuple[list[Shot], list[Dropped], Bundle, int]:
-    """Shots without outlying corners and without views full of them; also the number of single corners."""
+    """Shots less outlying corners, and less views with too many of them.
+
+    Returns:
+        The shots kept, those left out, the bundle of the kept ones, and the number of single corners left
+        out.
+    """
     chi = np.concatenate(bundle.sigmas)
     most = limit * OUTLIER_RATIO * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
     good = [sigmas < most for sigmas in bundle.sigmas]

@@ -1,4 +1,4 @@
-"""Choice of calibration images: one of each position and tilt of the board, and no more than are needed."""
+"""Choice of calibration images: one per position and tilt of the board, and at most `MOST_VIEWS`."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from analyze.calibration.board import tag_squares
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.calibration.detect import Sight
+    from analyze.calibration.detect import BoardSighting
     from analyze.tags.sheet import Board
     from analyze.types import Array
 
 MIN_VIEW_DISTANCE = 0.025
-"""distance between the outlines of two different views, as the mean over corners and a share of the image's
+"""least distance between the outlines of two different views: mean over the corners, over the image's
 width"""
 MOST_VIEWS = 40
 """largest number of views; more cost time and add little"""
 _MIN_TAGS = 3
+"""least number of tags of an outline"""
 
 
-def outline(sight: Sight, board: Board) -> Array | None:
-    """Outer corners (4, 2) of the board [px] by its tags, to some pixels; None if too few are seen."""
+def outline(sight: BoardSighting, board: Board) -> Array | None:
+    """Outer corners (4, 2) [px] of the board to some pixels, from its tags; None if too few are seen."""
     tags = sorted(sight.tags)
     if len(tags) < _MIN_TAGS:
         return None
@@ -47,7 +48,7 @@ def _affine(squares: Array, pixels: Array) -> Array:
 
 
 def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
-    """Indices of views that differ, at most MOST_VIEWS; of similar ones that with the most tags.
+    """Indices of at most `MOST_VIEWS` views that differ; of similar views, the one with the most tags.
 
     Args:
         outlines: outer corners (4, 2) of each view [px].
@@ -68,7 +69,7 @@ def _distance(first: Array, second: Array) -> float:
 
 
 def _farthest_first(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
-    """Subset of `kept`, chosen repeatedly as the farthest from all that are chosen."""
+    """`MOST_VIEWS` of the views `kept`, each the farthest from those chosen before it."""
     points = np.array([outlines[i].ravel() for i in kept])
     taken = [0]
     nearest = np.linalg.norm(points - points[0], axis=1)

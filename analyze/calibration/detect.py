@@ -1,6 +1,7 @@
-"""Detection of a board in an image.
+"""Detection of a calibration board in an image.
 
-Tags predict the corners beside them, neighbours must agree, `saddle` refines.
+Each tag predicts the corners beside it, predictions of neighbouring tags must agree, and `saddle` refines the
+corners.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from analyze.calibration.board import rim, tag_corners, tag_count, tag_squares
+from analyze.calibration.board import tag_corners, tag_count, tag_margin, tag_squares
 from analyze.calibration.saddle import fit_saddles, patches
 from analyze.tags.families import FAMILIES, dictionary
 
@@ -25,11 +26,14 @@ if TYPE_CHECKING:
     from analyze.types import Array, IntArray
 
 _MAX_DISAGREEMENT = 0.2
-"""distance [squares] of two tags' predictions of their common corner above which they are misread or not on
-the named board"""
+"""largest distance [squares] between two tags' predictions of their common corner; beyond it a tag is
+misread, or the board has another layout"""
 _MIN_CORNERS = 6
+"""least number of corners of a view"""
 _MIN_SQUARE_PX = 9.0
+"""least side of a square whose corners are used [px]"""
 _MAX_COLUMNS = 24
+"""largest number of columns tried in the search for a board's layout"""
 
 
 @dataclass(frozen=True)
@@ -55,26 +59,26 @@ class View:
 
 
 @dataclass(frozen=True)
-class Sight:
-    """Tags of a board in one image, and the corners that they predict."""
+class BoardSighting:
+    """Tags of a board in one image, and the board corners that they predict."""
 
     tags: Mapping[int, Array]
     """corners (4, 2) [px] by id, of the board's tags"""
     read: Mapping[int, Array]
-    """the same with tags that the board does not have"""
-    beyond: tuple[int, ...]
-    """ids that the board does not have"""
+    """the same by id, of all tags in the image, including tags that the board does not have"""
+    foreign_ids: tuple[int, ...]
+    """ids of tags in the image that the board does not have"""
     pairs: int
     """number of pairs of neighbouring tags"""
     agreeing: int
     """number of those pairs that agree with the board"""
     start: Mapping[int, tuple[Array, Array]]
-    """by corner: position (2,) to about a pixel, and image (2, 2) of one square along the board's x and y
-    [px]"""
+    """by corner index: predicted position (2,) [px], accurate to about a pixel, and image (2, 2) of one
+    square along the board's x and y [px]"""
 
     @property
     def another_layout(self) -> bool:
-        """True if its tags are arranged otherwise than on the board."""
+        """True if the tags are arranged differently from the named board's."""
         return self.pairs >= 3 and self.agreeing < 0.5 * self.pairs
 
 
@@ -93,7 +97,7 @@ def _detector(family: str) -> cv2.aruco.ArucoDetector:
 
 
 def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
-    """Corners (4, 2) of a family's tags in an image by id, to about half a pixel."""
+    """Corners (4, 2) [px] of a family's tags in an image, by id, accurate to about half a pixel."""
     corners, ids, _ = _detector(family).detectMarkers(np.ascontiguousarray(image))
     if len(corners) == 0:
         return {}
@@ -112,17 +116,17 @@ def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
     return {family: many for family, many in found.items() if many}
 
 
-def read_board(image: NDArray[np.uint8], board: Board) -> Sight:
+def read_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
     """Read the board's tags and predict the corners beside them.
 
     Args:
         image: (height, width) grey values.
         board: the board.
     """
-    return arrange(read_tags(image, board.family), board)
+    return predict_corners(read_tags(image, board.family), board)
 
 
-def arrange(tags: Mapping[int, Array], board: Board) -> Sight:
+def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
     """Predict the corners beside tags that were read before.
 
     Args:
@@ -154,11 +158,11 @@ def arrange(tags: Mapping[int, Array], board: Board) -> Sight:
                 continue
             agreeing += 1
         start[corner] = (place, per_square)
-    return Sight(known, tags, beyond, pairs, agreeing, start)
+    return BoardSighting(known, tags, beyond, pairs, agreeing, start)
 
 
 def _through(H: Array, at: Array) -> tuple[Array, Array]:
-    """Pixel (2,) of a point in squares from a tag's middle, and its derivative (2, 2).
+    """Pixel (2,) of a point given in squares from a tag's middle, and its derivative (2, 2) [px].
 
     The point has y down; the derivative is by the board's x and y (up).
 
@@ -172,8 +176,8 @@ def _through(H: Array, at: Array) -> tuple[Array, Array]:
     return place, by * np.array([1.0, -1.0])
 
 
-def find_corners(image: NDArray[np.uint8], board: Board, sight: Sight) -> View | None:
-    """Corners of the board; None if there are too few, or all on a line.
+def find_corners(image: NDArray[np.uint8], board: Board, sight: BoardSighting) -> View | None:
+    """Fit the board's corners in an image; None if there are too few, or all lie on a line.
 
     Args:
         image: (height, width) grey values.
@@ -211,7 +215,7 @@ def refine(
     patch = patches(start, per_square, width, height)
     if straight is None:
         straight = np.stack([patch.column, patch.row], axis=-1) - start[:, None]
-    found = fit_saddles(image, start, per_square, rim(board), patch, straight)
+    found = fit_saddles(image, start, per_square, tag_margin(board), patch, straight)
     kept = found.good
     columns, rows = index[kept] % (board.columns - 1), index[kept] // (board.columns - 1)
     if np.count_nonzero(kept) < _MIN_CORNERS or min(len(set(columns)), len(set(rows))) < 2:
@@ -226,7 +230,7 @@ def refine(
 
 
 def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[int, int] | None:
-    """Columns and rows of the board with the layout of these images' tags; None if there is none.
+    """Columns and rows of a board that explains the tags' layout in these images; None if none does.
 
     Args:
         tags: for each image, corners (4, 2) by id [px].
@@ -237,7 +241,7 @@ def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[i
     for columns in range(3, _MAX_COLUMNS + 1):
         rows = max(3, next(r for r in range(2, 2 * highest + 4) if columns * r // 2 > highest))
         other = type(board)(board.family, columns, rows, board.square_mm, board.marker_mm)
-        sights = [arrange(seen, other) for seen in tags]
+        sights = [predict_corners(seen, other) for seen in tags]
         pairs = sum(sight.pairs for sight in sights)
         share = sum(sight.agreeing for sight in sights) / pairs if pairs >= 3 else 0.0
         if share > 0.7 and (best is None or share > best[0]):

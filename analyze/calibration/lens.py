@@ -1,4 +1,4 @@
-"""Lens parameters fx, fy, cx, cy and distortion, projection with derivatives, and plausible ranges."""
+"""Lens with its numbers fx, fy, cx, cy and distortion: projection with derivatives, and weak priors."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _DISTORTION_PRIORS = {
     LensModel.PINHOLE: {"k1": (1.0, 2), "k2": (0.5, 4), "p1": (0.02, 1), "p2": (0.02, 1), "k3": (0.05, 6)},
     LensModel.FISHEYE: {"k1": (1.0, 2), "k2": (0.5, 4), "k3": (0.3, 6), "k4": (0.2, 8)},
 }
-"""prior sd of a term's shift of the image's corner, as a share of its distance from the middle, and its power
-of the angle"""
+"""per distortion term: prior sd of its shift of the image's corner, as a share of the corner's distance from
+the middle, and its power of the angle"""
 _FOCAL_SD_SHARE, _MIDDLE_SD_SHARE = 1.0, 0.25
 """prior sd of the focal length over itself, and of the middle over the image's size"""
 
@@ -32,6 +32,7 @@ class Lens:
     """Lens model with its numbers and image size."""
 
     model: LensModel
+    """pinhole with distortion, or fisheye"""
     width: int
     """image width [px]"""
     height: int
@@ -74,7 +75,7 @@ def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Le
 
 
 def prior_sd(lens: Lens) -> Array:
-    """Prior standard deviation (p,) of each number, so wide that views that show a number override it.
+    """Prior standard deviation (p,) of each number, so wide that views that determine a number override it.
 
     It keeps undetermined numbers finite, so that their uncertainty can be reported.
     """

@@ -1,6 +1,6 @@
 """Pose of the camera in W, from one view of a board that lies or stands on the table."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from analyze.calibration.board import corner_points
 from analyze.calibration.lens import project
-from analyze.calibration.solve import Pose, fit_pose, observed, pose_covariance
+from analyze.calibration.solve import Pose, fit_pose, pose_covariance, weighted_corners
 from analyze.calibration.straight import refit
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class CameraPlace:
     position_sd: Array
     """(3,) standard deviation of the position along W's axes [m]"""
     corners: int
-    """number of corners"""
+    """number of corners of the board that were used"""
     rms_px: float
     """root mean square distance of its corners from their predictions [px]"""
 
@@ -57,7 +57,7 @@ def place_camera(
     R_world_board: Array,
     p_world_board: Array,
 ) -> CameraPlace:
-    """Pose of the camera in W, with its sd by corners and lens but without that of the board's placement.
+    """Pose of the camera in W; its sd includes the errors of corners and lens, not of the board's placement.
 
     Args:
         image: image of the board.
@@ -70,11 +70,11 @@ def place_camera(
         p_world_board: (3,) origin of B in W [m].
     """
     points = corner_points(board)
-    seen = observed(view, points)
+    seen = weighted_corners(view, points)
     pose = fit_pose(seen, lens)
     refitted = refit(image, board, view, points, lens, pose)
     if refitted is not None:
-        seen = observed(refitted, points)
+        seen = weighted_corners(refitted, points)
         pose = fit_pose(seen, lens)
     covariance = pose_covariance(seen, lens, pose, lens_covariance / scatter**2) * scatter**2
     T = _world_camera(pose, R_world_board, p_world_board)

@@ -1,14 +1,13 @@
-"""Gravity from plumb lines in view.
+"""Direction of gravity from plumb lines in view of the camera.
 
-The image of a string and the camera's centre span a plane that holds the vertical.
-
-One string determines the lean across the line of sight, not along it; strings at different places in the
-image determine both, the second weakly: their planes meet in the vertical, at angles of some degrees. Strings
+The image of a string and the camera's centre span a plane that contains the vertical. One string determines
+the lean of the vertical across the line of sight, not along it; strings at different places in the image
+determine both, the second weakly, because their planes meet at angles of only some degrees. Strings
 are found as ridges, dark or bright, to a few hundredths of a pixel per row (zero of the first derivative
 across them, Steger 1998), and undistorted before a line is fitted.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
@@ -42,19 +41,19 @@ MAX_DISTANCE_PX = 1.5
 MIN_ROWS_SHARE = 0.4
 """least share of the image's height over which a string must be seen"""
 MIN_SEPARATION_PX = 12.0
-"""separation [px] below which two strings are one, seen again or from its other side"""
+"""separation [px] below which two lines are the same string, found twice or by its two sides"""
 MOST_LINES = 6
 """largest number of strings"""
 MAX_SAGITTA_PX = 0.35
-"""largest sagitta [px]; a line that bends more through the lens is no string, or the lens is wrong"""
+"""largest sagitta [px] after undistortion; a line that bends more is not a string, or the lens is wrong"""
 MIN_END_SD_PX = 0.02
-"""least sd at either end of a string [px], by lens and pixels, which no number of rows averages out"""
+"""least sd at either end of a string [px], caused by lens and pixels; more rows do not reduce it"""
 MAX_OFF_PLUMB_RAD = math.radians(5.0)
-"""largest angle from W's vertical [rad] of a plumb line"""
+"""largest angle of a plumb line from W's z [rad]"""
 MAX_PRIOR_SIGMAS = 3.0
-"""lean in prior standard deviations above which it is doubted"""
+"""lean, in prior standard deviations, above which it contradicts the prior"""
 MAX_SD_SHARE = 0.5
-"""largest sd of a determined lean, as a share of the prior's"""
+"""largest sd of a lean that the lines determine, as a share of the prior's"""
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,8 @@ class PlumbLine:
 
 
 @dataclass(frozen=True)
-class PlumbedTable:
-    """Lean of the vertical towards W's x and y; the table is higher on that side."""
+class TableLean:
+    """Table tilt from plumb lines: lean of the vertical towards W's x and y, where the table is higher."""
 
     lean: Array
     """(2,) lean [rad]"""
@@ -86,21 +85,18 @@ class PlumbedTable:
     prior_sd: float
     """prior standard deviation [rad]"""
     scatter: float
-    """scatter of the lines about the result over their sd; at least 1 is assumed"""
+    """scatter of the lines about the result over their own sd, at least 1"""
     residual: Array
     """(lines,) angle of each line against the result [rad]"""
-    shown: Array
-    """(2,) lean by the lines alone, for the assumed camera pose [rad]"""
-    shown_prior_sd: float
-    """its prior standard deviation [rad]: lean and camera rotation together"""
+    lean_by_lines: Array
+    """(2,) lean [rad] of the vertical as the lines show it, if the camera's pose has no error"""
+    lines_prior_sd: float
+    """prior standard deviation [rad] of `lean_by_lines`: table tilt and camera rotation together"""
 
     @property
-    def unlikely(self) -> bool:
-        """True if the lines contradict the prior.
-
-        One of the two is wrong, and the result lies between them.
-        """
-        return bool(np.max(np.abs(self.shown)) > MAX_PRIOR_SIGMAS * self.shown_prior_sd)
+    def contradicts_prior(self) -> bool:
+        """True if the lines contradict the prior: one of them is wrong, and the result lies between them."""
+        return bool(np.max(np.abs(self.lean_by_lines)) > MAX_PRIOR_SIGMAS * self.lines_prior_sd)
 
     @property
     def sd(self) -> Array:
@@ -115,7 +111,7 @@ class PlumbedTable:
 
 
 def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[PlumbLine]:
-    """Long straight upright ridges in an image (height, width), the longest first."""
+    """Long, straight, upright lines in an image (height, width), the longest first."""
     ideal = pixel_map(camera).ideal
     found: list[PlumbLine] = []
     for dark in (True, False):
@@ -136,7 +132,7 @@ def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[Plum
 
 
 def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
-    """Lines that can be plumb: within some degrees of W's vertical."""
+    """Lines that may be plumb lines: within `MAX_OFF_PLUMB_RAD` of W's z."""
     return [
         line
         for line in lines
@@ -145,7 +141,7 @@ def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
 
 
 def merged_line(lines: Sequence[PlumbLine]) -> PlumbLine:
-    """Mean of one string in several images, as accurate as these agree (a swinging string's do not)."""
+    """Mean line of one string in several images; its sd grows with their disagreement (a swinging string)."""
     if len(lines) == 1:
         return lines[0]
     heights = np.array(
@@ -173,13 +169,15 @@ def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
     return np.asarray(normal / np.linalg.norm(normal), dtype=np.float64)
 
 
-def plumbed_table(
+def table_lean(
     lines: Sequence[PlumbLine], camera: CameraModel, prior_sd: float, camera_turn_sd: float
-) -> PlumbedTable:
-    """Lean of the vertical by least squares: n_x lean_x + n_y lean_y + n_z = 0 for every line's plane.
+) -> TableLean:
+    """Lean of the vertical from plumb lines, by least squares with a prior.
+
+    For the unit normal n of every line's plane, n_x lean_x + n_y lean_y + n_z = 0.
 
     Args:
-        lines: plumb lines of one camera; images of a camera that stood still count as one.
+        lines: plumb lines of one camera; several images of a fixed camera are merged before (`merged_line`).
         camera: camera with its pose in W.
         prior_sd: prior standard deviation of either lean [rad].
         camera_turn_sd: standard deviation of T_world_camera's rotation about each axis of W [rad], common to
@@ -188,7 +186,8 @@ def plumbed_table(
     normals = np.array([plane_normal(line, camera) for line in lines])
     sd = np.array([_turn_sd(line) for line in lines])
     rows = normals[:, :2]
-    # A rotated camera rotates the vertical it shows: the lean by the lines is the table's plus the camera's.
+    # An error of the camera's rotation rotates the vertical that it shows: the lean by the lines is the sum
+    # of the table's and the camera's.
     seen_prior = math.hypot(prior_sd, camera_turn_sd)
 
     def solved(sd: Array) -> tuple[Array, Array]:
@@ -206,7 +205,7 @@ def plumbed_table(
     share = prior_sd**2 / seen_prior**2
     lean = share * seen
     total = share**2 * covariance + np.eye(2) * share * camera_turn_sd**2
-    return PlumbedTable(lean, total, prior_sd, scatter, rows @ seen + normals[:, 2], seen, seen_prior)
+    return TableLean(lean, total, prior_sd, scatter, rows @ seen + normals[:, 2], seen, seen_prior)
 
 
 def _turn_sd(line: PlumbLine) -> float:
@@ -215,7 +214,7 @@ def _turn_sd(line: PlumbLine) -> float:
 
 
 def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bool) -> Array:
-    """Middles of the ridges in every row (n, 3): ideal px and row number."""
+    """Middles of the ridges (n, 3) in all rows: x and y [ideal px], and row number."""
     grey = image.astype(np.float64)
     first = gaussian_filter1d(grey, scale, axis=1, order=1)
     second = gaussian_filter1d(grey, scale, axis=1, order=2) * (1.0 if dark else -1.0)
@@ -232,7 +231,10 @@ def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bo
 
 
 def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
-    """Straight line with most rows, by votes and then by least squares; None if too short."""
+    """Straight line through the most rows of `points` (n, 3); None if too short.
+
+    It is found by votes and refined by least squares.
+    """
     if len(points) < MIN_ROWS_SHARE * height:
         return None
     middle = float(np.median(points[:, 1]))
@@ -248,7 +250,7 @@ def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
     if most < MIN_ROWS_SHARE * height:
         return None
     slope, place = best
-    # At the ends votes lie within half a step of the slope.
+    # At the ends the rows of a line lie off it by up to half a step of the slope.
     near = 2 * VOTE_STEP_PX + MAX_SLOPE / SLOPE_COUNT * height
     kept = points
     for _ in range(12):
@@ -281,7 +283,7 @@ def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
 
 
 def _correlated_rows(off: Array) -> float:
-    """Number of rows that count as one, by the autocorrelation of the residuals (n,)."""
+    """Number of neighbouring rows that count as one, from the autocorrelation of the residuals (n,)."""
     centred = off - off.mean()
     power = float(centred @ centred)
     if power <= 0 or len(off) < 20:

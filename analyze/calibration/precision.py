@@ -1,6 +1,4 @@
-"""Uncertainty of a lens over its image.
-
-The sd of the pixel of a given direction, everywhere, not only where the board was.
+"""Uncertainty of a lens over its image: sd of the pixel of a given direction, also where no board was seen.
 
 A lens error that a rotation of the camera compensates does no harm, because the camera's pose is found with
 the same lens. So the best rotation over the whole image is removed before the sd is computed.
@@ -26,7 +24,7 @@ COLUMNS, ROWS = 41, 31
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Values on an even grid over the image, its borders included."""
+    """Standard deviation of a direction's pixel, on an even grid over the image, its borders included."""
 
     column: Array
     """(COLUMNS,) columns [px]"""
@@ -78,5 +76,10 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 
 
 def without_turn(moves: Array, by_turn: Array) -> Array:
-    """Pixel shifts (2n, p) less the best camera rotation for each, of derivatives `by_turn` (2n, 3)."""
+    """Pixel shifts (2n, p), each less its best camera rotation.
+
+    Args:
+        moves: (2n, p) pixel shifts.
+        by_turn: (2n, 3) derivatives of the pixels by the camera's rotation [px/rad].
+    """
     return moves - by_turn @ np.linalg.lstsq(by_turn, moves, rcond=None)[0]

@@ -1,9 +1,9 @@
-"""Corners of chess squares to a few thousandths of a pixel, by a fit of two crossing blurred edges.
+"""Corners of a chessboard to a few thousandths of a pixel, by a fit of two crossing blurred edges.
 
 Model: I = m + g.u + a erf(d1 / (sqrt(2) s)) erf(d2 / (sqrt(2) s)), with d1, d2 the signed distances of a
 pixel from the two lines through the corner, s the blur. Nine numbers per corner (its position, two
 directions, level and its slope, contrast, blur) are fitted by Gauss-Newton to the raw pixels near the lines:
-without interpolation the noise of neighbouring samples stays independent, so that the covariance is honest.
+without interpolation the noise of neighbouring samples stays independent, so that the covariance is correct.
 Where the lines are not at right angles the product is not quite the blur of a lens, but the difference is the
 same on opposite sides of the corner and does not shift it.
 
@@ -16,7 +16,7 @@ before opencv#28380).
 -0.12 shifts corners by some thousandths, a fisheye by hundredths of a pixel.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -34,15 +34,17 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _MAX_HALF_WIDTH_PX = 20
-"""largest half width of the patch [px]: more of an edge adds little against pixel noise"""
+"""largest half width of the patch [px]; a longer edge hardly reduces the effect of pixel noise"""
 _EXTENT = 0.45
-"""length along each line that is used [squares]; beyond begins the next corner"""
+"""length along each line that is used [squares]; beyond it the next corner begins"""
 _REACH_PX = 3.2
 """distance from a line [px] beyond which a pixel carries no information on its position"""
 _MIN_REACH_PX = 1.0
+"""least value of that distance, where a tag is near [px]"""
 _TAG_BLURS = 1.8
-"""margin to the tag in the white square [blurs]"""
+"""margin to the tag in the white square, in units of the blur"""
 _START_BLUR_PX = 0.8
+"""first guess of the blur [px]"""
 _BLUR_RANGE_PX = (0.3, 4.0)
 """range of the blur [px]"""
 _MAX_SHIFT_PX = 3.0
@@ -52,10 +54,11 @@ _MIN_CONTRAST = 12.0
 _MIN_PIXELS = 40
 """least number of pixels of a fit"""
 _MAX_MISFIT = 0.35
-"""largest residual over half the contrast; above it, it is no corner (a finger, a reflection)"""
+"""largest residual over half the contrast; above it the patch shows no corner (a finger, a reflection)"""
 _MAX_STEPS = 14
 _STEP_TOLERANCE_PX = 1e-3
 _PARAMETERS = 9
+"""number of parameters: position (2), directions (2), level, its slope (2), contrast, blur"""
 
 
 @dataclass(frozen=True)
@@ -135,8 +138,8 @@ def fit_saddles(
     used, normal, variance = usable, np.zeros((n, _PARAMETERS, _PARAMETERS)), np.zeros(n)
     step = np.full((n, _PARAMETERS), np.inf)
     for turn in range(_MAX_STEPS):
-        # Chosen at the start, and once the corner is accurate to a tenth of a pixel; otherwise the samples
-        # stay the same.
+        # The samples are chosen at the start, and once more when the corner is accurate to a tenth of a
+        # pixel.
         if turn in {0, 4}:
             used = usable & _near(x, at, per_square, rim)
         if turn == 0:
@@ -193,9 +196,9 @@ def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
 
 
 def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bool_]:
-    """Pixels near a line and clear of the tags.
+    """True (n, m) for pixels near a line and clear of the tags.
 
-    `rim` is measured across the line, in a square that is foreshortened.
+    `rim` is the white margin of a tag [squares]; it is foreshortened like its square.
     """
     area = np.abs(np.linalg.det(per_square))
     across = area[:, None] / np.linalg.norm(per_square, axis=1)
@@ -215,7 +218,7 @@ def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -
 def _normal_equations(
     x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Normal matrices (n, 9, 9), gradients (n, 9) and sums of squares (n,)."""
+    """Normal matrices (n, 9, 9), gradients (n, 9) and sums of squared residuals (n,) of n corners."""
     d1, d2 = _distances(x, at)
     s, a = x[:, 8:9], x[:, 7:8]
     z1, z2 = d1 / s, d2 / s
@@ -243,7 +246,7 @@ def _normal_equations(
 
 
 def _solve(normal: Array, gradient: Array) -> Array:
-    """Newton's step of each corner; none where a corner is undetermined."""
+    """Gauss-Newton step (n, 9) of each corner; 0 in undetermined directions."""
     return (_inverse(normal) @ gradient[..., None])[..., 0]
 
 

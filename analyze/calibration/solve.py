@@ -1,6 +1,4 @@
-"""Lens and poses of the board together.
-
-Weighted least squares on the corners (bundle adjustment), with covariance.
+"""Bundle adjustment: lens and board poses by weighted least squares on the corners, with covariance.
 
 Levenberg-Marquardt on the normal equations, poses eliminated view by view (Schur complement; Triggs et al.
 2000, "Bundle adjustment: a modern synthesis"). Each corner is weighted by its own covariance, and by Huber's
@@ -28,12 +26,13 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 MODEL_PX = 0.003
-"""least sd of a corner [px]; a worse print or lens shows in the residuals, and the sd is scaled for it"""
+"""least sd of a corner [px]; a worse print or lens shows in the residuals, which then scale the sd"""
 _HUBER_SIGMAS = 3.0
-"""threshold of Huber's loss in standard deviations, of the scatter of most corners"""
+"""threshold of Huber's loss, in standard deviations of most corners"""
 _START_VIEWS = 8
 """number of views that suffice to choose the first focal length"""
 _NO_HUBER = float("inf")
+"""threshold without robust weights"""
 _START_FOCALS = (0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 3.5)
 """first focal lengths that are tried [image widths]"""
 MEDIAN_CHI = 1.177
@@ -81,22 +80,21 @@ class Bundle:
     residuals: tuple[Array, ...]
     """per view (n, 2) residuals [px]"""
     sigmas: tuple[Array, ...]
-    """per view (n,) distance of each corner over its sd, both directions together: chi, 2 degrees of freedom
-    """
+    """per view (n,) distance of each corner from its prediction over its sd: chi with 2 degrees of freedom"""
     covariance: Array
-    """(p, p) covariance of the lens's numbers, by the corners' own sd"""
+    """(p, p) covariance of the lens's numbers, from the corners' own sd"""
     cost: float
     """Huber loss with priors"""
 
     def scatter(self) -> float:
-        """Factor on the corners' own sd by the residuals, at least 1."""
+        """Factor on the corners' own sd that the residuals require, at least 1."""
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
         return float(np.sqrt(max(1.0, chi2.sum() / max(freedom, 1))))
 
 
-def observed(view: View, points: Array) -> ObservedView:
-    """Corners of a view with their weights.
+def weighted_corners(view: View, points: Array) -> ObservedView:
+    """Corners of a view with the weights of the fit, from their covariance and `MODEL_PX`.
 
     Args:
         view: the view.
@@ -111,7 +109,7 @@ def observed(view: View, points: Array) -> ObservedView:
 
 
 def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: int) -> Bundle:
-    """Fit lens and poses without a start, from the best of several focal lengths."""
+    """Fit lens and poses without a first guess, starting from the best of several focal lengths."""
     some = views[:: -(-len(views) // _START_VIEWS)]
     found: list[tuple[float, Lens]] = []
     for share in _START_FOCALS:
@@ -119,12 +117,14 @@ def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: i
         lens, _, cost = _minimise(some, lens, [_first_pose(view, lens) for view in some], 6, _HUBER_SIGMAS)
         found.append((cost, lens))
     found.sort(key=lambda each: each[0])
-    bundles = [resolve(views, lens, [_first_pose(view, lens) for view in views]) for _, lens in found[:2]]
+    bundles = [
+        refine_bundle(views, lens, [_first_pose(view, lens) for view in views]) for _, lens in found[:2]
+    ]
     return min(bundles, key=lambda bundle: bundle.cost)
 
 
-def resolve(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose]) -> Bundle:
-    """Fit lens and poses from a good start.
+def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose]) -> Bundle:
+    """Refine lens and poses from a good first guess.
 
     A board seen nearly face-on has a second pose that fits nearly as well: both are tried.
     """
@@ -170,7 +170,7 @@ def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance:
 
 
 def fit_pose(view: ObservedView, lens: Lens) -> Pose:
-    """Pose of the board by a known lens."""
+    """Pose of the board in one view, for a known lens."""
     return _refined_pose(view, lens, _first_pose(view, lens), 30, 1e-10)
 
 
@@ -209,7 +209,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
-    """Distance (n,) of each corner from its prediction, over its sd."""
+    """Distance (n,) of each corner from its prediction, in its standard deviations."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return np.asarray(
         np.linalg.norm(np.einsum("nij,nj->ni", view.root, view.place - image), axis=1), dtype=np.float64
@@ -217,7 +217,7 @@ def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
 
 
 def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple[Array, Array, Array]:
-    """Residual (2n,), derivatives by pose (2n, 6) and lens (2n, p), in sigmas, with Huber's weights."""
+    """Residuals (2n,), derivatives by pose (2n, 6) and lens (2n, p), over the corners' sd, Huber-weighted."""
     image, by_pose, by_lens = project(lens, view.points, pose.rotation, pose.translation)
     residual = np.einsum("nij,nj->ni", view.root, view.place - image)
     weight = np.sqrt(huber_weights(np.linalg.norm(residual, axis=1), huber))
@@ -323,7 +323,7 @@ def _rays(lens: Lens, place: Array) -> Array:
 
 
 def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
-    """Both poses of a plane that fit the corners, those in front of the camera."""
+    """Up to two poses of the plane board that fit the corners, in front of the camera."""
     rays = _rays(lens, view.place)
     middle = view.points.mean(axis=0)
     count, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -345,7 +345,7 @@ def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
 
 
 def _first_pose(view: ObservedView, lens: Lens) -> Pose:
-    """First pose of the board: the better one of a plane's, or a rough one if there is none."""
+    """First guess of the board's pose: the better of the two of a plane, or a rough one if there is none."""
     found = _planar(view, lens)
     if not found:
         depth = float(np.ptp(view.points[:, :2])) * lens.numbers[0] / max(float(np.ptp(view.place)), 1.0)
@@ -354,7 +354,7 @@ def _first_pose(view: ObservedView, lens: Lens) -> Pose:
 
 
 def _better_pose(view: ObservedView, lens: Lens, pose: Pose) -> Pose:
-    """The other pose of a plane, if it fits better."""
+    """The other of a plane's two poses if it fits clearly better, otherwise `pose` itself."""
     best, least = pose, _misfit(view, lens, pose)
     for other in _planar(view, lens):
         refined = _refined_pose(view, lens, other, 8, 1e-7)

@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 def refit(
     image: NDArray[np.uint8], board: Board, view: View, points: Array, lens: Lens, pose: Pose
 ) -> View | None:
-    """Refit a view's corners through a lens; None if too few are sharp.
+    """Refit a view's corners on pixels undistorted by a lens; None if too few are sharp.
 
     Args:
-        image: (height, width).
+        image: (height, width) grey values.
         board: the board.
         view: its corners so far.
         points: (n, 3) all corners of the board in B [m].
         lens: lens as estimated so far.
-        pose: pose of the board by that lens.
+        pose: pose of the board as estimated with that lens.
     """
     seen = points[view.index]
     start, by_pose, _ = project(lens, seen, pose.rotation, pose.translation)

@@ -1,4 +1,4 @@
-"""Verdict on a calibration: whether the views determine the lens, and which views to add if they do not."""
+"""Verdict on a calibration: reasons why the views do not determine the lens, and which views to add."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 MIN_VIEWS = 6
 """least number of views; with fewer a bad one cannot be distinguished from the rest"""
 MAX_FOCAL_SD, GOOD_FOCAL_SD = 0.01, 0.002
-"""relative sd of the focal length that is refused, and that is reported; a centre of mass to 1 mm (method,
-targets) needs a lens to 0.2 %"""
+"""relative sd of the focal length above which the lens is refused, and above which a warning is given; a
+centre of mass to 1 mm (method, targets) needs a lens to 0.2 %"""
 MAX_MIDDLE_SD = 0.03
-"""sd of the image's middle over its diagonal that is refused"""
+"""sd of the principal point, over the image's diagonal, above which the lens is refused"""
 MAX_PIXEL_SD, GOOD_PIXEL_SD = 1.0, 0.3
-"""sd anywhere in the image [px] that is refused, and that is reported; a tag's corner is accurate to 0.01 px,
-and a tag moves through a third of the image in a tip"""
+"""largest sd of a pixel in the image [px] above which the lens is refused, and above which a warning is
+given; a tag's corner is accurate to 0.01 px, and a tag moves through a third of the image in a tip"""
 GOOD_ASPECT = 0.003
-"""relative difference of fx and fy that is reported"""
+"""relative difference of fx and fy above which a warning is given"""
 GOOD_SCATTER = 4.0
-"""scatter that is reported"""
+"""scatter of the corners, over their own noise, above which a warning is given"""
 GOOD_COVERAGE = 0.6
-"""share of the image with corners below which a warning is given"""
+"""share of the image's cells with corners, below which a warning is given"""
 CELLS = (8, 6)
-"""columns and rows of the coverage"""
+"""columns and rows of cells in which coverage is counted"""
 _MIN_TILT_RAD = math.radians(12.0)
-"""largest tilt [rad] below which all boards count as facing the camera"""
+"""largest tilt [rad] of boards that count as facing the camera"""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Coverage:
 
 
 def coverage(places: Sequence[Array], width: int, height: int) -> Coverage:
-    """Coverage by the corners (n, 2) [px] of each view."""
+    """Coverage of an image of width x height [px] by the corners (n, 2) [px] of all views."""
     points = np.concatenate(list(places))
     count, _, _ = np.histogram2d(
         points[:, 1], points[:, 0], bins=(CELLS[1], CELLS[0]), range=((0, height), (0, width))
@@ -70,7 +70,7 @@ def tilt(pose: Pose, middle: Array) -> float:
 def undetermined(
     lens: Lens, sd: Array, pixels: PixelMap, tilts: Sequence[float], covered: Coverage
 ) -> list[str]:
-    """Reasons why the lens is not determined, each with its number and the views to add; empty if it is.
+    """Reasons why the views do not determine the lens, each with its number and the remedy; empty if they do.
 
     Args:
         lens: the lens.
@@ -108,7 +108,7 @@ def undetermined(
 
 
 def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Coverage) -> list[str]:
-    """Warnings about a usable lens.
+    """Warnings about a usable lens, each with its number and the remedy.
 
     Args:
         lens: the lens.
@@ -127,7 +127,7 @@ def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Cov
         )
     if pixels.worst > GOOD_PIXEL_SD:
         found.append(
-            f"pixels are known to ± {pixels.worst:.2f} px only"
+            f"the direction of a pixel is known to ± {pixels.worst:.2f} px only"
             f" at the {place_in_image(lens, *pixels.worst_at)} of the image: bring the board there"
         )
     if covered.share < GOOD_COVERAGE:

@@ -26,7 +26,7 @@ class Linearised(NamedTuple):
 def gauss_newton(
     start: State,
     linearise: Callable[[State], Linearised],
-    moved: Callable[[State, Array], State],
+    apply_step: Callable[[State, Array], State],
     max_steps: int,
     tolerance: float,
 ) -> State:
@@ -35,7 +35,7 @@ def gauss_newton(
     Args:
         start: first state.
         linearise: residuals and derivatives at a state.
-        moved: the state after a step (p,); it may limit the step.
+        apply_step: gives the state after a step (p,); it may limit the step.
         max_steps: number of steps after which the iteration ends.
         tolerance: largest component of a step that ends the iteration.
     """
@@ -43,7 +43,7 @@ def gauss_newton(
     for _ in range(max_steps):
         residual, jacobian = linearise(state)
         step = np.asarray(np.linalg.lstsq(jacobian, residual, rcond=None)[0], dtype=np.float64)
-        state = moved(state, step)
+        state = apply_step(state, step)
         if float(np.max(np.abs(step))) < tolerance:
             break
     return state

@@ -31,8 +31,9 @@ _MAX_DAMPING = 1e9
 _MIN_POSITIVE = 0.1
 """Lower bound of the parameter that must stay positive."""
 _STEP_TOLERANCE = 1e-5
-"""Of a parameter's scale: a smaller step ends the iteration."""
+"""Largest step, as a share of each parameter's scale, that ends the iteration."""
 _WEIGHT_TOLERANCE = 1e-3
+"""Largest change of a weight that ends the iteration."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Parameters at the minimum of a robust sum of squares, with what a covariance needs."""
+    """Parameters at the minimum of a robust sum of squares, with residuals and derivatives there."""
 
     parameters: Array
     """(p,) best parameters"""
@@ -59,17 +60,19 @@ class Minimum:
     """(n,) weights of Huber's loss, 0..1"""
 
 
-def minimise(seen: Observations, model: Model, start: Array, scale: Array, positive: int = 1) -> Minimum:
-    """Minimise the Huber loss of (observed - expected) / sd.
+def minimise(
+    observations: Observations, model: Model, start: Array, scale: Array, positive_index: int = 1
+) -> Minimum:
+    """Minimise the Huber loss of (observed - expected) / sd over the parameters (p,).
 
     Args:
-        seen: n observations.
+        observations: n values with their standard deviations.
         model: expected values and derivatives at given parameters.
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
-        positive: index of the parameter that must stay above 0.1.
+        positive_index: index of the parameter that must stay above 0.1.
     """
-    observed, sd = seen.value, seen.sd
+    observed, sd = observations.value, observations.sd
 
     def evaluate(x: Array) -> tuple[Array, Array]:
         expected, jacobian = model(x)
@@ -85,7 +88,7 @@ def minimise(seen: Observations, model: Model, start: Array, scale: Array, posit
         normal, gradient = J.T @ J, J.T @ r
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient) * scale
         trial = x + step
-        if trial[positive] <= _MIN_POSITIVE:
+        if trial[positive_index] <= _MIN_POSITIVE:
             damping *= 10
             continue
         new_residual, new_jacobian = evaluate(trial)
@@ -126,12 +129,10 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
 
 
 def residual_variance(minimum: Minimum, sd: Array) -> float:
-    """Variance of the weighted residuals.
+    """Variance of the weighted residuals [1], inflated by their correlation from sample to sample.
 
-    Huber's asymptotic variance times the inflation by their correlation.
-
-    Huber: sum psi^2 / (n - p) over (mean psi')^2. The divisor is n - p - 2, the variance that Student's t
-    has, because intervals are drawn as if it were normal.
+    Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2. The divisor here is n - p - 2,
+    which gives the variance of Student's t, because the intervals are computed as for a normal variable.
 
     Args:
         minimum: the fit.

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 MAX_CORRELATION = 0.9
-"""Largest lag-one correlation that is believed; above it the variance inflation would diverge."""
+"""Upper bound of an estimated lag-one correlation; near 1 the variance inflation would diverge."""
 
 
 def median_scale(residual: Array) -> float:
@@ -37,8 +37,8 @@ def huber_weights(distance: Array, threshold: float, scale: float = 1.0) -> Arra
 def lag_one_correlation(standardised: Array) -> float:
     """Correlation a of neighbouring residuals (n,): 0 within its own noise of 2 / sqrt(n), at most 0.9.
 
-    A fit absorbs part of any slow variation, which leaves a near -p / n for white noise; that is no reason to
-    deflate a variance.
+    A fit absorbs part of any slow variation, which leaves a near -p / n for white noise; a variance must not
+    be deflated for that, so a negative correlation counts as 0.
     """
     power = max(float(np.sum(standardised * standardised)), 1e-30)
     correlation = float(np.sum(standardised[1:] * standardised[:-1])) / power
@@ -48,7 +48,7 @@ def lag_one_correlation(standardised: Array) -> float:
 def correlation_factor(standardised: Array) -> float:
     """Variance inflation (1 + a) / (1 - a) of a mean of residuals (n,) with lag-one correlation a.
 
-    1 if a is within its noise.
+    It is 1 if a is within its noise.
     """
     correlation = lag_one_correlation(standardised)
     return (1.0 + correlation) / (1.0 - correlation)

@@ -1,6 +1,6 @@
-"""phi and k of one strike whose edge slid or hopped.
+"""Balance angle phi and k of a strike whose edge slid or hopped, from the moment balance at the contact.
 
-Moment balance about the line of contact, free of friction.
+Friction has no moment about the line of contact, so it does not enter.
 
 With s(t) the sliding of the contact along the table, z(t) the height of the edge over it (both seen by the
 camera), psi = phi - theta and R the distance of c from the edge, the balance of moments about the line of
@@ -11,12 +11,12 @@ contact is, per I_edge,
 (it holds while the edge touches, whatever the friction, and in flight, when nothing touches). In the weak
 form, integrated by parts,
 
-    Omega = theta' + (k / g) [ (cos psi + rho / R) s' + sin psi z' ],    Omega' = -k sin psi + (k / g) [ sin
-    psi s' - cos psi z' ] theta'
+    Omega = theta' + (k / g) [ (cos psi + rho / R) s' + sin psi z' ],
+    Omega' = -k sin psi + (k / g) [ sin psi s' - cos psi z' ] theta'
 
-only the velocities of the edge are left, and their errors do not accumulate: s enters theta as -(k / g) cos
-psi s. For an edge that does not move this is `pivot_fit`. The rolling of a rounded edge is in s only as far
-as it slides against that.
+only the velocities of the edge are left, and their errors do not accumulate: s enters theta as
+-(k / g) cos psi s. For an edge that does not move this is `pivot_fit`. On a rounded edge s is the sliding
+relative to rolling.
 """
 
 from __future__ import annotations
@@ -29,16 +29,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.robust import correlation_factor, median_scale
-from analyze.motion.edge_motion import moved_by_offset
+from analyze.motion.edge_motion import displacement_per_offset
 from analyze.motion.pendulum import G
 from analyze.motion.pivot_fit import Sample, cut_sample, fit_model, motion_fit
-from analyze.motion.runge_kutta import advanced
+from analyze.motion.runge_kutta import runge_kutta_state
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import Array, MotionFit
 
 ESTIMATOR = "moment_balance"
+"""name of this estimator"""
 _R_TIMES_K = G / 1.35
 """R k [m rad/s^2] of a solid or hollow body over its edge, within 15 %; only rho / R needs it"""
 _DIFFERENTIATION_STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5])
@@ -50,7 +51,7 @@ _MIN_VARIANCE_SCALE = 0.7
 _MAX_STEP_S = 0.02
 """longest integration step [s]: frames may be missing"""
 _START_FRAMES = 6
-"""number of frames over which the edge's initial speed is taken"""
+"""number of frames from which the edge's initial speed is computed"""
 _START_K = 70.0
 """first guess of k [rad/s^2], for a body of 0.2 m"""
 
@@ -81,7 +82,7 @@ def moment_balance(
     slip, lift = angle.slip[inside] - angle.slip[window[0]], motion.lift[inside] - motion.lift[window[0]]
     if phi is not None:
         sample = replace(sample, guess=np.array([phi, _START_K, *sample.guess[2:]]))
-    # The error of the edge's position enters theta directly: see the module's docstring.
+    # The error of the edge's position enters theta directly: s enters as -(k / g) cos psi s.
     psi = sample.guess[0] - sample.theta
     by_place = np.stack(
         [np.ones_like(psi), sample.guess[1] / G * np.cos(psi), sample.guess[1] / G * np.sin(psi)], axis=-1
@@ -93,7 +94,7 @@ def moment_balance(
         steps = np.concatenate(
             [np.zeros((1, 4)), np.diag(_DIFFERENTIATION_STEPS), -np.diag(_DIFFERENTIATION_STEPS)]
         )
-        theta = driven(sample.time, x + steps, slip, lift, radius)
+        theta = driven_theta(sample.time, x + steps, slip, lift, radius)
         return theta[:, 0], (theta[:, 1:5] - theta[:, 5:]) / (2 * _DIFFERENTIATION_STEPS)
 
     fitted = fit_model(sample, model, sample.guess[:4], profiled=False)
@@ -129,7 +130,7 @@ def _covariance(
     edge: tuple[Array, Array, float],
     known: tuple[Array, Array],
 ) -> Array:
-    """Covariance (2, 2) of phi and k by errors of theta, slip and lift, and of the edge's position.
+    """Covariance (2, 2) of phi and k, caused by errors of theta, slip, lift and the edge's position.
 
     Args:
         sample: the data.
@@ -146,8 +147,8 @@ def _covariance(
     moved = np.concatenate([np.zeros((n, 1)), step * np.eye(n)], axis=1)
     still = np.zeros((n, n + 1))
     parameters = np.repeat(x[None], n + 1, axis=0)
-    by_slip = driven(sample.time, parameters, slip[:, None] + moved, lift[:, None] + still, radius)
-    by_lift = driven(sample.time, parameters, slip[:, None] + still, lift[:, None] + moved, radius)
+    by_slip = driven_theta(sample.time, parameters, slip[:, None] + moved, lift[:, None] + still, radius)
+    by_lift = driven_theta(sample.time, parameters, slip[:, None] + still, lift[:, None] + moved, radius)
     # (n, n, 3): derivative of the residual of frame i by the errors of frame j's theta, slip and lift.
     effect = np.stack(
         [np.eye(n), -(by_slip[:, 1:] - by_slip[:, :1]) / step, -(by_lift[:, 1:] - by_lift[:, :1]) / step],
@@ -155,7 +156,7 @@ def _covariance(
     )
     # One product of matrices: the triple sum took ten seconds for a strike at 960 frames a second.
     noise = np.einsum("ija,jab->ijb", effect, frames).reshape(n, -1) @ effect.reshape(n, -1).T
-    misplaced = moved_by_offset(sample.theta) - moved_by_offset(sample.theta[:1])
+    misplaced = displacement_per_offset(sample.theta) - displacement_per_offset(sample.theta[:1])
     by_offset = np.einsum("ija,jac->ic", effect[..., 1:], misplaced)
     scale = np.array([0.1, 20.0, 0.02, 0.2])
     weighted = jacobian * scale / sample.sd[:, None]
@@ -176,7 +177,7 @@ def _covariance(
     return np.asarray(covariance[:2, :2], dtype=np.float64)
 
 
-def driven(
+def driven_theta(
     time: Array,
     parameters: Array,
     slip: Array,
@@ -184,7 +185,7 @@ def driven(
     radius: float,
     jump: tuple[int, Array] | None = None,
 ) -> Array:
-    """Theta (n, c) of c motions driven by the motion of the edge, by the Runge-Kutta method.
+    """Tipping angles theta (n, c) [rad] of c cases whose edge moves as given, by the Runge-Kutta method.
 
     Args:
         time: (n,) s.
@@ -221,6 +222,6 @@ def driven(
             state[1] += jump[1]
         gap = float(time[i] - time[i - 1])
         s, z = by_g * ((slip[i] - slip[i - 1]) / gap), by_g * ((lift[i] - lift[i - 1]) / gap)
-        state = advanced(partial(rate, s=s, z=z), state, gap, _MAX_STEP_S)
+        state = runge_kutta_state(partial(rate, s=s, z=z), state, gap, _MAX_STEP_S)
         found[i] = state[0]
     return found

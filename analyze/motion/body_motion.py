@@ -1,10 +1,10 @@
-"""Motion of a free body: the poses of its frame O in W over time, and their differences.
+"""Motion of a free body: poses of its frame O in W over time, and their differences.
 
-All integrals over a motion are taken on these differences: summation by parts of differences loses nothing at
-the ends, so that weak forms hold exactly for the discrete motion, as they do for the continuous one.
+All integrals over a motion are sums over these differences: summation by parts has no remainder at the ends,
+so that weak forms hold exactly for the discrete motion, as they do for the continuous one.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class BodyMotion:
         return len(self.time)
 
     def part(self, start: int, stop: int) -> BodyMotion:
-        """Motion from pose `start` to pose `stop` - 1."""
+        """Poses [start, stop) of the motion."""
         return BodyMotion(self.time[start:stop], self.position[start:stop], self.R_world_object[start:stop])
 
     @cached_property
@@ -45,7 +45,7 @@ class BodyMotion:
 
     @cached_property
     def angular_velocity(self) -> Array:
-        """Angular velocity (n - 1, 3) between the times, in O [rad/s]."""
+        """Mean angular velocity (n - 1, 3) between neighbouring times, in O [rad/s]."""
         return self._turns.as_rotvec() / self.dt[:, None]
 
     @cached_property

@@ -1,7 +1,7 @@
-"""Errors of a contact that is not a perfect hinge, which the fit's residuals do not show.
+"""Errors of phi and k caused by a contact that is not a perfect hinge.
 
-The fit follows theta(t) to a ten-thousandth of a degree even where the edge creeps, so that its residuals do
-not reveal it.
+The fit follows theta(t) to a ten-thousandth of a degree even where the edge creeps, so its residuals do not
+reveal these errors.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from analyze.types import MotionFit
 
 @dataclass(frozen=True)
 class ContactErrors:
-    """Standard deviations of phi and k by the contact, in addition to the fit's own.
+    """Standard deviations of phi and k caused by the contact, in addition to the fit's own.
 
     phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, E up to 2), fitted to the true
     theta(t); on 35 with other seeds the 95 % intervals held phi in 83 %, before the zero was given its floor.
@@ -29,7 +29,7 @@ class ContactErrors:
     rim_phi_sd: float = 3.2e-4
     """phi [rad] on a round rim: the contact wanders along it and the body turns with it; 0.02 deg rms"""
     k_relative_sd: float = 7e-4
-    """relative error of k by a rounding that is 0.3 mm off, as usual: 0.03 to 0.1 %"""
+    """relative standard deviation of k by a stated rounding that is 0.3 mm off, as is usual: 0.03 to 0.1 %"""
 
 
 def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:

@@ -1,4 +1,4 @@
-"""Contact time of a strike by its motion, for a hand or a pendulum, whose touch no sensor measures.
+"""Contact time of a strike from its motion, for a hand or a pendulum without a contact sensor.
 
 The fitted pendulum is extrapolated back to theta = 0, where the object stood until the contact:
 
@@ -19,21 +19,23 @@ import numpy as np
 from analyze.types import MotionFit
 
 MAX_TOUCH_S = 0.008
-"""longest touch that is taken as an impact [s]: a soft fingertip's; a servo's steel tip has 3 ms"""
+"""longest touch that counts as an impact [s]: that of a soft fingertip; a servo's steel tip touches for 3
+ms"""
 
 
 @dataclass(frozen=True)
 class ContactTime:
-    """Moment of an impact."""
+    """Time of an impact with its standard deviation."""
 
     time_ns: int
     """time of the impact [ns], on the clock of the fit"""
     sd_ns: float
-    """standard deviation [ns] as the time of first touch: fit error, and a touch of 0 to `MAX_TOUCH_S`"""
+    """standard deviation [ns] as an estimate of the first touch: error of the fit, and a touch that lasts 0
+    to `MAX_TOUCH_S`"""
 
 
 def contact_time(fit: MotionFit) -> ContactTime | None:
-    """Contact time of the motion that `fit` describes; None if it does not begin with a tip out of rest."""
+    """Contact time, extrapolated from a fit back to theta = 0; None if the motion is not a tip from rest."""
     if fit.k is None or fit.omega0 <= 0 or fit.theta0 < 0:
         return None
     slowing = fit.k * math.sin(fit.phi)
@@ -43,6 +45,6 @@ def contact_time(fit: MotionFit) -> ContactTime | None:
         else fit.theta0 / fit.omega0
     )
     noise_s = float(np.sqrt(np.mean(fit.residual**2))) / fit.omega0 if len(fit.residual) else 0.0
-    # First touch is up to half of it earlier; for a push that grows slowly it is as much later.
+    # First touch is up to half the duration earlier; for a push that grows slowly it is up to half later.
     touch_s = MAX_TOUCH_S / 2 / math.sqrt(3)
     return ContactTime(fit.time0_ns - round(since_s * 1e9), math.hypot(noise_s, touch_s) * 1e9)

@@ -1,8 +1,8 @@
-"""Motion of the edge itself during a strike: sliding along the table, or leaving it.
+"""Motion of the pivot edge during a strike: sliding along the table, or lifting off it.
 
-The camera sees the motion of the point that is taken for the edge. If that point is off the true edge by d,
-rotation alone moves it by (R(theta) - 1) d: a registration error, no sliding. Its vertical part identifies d,
-which is then removed.
+The camera measures the motion of the point that is assumed to be the edge. If that point is off the true edge
+by d, rotation alone moves it by (R(theta) - 1) d: a registration error, not sliding. Its vertical part
+determines d, whose effect is then removed.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _OFFSET_SD = 5e-4
-"""standard deviation [m] of the edge's position by the plan and the marker's registration"""
+"""standard deviation [m] of the edge's assumed position, caused by the plan and the marker's registration"""
 _MAX_OFFSET = 1.5e-3
-"""largest offset [m]; a larger one is a lift, unless rotation explains all that was seen, along the table too
-"""
+"""largest offset [m]; a larger one is a lift, unless rotation explains all observed motion, also along the
+table"""
 _MAX_UNEXPLAINED = 6e-5
 """largest slip or lift [m] that a held edge may leave unexplained by rotation"""
 _LIFT_MODEL_SD = 3e-5
@@ -31,11 +31,11 @@ _LIFT_MODEL_SD = 3e-5
 _CORRELATION_FACTOR = 3.0
 """factor on the sd for errors shared by neighbouring frames: ten of them count as one"""
 _NEIGHBOURS = 5
-"""number of frames of a median"""
+"""width of the running median [frames]"""
 _OUTLIER_SIGMAS = 3.0
 """threshold of Huber's weights"""
 _MIN_RISE = 3e-4
-"""least lift [m] at the end of a window of an edge that left the table for good"""
+"""least lift [m], at the end of a window, of an edge that has left the table for good"""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class EdgeMotion:
     """Sliding and lifting of the edge over a window, relative to its first frames."""
 
     motion: PlanarMotion
-    """the motion with slip and lift of the edge itself"""
-    slid: float
-    """range of the sliding, less that of noise [m]"""
-    lifted: float
-    """range of the lifting, less that of noise [m]"""
+    """the motion, with slip and lift of the true edge"""
+    slide_range: float
+    """range of the sliding along the table, less that of noise [m]"""
+    lift_range: float
+    """range of the height over the table, less that of noise [m]"""
     offset: Array
     """(2,) offset of the true edge from the assumed one at rest, along and off the table [m]"""
     offset_covariance: Array
@@ -65,14 +65,14 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     used = slice(*window)
     theta, sd = angle.theta[used], np.maximum(motion.position_sd[used], 1e-7)
     found = _corrected(motion, used, *_offset_of_sliding_edge(theta, motion.lift[used], sd), sd)
-    if max(found.slid, found.lifted) < _MAX_UNEXPLAINED:
+    if max(found.slide_range, found.lift_range) < _MAX_UNEXPLAINED:
         return found
-    # The point may be farther off the edge than its prior allows while the edge held.
+    # The edge may have held although the point is farther off it than its prior allows.
     misplaced = _offset_of_held_edge(theta, angle.slip[used], motion.lift[used], sd)
     return found if misplaced is None else _corrected(motion, used, *misplaced, sd)
 
 
-def moved_by_offset(theta: Array) -> Array:
+def displacement_per_offset(theta: Array) -> Array:
     """Displacement (n, 2, 2) of a point by a turn theta (n,) [rad], per metre of offset from the edge.
 
     Rows: displacement along and off the table; columns: offset along and off the table.
@@ -81,11 +81,11 @@ def moved_by_offset(theta: Array) -> Array:
     return np.stack([np.stack([turned, sin], axis=-1), np.stack([-sin, turned], axis=-1)], axis=-2)
 
 
-def left_table(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
-    """First frame of a window from which the edge only rises; None if there is none.
+def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
+    """First frame of a window from which the edge only rises; None if it stays on the table.
 
-    The body has then passed to its next edge, or flies. With a bevel or facets it comes down on the next edge
-    before the next face, and turns about that edge from then on.
+    From then on the body flies, or turns about its next edge: with a bevel or facets it reaches the next edge
+    before the next face.
     """
     first, last = window
     lift = motion.lift[first:last]
@@ -101,9 +101,9 @@ def left_table(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
-    """Motion with the displacement by an `offset` (2,) [m] removed from slip and lift."""
+    """Motion of the true edge: slip and lift less the displacement by the point's `offset` (2,) [m]."""
     angle = motion.angle
-    along, off = (moved_by_offset(angle.theta) @ offset).T
+    along, off = (displacement_per_offset(angle.theta) @ offset).T
     slip, lift = angle.slip - along, motion.lift - off
     corrected = replace(motion, angle=replace(angle, slip=slip), lift=lift)
     return EdgeMotion(
@@ -112,8 +112,8 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
-    """Offset (2,) [m] of the point from a sliding edge, by the lift alone, and covariance (2, 2)."""
-    A = moved_by_offset(theta)[:, 1]
+    """Offset (2,) [m] of the point from an edge that may slide, from the lift alone; covariance (2, 2)."""
+    A = displacement_per_offset(theta)[:, 1]
     scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
     weight = np.ones_like(lift)
     offset: Array = np.zeros(2)
@@ -136,13 +136,11 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 
 
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """Offset (2,) [m] of the point from an edge that held, and its covariance (2, 2).
+    """Offset (2,) [m] of the point from an edge that held, and covariance (2, 2); None if it did not hold.
 
-    None if the edge did not hold.
-
-    Offsets of that size come from a tag of unknown place, or from one not printed to scale.
+    Such large offsets come from a tag whose place is unknown, or from one not printed to scale.
     """
-    moved, still = moved_by_offset(theta), np.zeros(len(theta))
+    moved, still = displacement_per_offset(theta), np.zeros(len(theta))
     off_table = np.concatenate([moved[:, 1], still[:, None]], axis=1)
     along = np.concatenate([moved[:, 0], still[:, None] + 1.0], axis=1)
     rows, seen, weight = (
@@ -162,7 +160,7 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
 
 
 def smooth_range(values: Array, sd: Array) -> float:
-    """Range of the medians of five neighbours, less four of their own sd, in the unit of `values` (n,)."""
+    """Range of the running median over five values, less four of its own sd, in the unit of `values` (n,)."""
     if len(values) < _NEIGHBOURS:
         return 0.0
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _NEIGHBOURS), axis=1)

@@ -1,8 +1,8 @@
-"""Stretches of a track in free fall: the longest ones that a parabola follows to within their noise.
+"""Search for free falls in a track: the longest stretches that fit a parabola to within their noise.
 
-The true frame rate is the unknown, so that a fall is recognised by its shape alone: along a second-degree
-curve it leaves the straight line by `MIN_FALL_M` or more; lengths do not depend on the times. A hand that
-moves, carries or swings the tag follows no parabola that far.
+The true frame rate is unknown, so that a fall is recognised by its shape alone: a second-degree curve that
+deviates from a straight line by `MIN_FALL_M` or more; lengths do not depend on the times. A hand that moves,
+carries or swings the tag does not follow a parabola that far.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ same"""
 MIN_FRAMES = 8
 """least length of a stretch [frames]"""
 MAX_FRAMES = 2000
-"""longest stretch that is tried [frames]; a fall of a second at 960 frames a second is half of it"""
+"""longest stretch that is tried [frames]; a fall of 1 s at 960 frames a second is half as long"""
 LENGTH_RATIO = 1.25
 """ratio of one tried length to the next"""
 STARTS_PER_LENGTH = 8
@@ -28,7 +28,7 @@ STARTS_PER_LENGTH = 8
 MAX_RMS_SIGMAS = 3.0
 """largest rms residual [sd] of a parabola"""
 MODEL_ERROR = 5e-4
-"""deviation from the third degree by air and shutter, over the fall"""
+"""deviation of a fall from a third-degree curve by air and shutter, as a share of the fall"""
 MAX_THIRD_DEGREE = 0.15
 """largest ratio of the third-degree term to the second-degree term"""
 NEXT_FRAME_SIGMAS = 4.0
@@ -48,11 +48,11 @@ class FallWindow:
     stop: int
     """index after the last frame"""
     fall: float
-    """1/2 a T^2 [m]"""
+    """distance fallen from rest, 1/2 a T^2, over the stretch's duration T [m]"""
 
 
 def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWindow]:
-    """Stretches of free fall in order of time, without overlaps.
+    """Stretches of free fall in a track, in order of time, without overlaps.
 
     Args:
         time_ns: (n,) times of the frames in which the tag was found.
@@ -113,7 +113,13 @@ def _parabolas(scaled: Array, sd: Array) -> list[tuple[int, int]]:
 
 
 def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
-    """1/2 a T^2 [m] and ratio of third to second degree, (windows,) each, of coefficients (windows, 3, 4)."""
+    """Fall 1/2 a T^2 [m] and ratio of third-degree to second-degree term, (windows,) each.
+
+    Args:
+        parts: (windows, 3, 4) coefficients of the scaled positions on `basis`.
+        basis: (frames, 4) orthonormal polynomials.
+        sd: (3,) scale of the positions [m].
+    """
     in_metres = parts * sd[:, None]
     # Range of each column: for u^2 over -1..1 it is 1 (2/3 to -1/3), which is a quarter of a fall of 1/2 a
     # T^2.
@@ -123,7 +129,7 @@ def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
 
 
 def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int) -> FallWindow | None:
-    """Stretch extended frame by frame along its own curve, less its two end frames."""
+    """Stretch extended frame by frame along its own curve, without its two end frames; None if no fall."""
     noise = max(1.0, _Curve(number[start:stop], scaled[start:stop]).rms)
     while stop < len(number) and _continues(number, scaled, sd, (start, stop), stop, noise):
         stop += 1
@@ -148,7 +154,7 @@ class _Curve:
         self.rms = float(np.sqrt(np.sum(left**2) / max(3 * (len(number) - 4), 1)))
 
     def fall(self, sd: Array) -> float:
-        """1/2 a T^2 [m]."""
+        """Fall 1/2 a T^2 over the curve's duration T [m]."""
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
@@ -174,7 +180,7 @@ def _continues(
 
 
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
-    """The windows with the longest falls, without those that overlap them."""
+    """Windows that do not overlap, those with the longest falls preferred."""
     taken: list[FallWindow] = []
     for window in sorted(windows, key=lambda each: -each.fall):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):

@@ -1,7 +1,4 @@
-"""Choice of the estimator for one strike.
-
-Hinge or rolling contact, over all or a clean stretch, or the moment balance.
-"""
+"""Choice of the estimator for one strike: hinge, rolling contact, or moment balance, and its window."""
 
 from __future__ import annotations
 
@@ -13,23 +10,23 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.motion.balance_fit import moment_balance
-from analyze.motion.edge_motion import edge_motion, left_table
+from analyze.motion.edge_motion import edge_motion, lift_off_frame
 from analyze.motion.free_motion import (
     LATEST_START,
     Estimator,
+    frame_noise,
     holds_balance,
-    jump,
+    largest_jump,
     longest_clean_fit,
-    scatter,
     settled_fit,
 )
 from analyze.motion.phases import Course, free_window
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
-from analyze.motion.rolling_choice import rolls_on
+from analyze.motion.rolling_choice import rolling_curve
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.motion.strike_task import Judgement
 from analyze.motion.two_impact_fit import fit_two_impacts
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.edge_motion import EdgeMotion
@@ -41,11 +38,13 @@ if TYPE_CHECKING:
 
 
 _FIRST_TOUCH_FRAMES = 4
-"""frames of the window that may still belong to a long first touch, whose end the clean stretch leaves out"""
+"""number of frames at the window's start that may belong to a long first touch; the clean stretch leaves them
+out"""
 _MAX_NOISE_TO_SEE_CREEP = math.radians(0.2)
-"""noise of a frame's angle [rad] up to which a creeping edge can be distinguished from it"""
+"""largest noise of a frame's angle [rad] at which a creeping edge can be distinguished from noise"""
 _MAX_EDGE_NOISE = 1.5
-"""scatter over the angle's own noise, up to which it is attributed to the noisy position of the edge"""
+"""largest ratio of the residuals' scatter to the angle's own noise that is attributed to the noisy position
+of the edge"""
 _UNEXPLAINED_SHARE = 0.25
 """largest share of a jump's chi^2 that may remain if the moment balance is to explain the jump"""
 _SAME_PHI_SIGMAS = 4.0
@@ -66,7 +65,7 @@ class StrikeFits:
     others: tuple[MotionFit, ...]
     """fits that were rejected, for comparison"""
     motion: PlanarMotion
-    """the motion with the slip and lift of the edge itself"""
+    """the motion, with the slip and lift of the true edge"""
     second_impact: Judgement | None = None
     """verdict on a second impact that splits the motion; None if there is none"""
     problem: str = ""
@@ -75,10 +74,10 @@ class StrikeFits:
 
 @dataclass(frozen=True)
 class _WindowFit:
-    """Fit over the window that its own phi bounds."""
+    """Outcome of a fit over one window."""
 
     fit: MotionFit | None
-    """None if nothing fits"""
+    """the fit; None if nothing fits"""
     window: tuple[int, int]
     """frames [start, stop)"""
     problem: str = ""
@@ -92,7 +91,9 @@ def fit_strike(
     settings: MotionSettings,
     section: SupportFunction | None = None,
 ) -> StrikeFits:
-    """Fit the free motion over the window that phi itself bounds.
+    """Fit phi and k to the free motion of a strike with the estimator that its contact requires.
+
+    The window of the fit ends at an angle past phi, so that it is found by iteration.
 
     Args:
         motion: the motion through the whole window of the strike.
@@ -101,7 +102,7 @@ def fit_strike(
         settings: limits.
         section: the object's cross-section at the pivot axis; None if its shape is unknown.
     """
-    curve, rolls = rolls_on(section, planned)
+    curve, rolls = rolling_curve(section, planned)
     if curve is None:
         radius = planned.pivot.radius_m
         return _fits(
@@ -128,12 +129,12 @@ def _fits(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits by `estimator`, or by the moment balance about a rounding of `radius` [m] (None.
+    """Fits by `estimator`, or by the moment balance about a rounding of `radius` [m].
 
-    Without the balance).
+    The moment balance is not tried if `radius` is None.
     """
     whole = _fit_window(motion.angle, course, planned.phi_predicted_rad, settings.window, estimator)
-    left = left_table(edge_motion(motion, whole.window).motion, whole.window)
+    left = lift_off_frame(edge_motion(motion, whole.window).motion, whole.window)
     until = None if left is None else _fit_until(motion.angle, (whole.window[0], left), estimator)
     if left is None or until is None:
         return _fits_over(motion, whole, planned, settings, estimator, radius)
@@ -147,13 +148,14 @@ def _fits(
 
 
 def _joined(*notes: str) -> str:
+    """Notes that are not empty, in one line."""
     return "; ".join(note for note in notes if note)
 
 
 def _fit_window(
     angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, estimator: Estimator
 ) -> _WindowFit:
-    """Fit over the window that the fit's own phi [rad] bounds, by iteration from the predicted phi [rad]."""
+    """Fit over the window that ends past the fit's own phi, by iteration from the predicted phi [rad]."""
     window = free_window(angle, course, phi_predicted, limits)
     try:
         fit = estimator(angle, window)
@@ -190,7 +192,16 @@ def _fits_over(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits over one window: moment balance if the edge moved, else the hinge, whole or in its clean part."""
+    """Fits over one window: moment balance if the edge moved, else the estimator, if need be on a part.
+
+    Args:
+        motion: the motion through the whole window of the strike.
+        found: fit over the window by `estimator`.
+        planned: the strike.
+        settings: limits.
+        estimator: fit of theta(t) over a window.
+        radius: radius of the edge's rounding for the moment balance [m]; None to leave that out.
+    """
     hinge, window = found.fit, found.window
     angle, limits = motion.angle, settings.verdict
     edge = edge_motion(motion, window)
@@ -201,16 +212,16 @@ def _fits_over(
         return StrikeFits(replace(balanced, note=note), others, edge.motion)
     if hinge is None:
         return _with_second_impact(edge.motion, window, limits, found.problem, radius or 0.0)
-    index, size, gain = jump(angle, hinge)
+    index, size, gain = largest_jump(angle, hinge)
     if not _is_jump(hinge, size, gain, limits):
         return StrikeFits(settled_fit(hinge, lambda frames: estimator(angle, frames)), (), edge.motion)
     clean = longest_clean_fit(angle, window, estimator)
-    # A light touch right after the first leaves all that follows intact, and so does the table where it slows
-    # the object down, which it cannot do without moving the edge. Any other jump is a second impact.
+    # The motion after a light touch soon after the first is a free tip, and so is the motion after the table
+    # slowed the object, which cannot happen unless the edge moves. Any other jump is a second impact.
     early = index - window[0]
     weak = abs(size) < limits.second_impact_ratio * abs(hinge.omega0)
     light = early < _FIRST_TOUCH_FRAMES or (early <= LATEST_START and weak)
-    slowed = size < 0 and max(edge.slid, edge.lifted) >= limits.edge_moved
+    slowed = size < 0 and max(edge.slide_range, edge.lift_range) >= limits.edge_moved
     if clean is not None and (slowed or light):
         return StrikeFits(clean, (), edge.motion)
     reason = _jump_reason(angle, index, size, window)
@@ -225,21 +236,21 @@ def _fits_over(
 
 
 def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: VerdictLimits) -> StrikeFits:
-    """Add to a rolling fit the reason for it and what it violated, and the hinge's fit for comparison."""
+    """Rolling fits with the reason for the choice, violated assumptions, and a hinge fit for comparison."""
     fit = fits.chosen
     if fit is None or fit.rolling is None:
         return fits
     used = edge_motion(fits.motion, fit.window)
-    slid = (
-        f"the contact slid by {1e3 * used.slid:.1f} mm and rose by {1e3 * used.lifted:.1f} mm against rolling"
-    )
-    violated = (slid,) if max(used.slid, used.lifted) >= limits.edge_moved else ()
+    slid_mm, rose_mm = 1e3 * used.slide_range, 1e3 * used.lift_range
+    slid = f"the contact slid by {slid_mm:.1f} mm and rose by {rose_mm:.1f} mm against rolling"
+    violated = (slid,) if max(used.slide_range, used.lift_range) >= limits.edge_moved else ()
     others = (*fits.others, *_as_hinge(angle, fit.window, rolls))
     note = _joined(f"chosen because {rolls}", fit.note)
     return replace(fits, chosen=replace(fit, note=note, violated=violated), others=others)
 
 
 def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[MotionFit, ...]:
+    """Fit as a hinge, marked with the assumption it violates; empty if it does not fit."""
     try:
         return (replace(pivot_fit(angle, window), violated=(violated,)),)
     except EstimationError:
@@ -258,11 +269,16 @@ def _balanced(
     planned: PlannedStrike,
     limits: VerdictLimits,
 ) -> tuple[MotionFit | None, str]:
-    """Moment balance over a window if it is to replace the hinge's fit, with the reason.
+    """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
-    None if it is not.
+    Args:
+        edge: sliding and lifting of the edge.
+        window: frames [start, stop).
+        hinge: the hinge fit; None if a hinge does not fit.
+        planned: the strike, with predicted phi and the pivot's rounding.
+        limits: limits of a moved edge and of a jump.
     """
-    moved = max(edge.slid, edge.lifted) >= limits.edge_moved
+    moved = max(edge.slide_range, edge.lift_range) >= limits.edge_moved
     noise = float(np.median(edge.motion.angle.sd[slice(*window)]))
     if not moved and (hinge is None or noise > _MAX_NOISE_TO_SEE_CREEP):
         return None, ""
@@ -276,15 +292,15 @@ def _balanced(
     except EstimationError:
         return None, ""
     angle = edge.motion.angle
-    _, size, left = jump(angle, fit)
-    # The angle's sd does not include the noise of the edge's position; but a motion that does not fit is no
-    # noise.
+    _, size, left = largest_jump(angle, fit)
+    # The angle's sd does not include the noise of the edge's position. The factor is limited, because a
+    # motion that does not fit must not pass as noise.
     angle_sd = float(np.median(angle.sd[slice(*fit.window)]))
-    left /= min(max(1.0, scatter(fit.residual) / angle_sd), _MAX_EDGE_NOISE) ** 2
+    left /= min(max(1.0, frame_noise(fit.residual) / angle_sd), _MAX_EDGE_NOISE) ** 2
     if _is_jump(fit, size, left, limits):
         return None, ""
     if moved or hinge is None:
-        slid = f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+        slid = f"the edge slid by {1e3 * edge.slide_range:.1f} mm and rose by {1e3 * edge.lift_range:.1f} mm"
         return settled_fit(fit, balance), slid
     reason = _reason_for_balance(angle, window, hinge, fit, left, planned.pivot.radius_m, limits)
     return (fit if reason else None), reason
@@ -306,11 +322,11 @@ def _reason_for_balance(
         window: frames [start, stop).
         hinge: the hinge's fit.
         balanced: the moment balance.
-        left: gain in chi^2 that a jump in speed still offers with the balance.
+        left: gain in chi^2 by a jump in speed that remains with the moment balance.
         radius: radius of the edge's rounding [m].
         limits: limits of a jump.
     """
-    _, size, gain = jump(angle, hinge)
+    _, size, gain = largest_jump(angle, hinge)
     if _is_jump(hinge, size, gain, limits):
         if left < _UNEXPLAINED_SHARE * gain and _explains_jump(angle, window, balanced, radius):
             return f"the edge moved at one end of the window, where a hinge shows a jump of {size:+.2f} rad/s"
@@ -324,9 +340,9 @@ def _reason_for_balance(
 
 
 def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
-    """True if no hinge with two impacts fits theta(t) better, and phi is that of the clean part."""
+    """True if the balance fits better than two impacts, and its phi is that of the clean part."""
     twice = fit_two_impacts(angle, window, radius)
-    if twice is not None and scatter(twice.fit.residual) < scatter(balanced.residual):
+    if twice is not None and frame_noise(twice.fit.residual) < frame_noise(balanced.residual):
         return False
     clean = longest_clean_fit(angle, window, lambda angle, frames: pivot_fit(angle, frames, radius))
     if clean is None:
@@ -338,7 +354,7 @@ def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit
 def _with_second_impact(
     motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str, radius: float
 ) -> StrikeFits:
-    """Fits where no single hinge fits: two, with a second impact between them, if these do."""
+    """Fits with a second impact, for a motion that no single hinge fits; without a fit if this fails too."""
     found = fit_two_impacts(motion.angle, window, radius)
     if found is None or not _is_jump(found.fit, found.size, found.gain, limits):
         return StrikeFits(None, (), motion, problem=problem)
@@ -347,6 +363,7 @@ def _with_second_impact(
 
 
 def _jump_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
+    """Message about a second impact: size [rad/s] and time of the jump, and the remedy."""
     after = 1e-6 * (angle.time_ns[index] - angle.time_ns[window[0]])
     jumped = f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike"
     return f"{jumped}: catch the striker after the first contact"

@@ -1,16 +1,17 @@
-"""True duration of a stated second of a video, from a tag that falls freely in view of the camera.
+"""Ratio q of true to stated time in a video, from a tag that falls freely in view of the camera.
 
-In the stated time tau, with t = q tau the true one,
+With the stated time tau and the true time t = q tau,
 
     p(tau) = p0 + v0 tau + 1/2 a tau^2 + R(tau) r - drag + shutter,    |a| = q^2 g
 
 The magnitude of g is known, its direction is not needed. The tag may turn: r is the arm from the centre of
-mass to the tag, unknown to `ARM_SD`. Air slows by beta |v| v, beta = 1/2 rho C_d A / m, which is the same in
-either time; a rolling shutter exposes each row later by its line time. Both are unknowns with priors, so that
-the error of q includes them. Lengths are the tag's: q goes with the root of its size.
+mass to the tag, with prior standard deviation `ARM_SD`. Air decelerates by beta |v| v, beta = 1/2 rho C_d A /
+m, which is the same in either time; a rolling shutter exposes each row later by its line time. Both are
+unknowns with priors, so that the error of q includes them. Lengths are relative to the tag: q is proportional
+to the root of its size.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 # pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
@@ -29,11 +30,11 @@ from analyze.types import Array, MarkerTrack
 ARM_SD = 0.05
 """standard deviation of the arm from the centre of mass to the tag [m]"""
 AIR_DENSITY = 1.2
-"""kg/m^3"""
+"""density of air [kg/m^3]"""
 DRAG_COEFFICIENT = 1.2
-"""of a plate that falls face on; edge on it is nearly zero"""
+"""drag coefficient of a plate that falls face on; edge on it is nearly zero"""
 CARD_RATIO = 1.5
-"""edge of the card over that of the tag"""
+"""edge of the card that carries the tag, over the edge of the tag"""
 TURN_DEGREE = 2
 """degree of the polynomial in time that smooths the tag's rotation: free rotation is smooth, the pose of one
 frame is noisy"""
@@ -42,25 +43,27 @@ ROUNDS = 8
 TURNING_POINT_SIGMAS = 2.5
 """robust standard deviations above which a frame loses weight"""
 MAX_EXCESS_MISFIT = 1.5
-"""largest misfit above 1, times the root of the number of frames; a stretch is cut at its ends until it fits
-as well"""
+"""largest excess of the misfit over 1, times the root of the number of frames; a stretch is cut at its ends
+until it fits as well"""
 MAX_MISFIT = 3.0
 """largest misfit of a stretch that is a fall"""
 MIN_IMPROVEMENT = 0.97
-"""ratio of misfits that a cut must reach: a misfit by lens or codec is no end that was touched"""
+"""largest ratio of misfits after and before a useful cut; a smaller gain means that lens or codec cause the
+misfit, not a hand at the ends"""
 MARGIN_SHARE = 0.05
-"""share of the frames left out at either end of the stretch that fits"""
+"""share of the frames left out at either end of a stretch that fits"""
 CUT_SHARE = 0.06
 """share of the frames removed by one cut"""
 MEDIAN_RMS, NINTH_DECILE_RMS = 0.89, 1.44
 """median and ninth decile of the root of a third of chi^2 with 3 degrees of freedom"""
 MAX_LAG_ONE_CORRELATION = 0.9
+"""upper bound of the residuals' correlation from frame to frame"""
 LINE_TIME_SD_SHARE = 0.1
 """relative standard deviation of a line time that the camera file states"""
 READ_OUT_SD_SHARE = 1 / np.sqrt(3.0)
 """standard deviation of an unknown read-out time over the frame's duration: anything up to the whole of it"""
 FOCAL_SD_SHARE = 0.005
-"""relative standard deviation of the focal length: it only affects motion along the line of sight"""
+"""relative standard deviation of the focal length, which only affects motion along the line of sight"""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class FallSetup:
 
 @dataclass(frozen=True)
 class Fall:
-    """One free fall and the q that it gives."""
+    """One free fall with its estimate of q, the ratio of true to stated time."""
 
     start_ns: int
     """stated time of the first frame [ns]"""
@@ -105,33 +108,32 @@ class Fall:
     """1/2 a T^2 over the time T from the first to the last frame [m]"""
     frame_s: float
     """stated time between frames [s]"""
-    slower: float
+    time_ratio: float
     """q, true seconds per stated second"""
     noise_sd: float
-    """standard deviation of q by this fall's own noise"""
+    """standard deviation of q caused by this fall's own noise"""
     shared_sd: float
-    """standard deviation of q by what all falls share: air, shutter, arm"""
+    """standard deviation of q caused by the errors that all falls share: air, shutter, arm"""
     scatter: float
-    """median residual over that of the corners' noise; more where neighbours share their errors"""
+    """factor on the corners' stated noise: median residual over the expected one, increased by the
+    correlation of neighbouring frames"""
     misfit: float
-    """ninth decile of the residuals over that of the noise"""
+    """ninth decile of the residuals over the one expected from the noise"""
     residual: float
     """rms residual across the line of sight [m]"""
     drag_share: float
-    """share of g that air takes at the end of the fall"""
+    """deceleration by air at the end of the fall, as a share of g"""
     blur_px: float
     """fastest motion per frame [px]"""
 
 
 def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall | None:
-    """Fit of a fall without the ends of the stretch that reach into the hand or the ground.
-
-    None if no fall is left.
+    """Fit of a fall, its ends cut where a hand or the ground still acts; None if no fall is left.
 
     Args:
         track: track of the tag.
         covariance: (n, 3, 3) covariance of its positions [m^2].
-        window: stretch that looks like a fall.
+        window: stretch of the track that looks like a fall.
         setup: tag, gravity, camera.
     """
     fall = fit_fall(track, covariance, window, setup)
@@ -145,7 +147,7 @@ def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setu
         if best.misfit > MIN_IMPROVEMENT * fall.misfit:
             break
         fall, window = best, end
-    # A hand lets go, and a fall ends, a little before it shows in the positions.
+    # A release, or a landing, shows in the positions only after some frames.
     margin = max(1, round(MARGIN_SHARE * fall.frames))
     if fall.frames - 2 * margin >= MIN_FRAMES:
         fall = fit_fall(
@@ -242,12 +244,12 @@ class _Solved:
     """(15,) p0, v0, a [m, m/s, m/s^2], arm [m], drag [1/m], shutter [s/px]"""
     inverse: Array
     """(15, 15) covariance of `solution`"""
-    slower: float
+    time_ratio: float
     """q, true seconds per stated second"""
     scatter: float
-    """factor on the noise, with its correlation"""
+    """factor on the corners' stated noise, including correlation"""
     misfit: float
-    """ninth decile of the residuals over that of the noise"""
+    """ninth decile of the residuals over the one expected from the noise"""
     off: Array
     """(n, 3) residuals [m]"""
     weight: Array
@@ -255,8 +257,8 @@ class _Solved:
 
 
 def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
-    """Fall with the errors of q from its own noise and from what all falls share."""
-    solution, inverse, stated, q = solved.solution, solved.inverse, solved.stated, solved.slower
+    """Result of one fall: q with its own error and with the error that all falls share."""
+    solution, inverse, stated, q = solved.solution, solved.inverse, solved.stated, solved.time_ratio
     v, a = solution[3:6], solution[6:9]
     size = float(np.linalg.norm(a))
     along = a / size
@@ -280,7 +282,7 @@ def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
         frames=window.stop - window.start,
         dropped=0.5 * size * float(stated[-1] - stated[0]) ** 2,
         frame_s=_frame_s(stated),
-        slower=q,
+        time_ratio=q,
         noise_sd=to_q * float(np.sqrt(own)),
         shared_sd=to_q * float(np.sqrt(shared)),
         scatter=solved.scatter,
@@ -308,7 +310,7 @@ def _frame_s(stated: Array) -> float:
 
 
 def _powers(time: Array) -> Array:
-    """Columns (n, 3, 9) of p0, v0, a at times (n,) [s]."""
+    """Derivatives (n, 3, 9) of the position by p0, v0 and a at times (n,) [s]."""
     eye = np.eye(3)
     return np.concatenate(
         [each[:, None, None] * eye for each in (np.ones_like(time), time, 0.5 * time**2)], axis=2
@@ -316,7 +318,12 @@ def _powers(time: Array) -> Array:
 
 
 def _turn_columns(R: Array, time: Array) -> Array:
-    """Columns (n, 3, 3) of the arm: rotation of the tag R(tau) - R(0), smooth in time."""
+    """Derivatives (n, 3, 3) of the position by the arm: R(tau) - R(0), smoothed over time.
+
+    Args:
+        R: (n, 3, 3) rotations from M to C.
+        time: (n,) stated times [s].
+    """
     middle = Rotation.from_matrix(R[len(R) // 2])
     turns = (Rotation.from_matrix(R) * middle.inv()).as_rotvec()
     u = time / max(float(np.abs(time).max()), 1e-12)
@@ -327,7 +334,7 @@ def _turn_columns(R: Array, time: Array) -> Array:
 
 
 def _drag(speed: Array, time: Array) -> Array:
-    """Displacement (n, 3) [m] by a drag of beta = 1, up to a straight line."""
+    """Displacement (n, 3) [m] by a drag of beta = 1 at velocities `speed` (n, 3), up to a straight line."""
     push = np.linalg.norm(speed, axis=1, keepdims=True) * speed
     steps = np.diff(time)[:, None]
     once = np.vstack([np.zeros(3), np.cumsum((push[1:] + push[:-1]) / 2 * steps, axis=0)])
@@ -336,26 +343,26 @@ def _drag(speed: Array, time: Array) -> Array:
 
 @dataclass(frozen=True)
 class TrueTime:
-    """Ratio q of true to stated time by all falls."""
+    """Ratio q of true to stated time from all falls, with its sources of error."""
 
-    slower: float
+    time_ratio: float
     """q, true seconds per stated second"""
     sd: float
     """standard deviation of q"""
     by_noise: float
-    """standard deviation by the falls' scatter, air, shutter and arm"""
+    """standard deviation of q caused by the falls' scatter, air, shutter and arm"""
     by_size: float
-    """standard deviation by the tag's size"""
+    """standard deviation of q caused by the tag's size"""
     by_gravity: float
-    """standard deviation by g"""
+    """standard deviation of q caused by g"""
     birge_ratio: float
     """rms difference of the falls over their own noise; 1 is usual"""
 
 
 def true_time(falls: list[Fall], setup: FallSetup) -> TrueTime:
-    """Weighted mean of q over all falls, widened if they scatter more than they should (Birge 1932).
+    """Weighted mean of q over all falls, its error widened by their scatter (Birge 1932).
 
-    Errors that the falls share are not averaged out.
+    Errors that the falls share do not shrink with their number.
 
     Args:
         falls: at least one fall.
@@ -365,7 +372,7 @@ def true_time(falls: list[Fall], setup: FallSetup) -> TrueTime:
     shared = np.array([fall.shared_sd for fall in falls])
     weight = 1 / (noise**2 + shared**2)
     weight = weight / weight.sum()
-    each = np.array([fall.slower for fall in falls])
+    each = np.array([fall.time_ratio for fall in falls])
     q = float(weight @ each)
     birge_ratio = (
         float(np.sqrt(np.sum(((each - q) ** 2) / (noise**2 + shared**2)) / (len(falls) - 1)))

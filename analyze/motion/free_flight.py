@@ -1,11 +1,11 @@
-"""c and g of a body from its flights: c moves on a parabola, however the body's own frame rotates.
+"""Centre of mass c and gravity g from free flights: c moves on a parabola however the body rotates.
 
     x(t) + R(t) c = p0 + v0 t - 1/2 g t^2 z - drag
 
 is linear in c, g and, for every flight, p0 and v0. Rotation in flight reveals c; free rotation reveals the
-inertia only up to a factor, because no moment acts. Flights differ in tracking quality, and one that a hand
-still touches is none: residuals follow a multivariate t distribution, every flight with a scale of its own
-(Lange, Little and Taylor 1989).
+inertia only up to a factor, because no moment acts. Flights differ in tracking quality, and a stretch in
+which a hand still holds the body is not a flight: residuals follow a multivariate t distribution, every
+flight with a scale of its own (Lange, Little and Taylor 1989).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MIN_THROWS = 8
 """least number of throws"""
 _T_FREEDOM = 4.0
-"""degrees of freedom of Student's t"""
+"""degrees of freedom of Student's t distribution of the residuals"""
 _ROUNDS = 50
 
 
@@ -38,7 +38,7 @@ class Flight:
     motion: BodyMotion
     """poses of the body"""
     group: int
-    """number of the throw; flights of one throw may share errors"""
+    """number of the throw, whose flights may share errors"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class FlightBody:
     com: Array
     """(3,) c in O [m]"""
     gravity: float
-    """g [m/s^2], in the motion's unit of length"""
+    """g [m/s^2], in the unit of length of the motion's positions"""
     covariance: Array
     """(4, 4) covariance of (c, g)"""
     flights: int
@@ -117,7 +117,7 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
 
 
 def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
-    """Rms distance (flights,) [m] of a point of the body from the parabola that fits it best.
+    """Rms distance (flights,) [m] of a point of the body from its best parabola, in each flight.
 
     Args:
         flights: flights of one body.
@@ -135,7 +135,11 @@ def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float
 
 
 def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
-    """Coefficients (3 n, 4) of (c, g) and right side (3 n,) [m]; start and velocity projected out."""
+    """Linear equations of one flight in (c, g), with its start and velocity projected out.
+
+    Returns:
+        (3 n, 4) coefficients and (3 n,) right side [m].
+    """
     time = motion.time - motion.time.mean()
     line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))
 
@@ -153,7 +157,7 @@ def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
 
 
 def _twice_integrated(motion: BodyMotion, drag: float) -> Array:
-    """Displacement (n, 3) by air drag [m]."""
+    """Displacement (n, 3) [m] caused by air drag, the deceleration integrated twice."""
     velocity = np.gradient(motion.position, motion.time, axis=0)
     slowing = -drag * np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
     return _integrated(_integrated(slowing, motion.dt), motion.dt)

@@ -1,8 +1,8 @@
-"""Clean part of a tip: the stretch in which the edge rests and only gravity acts.
+"""Clean part of a tip: the stretch in which the edge stays in place and only gravity acts.
 
-An edge that slides a little under the impact spoils the start; a bevel or a facet that meets the table before
-the next face spoils the end. Both cause a jump in speed; the stretch between them is as good as any other
-tip.
+An edge that slides a little under the impact spoils the start; a bevel or a facet that touches the table
+before the next face spoils the end. Both cause a jump in speed; the stretch between them is as good as any
+other tip.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.types import Array, MotionFit, TipAngle
 
 Estimator = Callable[[TipAngle, tuple[int, int]], MotionFit]
-"""fit of a strike's angle over a window [start, stop) of its frames"""
+"""function that fits theta(t) over a window [start, stop) of its frames"""
 START_STEP, END_STEP = 2, 3
 """spacing of the starts and ends that are tried [frames]"""
 LATEST_START = 8
@@ -36,11 +36,11 @@ UNSETTLED_RATIO = 1.8
 """rms residual over the frames' own scatter above which a fit is unsettled; 1.0 +- 0.3 where only gravity
 acts"""
 SETTLED_RATIO = 1.25
-"""largest rms residual over the least that a later start leaves"""
+"""largest rms residual of a settled fit, over the least rms residual of any later start"""
 
 
-def jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
-    """Jump in speed that would improve a fit most.
+def largest_jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
+    """Jump in speed that would improve a fit the most.
 
     Returns:
         Index into the angle's frames, size [rad/s], and the improvement of chi^2.
@@ -75,30 +75,30 @@ def longest_clean_fit(
         except EstimationError:
             continue
         chi2 = float(np.mean(np.square(fit.residual / angle.sd[start:end])))
-        if chi2 < CLEAN_SCATTER and jump(angle, fit)[2] < CLEAN_CHI2 and holds_balance(angle, fit):
+        if chi2 < CLEAN_SCATTER and largest_jump(angle, fit)[2] < CLEAN_CHI2 and holds_balance(angle, fit):
             return fit
     return None
 
 
-def settled_fit(fit: MotionFit, again: Callable[[tuple[int, int]], MotionFit]) -> MotionFit:
-    """The fit, or the same from a later frame on if light contacts reach into its first frames.
+def settled_fit(fit: MotionFit, refit: Callable[[tuple[int, int]], MotionFit]) -> MotionFit:
+    """The fit, or one that begins later if the striker still touched the object in its first frames.
 
-    Contacts too light for a jump of their own leave residuals far above what neighbouring frames scatter
-    against each other. The window then begins at the first frame from which they no longer do. (Measured on a
+    Contacts too light to show as a jump leave residuals far above the scatter of neighbouring frames. The
+    window then begins at the first frame from which the residuals are as small as that. (Measured on a
     strike with four such contacts, of 4-8 % of the first one's impulse, the last 11 ms after the window's
     start: phi off by 0.17 deg before, 0.001 deg after.)
 
     Args:
         fit: fit over the whole window.
-        again: the same estimator over another window.
+        refit: gives the fit of the same estimator over another window.
     """
-    if _rms(fit) < UNSETTLED_RATIO * scatter(fit.residual):
+    if _rms(fit) < UNSETTLED_RATIO * frame_noise(fit.residual):
         return fit
     first, last = fit.window
     later: list[MotionFit] = []
     for start in range(first + 1, min(first + LATEST_START, last - 2 * MIN_FRAMES) + 1):
         try:
-            later.append(again((start, last)))
+            later.append(refit((start, last)))
         except EstimationError:
             break
     least = min((_rms(other) for other in later), default=math.inf)
@@ -113,14 +113,14 @@ def settled_fit(fit: MotionFit, again: Callable[[tuple[int, int]], MotionFit]) -
 
 
 def _rms(fit: MotionFit) -> float:
-    """Root mean square of the residuals [rad], 4 degrees of freedom deducted."""
+    """Root mean square of a fit's residuals [rad], with 4 degrees of freedom deducted."""
     return math.sqrt(float(np.sum(fit.residual**2)) / max(len(fit.residual) - 4, 1))
 
 
-def scatter(residual: Array) -> float:
-    """Noise of single frames by second differences of `residual` (n,), insensitive to slow drift.
+def frame_noise(residual: Array) -> float:
+    """Standard deviation of a frame's noise, from second differences of `residual` (n,), in its unit.
 
-    NaN if n < 3.
+    Insensitive to slow drift. NaN if n < 3.
     """
     if len(residual) < 3:
         return math.nan
@@ -128,7 +128,7 @@ def scatter(residual: Array) -> float:
 
 
 def holds_balance(angle: TipAngle, fit: MotionFit) -> bool:
-    """True if the stretch passes the balance point or turns back below it: phi is no extrapolation."""
+    """True if the window passes the balance point or turns back below it, so that phi is not extrapolated."""
     start, end = fit.window
     inside = angle.theta[start] < fit.phi < angle.theta[end - 1]
     turned = float(np.max(angle.theta[start:end])) > max(angle.theta[start], angle.theta[end - 1]) + 0.02

@@ -1,13 +1,13 @@
-"""End of the free motion by the shape: the angle at which its next face comes to lie on the table.
+"""Landing angle from the object's shape: theta at which its next face comes to lie on the table.
 
-A box lands on a side at 90 deg and stops: theta(t) shows that. A bottle that lies on its side lands on a
+A box lands on a side at 90 deg and stops, which shows in theta(t). A bottle that lies on its side lands on a
 chamfer at 45 deg, which hardly slows it; from there on it turns about the chamfer's other edge, with another
 phi and another k.
 
 Turned by theta about the pivot p, at the height of its rounding, the body would penetrate the table by
-height(theta) - radius. A face at angle a that reaches L ahead penetrates by L sin(theta - a). It counts only
-if it penetrates deeper than the error of the surface: neither a scan's facets nor a narrow bevel carry the
-body.
+height(theta) - radius. A face at angle a that reaches L ahead penetrates by L sin(theta - a). A face counts
+only if it penetrates deeper than the error of the surface: neither a scan's facets nor a narrow bevel carry
+the body.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 _MIN_DEPTH_M = 5e-4
 """least penetration [m] of a face that carries the body"""
 _SURFACE_SIGMAS = 3.0
-"""standard deviations of the edge's position that the surface error may reach"""
+"""largest error of the surface, in standard deviations of the edge's position"""
 _LANDING_MARGIN_RAD = math.radians(1.0)
 """angle before the landing [rad] for a frame's exposure, its angle's error and unequal rounding of the two
 edges"""
 _FACE_SIGMAS = 1.0
-"""standard deviations of the edge's position at the face's far end, by which it may land earlier; most of it
-moves both ends alike"""
+"""error of the face's far end, in standard deviations of the edge's position, by which the face may land
+earlier; most of that error moves both ends alike"""
 _LIFTED_RAD = math.radians(1.0)
 """theta [rad] from which no part of the resting face touches"""
 
 
 def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | None:
-    """Angle [rad] from which the next face may touch.
+    """Landing angle: theta [rad] from which the next face may touch the table.
 
-    None if none does before the section ends or before balance.
+    None if no face touches within the section's range of angles, or only before balance.
 
     Args:
         section: cross-section of the object about the pivot point.

@@ -1,6 +1,7 @@
-"""c and inertia of a body from contacts with the table along an edge or at a corner, for any friction.
+"""Centre of mass c and inertia of a body from contacts with the table at an edge or corner, any friction.
 
-Forces that act at the contact have no moment about it. With q a point of the body, b = c - q, all per mass:
+Forces that act at the contact have no moment about it. With q a point of the body and b = c - q, all per
+mass:
 
     (b x (q'' - g) + d/dt L_q) . e = 0        L_q = J_q w
 
@@ -10,10 +11,10 @@ linear in b and J_O (inertia per mass about O).
 
 Weak form: multiplied by windows that vanish at both ends, and integrated by parts, so that no acceleration is
 ever needed (the modulating functions of Shinbrot 1957, "On the analysis of linear and nonlinear systems").
-Between its ends the body may slide and turn on that contact freely.
+During a contact the body may slide and turn on it freely.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 
 from __future__ import annotations
@@ -47,14 +48,14 @@ _HUBER_SIGMAS = 1.5
 
 @dataclass(frozen=True)
 class Contact:
-    """Stretch of motion in which the body touches the table at one edge or one corner."""
+    """Stretch of motion in which the body touches the table at one edge or corner only."""
 
     motion: BodyMotion
     """poses of the body"""
     corner: Array
     """(3,) the sharp corner, or any point of the sharp edge, in O [m]"""
     inward: Array
-    """(3,) vector in O that, times the rounding's radius, leads from `corner` to the rounding's centre"""
+    """(3,) vector in O from `corner` to the rounding's centre, per unit of the rounding's radius"""
     edge: Array | None
     """(3,) unit vector along the edge in O; None at a corner"""
     group: int
@@ -63,7 +64,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class BalancedBody:
-    """Centre of mass, inertia and rounding by the contacts."""
+    """Centre of mass, inertia and rounding, fitted to contacts."""
 
     com: Array
     """(3,) c in O [m]"""
@@ -100,7 +101,7 @@ def tensor(entries: Array) -> Array:
 
 
 def about_com(inertia_origin: Array, com: Array) -> Array:
-    """Inertia per mass about c (3, 3) from that about O and c (3,) (Steiner)."""
+    """Inertia per mass (3, 3) about c (3,), from that about O's origin, by Steiner's theorem [m^2]."""
     return inertia_origin - (float(com @ com) * np.eye(3) - np.outer(com, com))
 
 
@@ -116,8 +117,8 @@ def moment_rows(
         windows: number of test functions per direction.
 
     Returns:
-        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) what they should give; one row per
-        window and direction, scaled so that white noise in the moment gives every row the same sd.
+        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) right side; one row per window and
+        direction, scaled so that white noise in the moment gives every row the same sd.
     """
     motion = contact.motion
     n, dt = len(motion), motion.dt[:, None]
@@ -150,7 +151,7 @@ def moment_rows(
             def moment_of(
                 arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below
             ) -> float:
-                """Weak moment of an arm (3,) in O from the centre line under (q'' - g)."""
+                """Weak moment of (q'' - g) about the contact, on an arm (3,) in O from the centre line."""
                 arms = R @ arm
                 turned = window * np.cross(e, arms)
                 return -float(
@@ -252,9 +253,16 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
 
 def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
-    """Covariance of a robust fit whose residuals share errors within groups.
+    """Covariance (p, p) of a robust fit whose residuals share errors within groups.
 
     Liang and Zeger 1986; Huber's weights as in White 1980.
+
+    Args:
+        J: (n, p) derivatives of the residuals.
+        left: (n,) residuals.
+        groups: (n,) number of the group of each residual.
+        prior: (p,) row of the prior.
+        spread: robust standard deviation of the residuals.
     """
     weight = huber_weights(left, _HUBER_SIGMAS, spread)
     size = np.sqrt(np.sum(J**2, axis=0))

@@ -1,4 +1,4 @@
-"""Rounding of the shape itself at the end of its resting face."""
+"""Rounding that the shape itself has at the end of its resting face, as moulded parts do."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _FIRST_ANGLE, _PAST_PHI = math.radians(3.0), math.radians(5.0)
-"""angles [rad] from rest and past phi between which a rounding must be a circle"""
+"""a rounding must be a circle from the first of these angles after rest to the second past phi [rad]"""
 _MAX_VARIATION = 0.1
-"""largest variation of centre and radius on the way, over the radius"""
+"""largest variation of centre and radius in that range, over the radius"""
 _MIN_FACE_RATIO = 0.5
-"""least length of the resting face over the radius; a shorter one is a facet of something round"""
+"""least length of the resting face over the radius; a shorter face is a facet of a round body"""
 
 
 def moulded_radius(points: Array, phi: float) -> float | None:
-    """Radius [m] of the rounding, whose centre is straight above the end of the face.
-
-    None if there is no circular rounding.
+    """Radius [m] of the shape's own rounding, centred above the end of the face; None if it has none.
 
     Args:
-        points: (n, 2) x (towards where it tips) and z of the hull's corners from the end of the face [m].
+        points: (n, 2) corners of the section's hull from the end of the face [m]: x in the direction of
+            tipping, z up.
         phi: expected balance angle [rad].
     """
     try:
@@ -37,7 +36,7 @@ def moulded_radius(points: Array, phi: float) -> float | None:
         return None
     behind, before = (float(section.evaluate(np.array(theta))[1]) for theta in (-_FIRST_ANGLE, _FIRST_ANGLE))
     turned = np.linspace(_FIRST_ANGLE, phi + _PAST_PHI, 9).tolist()
-    if not is_curved_to(section, phi) or not all(section.of_shape(theta) for theta in turned):
+    if not is_curved_to(section, phi) or not all(section.touches_curve(theta) for theta in turned):
         return None
     along, over, radius = np.array([section.centre(theta) for theta in turned]).T
     middle = float(np.median(radius))

@@ -1,11 +1,11 @@
-"""Outline of a convex cross-section: its polygon, its runs of facets that stand for curves, their roughness.
+"""Outline of a convex cross-section: polygon, runs of facets that approximate curves, and roughness.
 
 Facet i runs from corner i to corner i + 1, anticlockwise. A run of short facets becomes a smooth curve
 through its corners; a facet at whose ends the outline bends far less than beside it stays flat, and a large
 turn is a corner.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 
 from __future__ import annotations
@@ -45,35 +45,32 @@ LOW, HIGH = math.radians(-10.0), math.radians(150.0)
 
 @dataclass(frozen=True)
 class Outline:
-    """Convex polygon in the plane of the section.
-
-    Facet i runs anticlockwise from corner i to corner i + 1.
-    """
+    """Convex polygon in the plane of the section; facet i runs anticlockwise from corner i to i + 1."""
 
     corners: Array
-    """(n, 2) corners from p [m]"""
+    """(n, 2) corners relative to the pivot point p [m]: x in the direction of tipping, z up"""
     length: Array
     """(n,) facet lengths [m]"""
     angle: Array
-    """(n,) angle of the facet against the table at rest [rad], the turn at which it lies on it; ascending
-    from -180 deg"""
+    """(n,) angle of each facet against the table at rest [rad], ascending from -180 deg; turned by it the
+    facet lies on the table"""
 
     def __len__(self) -> int:
         return len(self.length)
 
     def turn(self, i: int) -> float:
-        """Turn from facet i - 1 to facet i [rad]."""
+        """Angle [rad] between facets i - 1 and i."""
         return float((self.angle[i % len(self)] - self.angle[(i - 1) % len(self)]) % (2 * math.pi))
 
     @cached_property
-    def bend(self) -> Array:
+    def curvature(self) -> Array:
         """Curvature (n,) at the corners [1/m]; exact for chords of a circle of any length."""
         turns = np.remainder(self.angle - np.roll(self.angle, 1), 2 * math.pi)
         return 2.0 * turns / (self.length + np.roll(self.length, 1))
 
 
-def polygon_of(corners: Array) -> Outline:
-    """Polygon of `corners` (n, 2) [m], facets of negligible length or turn merged."""
+def simplified_polygon(corners: Array) -> Outline:
+    """Polygon through `corners` (n, 2) [m], with facets of negligible length or turn merged."""
     while len(corners) > 3:
         sides = np.roll(corners, -1, axis=0) - corners
         lengths = np.hypot(sides[:, 0], sides[:, 1])
@@ -89,6 +86,7 @@ def polygon_of(corners: Array) -> Outline:
 
 
 def _polygon(corners: Array) -> Outline:
+    """Polygon through `corners` (n, 2) [m], starting at the facet with the least angle."""
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     first = int(np.argmin(angle))
@@ -98,9 +96,9 @@ def _polygon(corners: Array) -> Outline:
 
 
 def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
-    """Outline with as many corners as keep its curves smooth, the curves, and their roughness.
+    """Outline thinned until its curves are smooth, those curves, and their roughness.
 
-    The corners are (n, 2) [m].
+    Roughness is the standard deviation of the log curvature from corner to corner.
     """
     outline, curves = whole, _curves(whole)
     rough = _roughness(outline, curves) or 0.0
@@ -115,20 +113,20 @@ def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
 
 
 def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
-    """Standard deviation of the log curvature from corner to corner, beyond a linear trend.
+    """Roughness: standard deviation of the log curvature from corner to corner, beyond a linear trend.
 
-    Over the corners that may touch; None if there are too few.
+    Only corners that may touch the table count; None if there are too few.
     """
     parts: list[Array] = [np.zeros(0)]
     for curve in curves:
         inner = np.array([i for i in curve.facets[1:] if LOW < outline.angle[i] < HIGH], dtype=np.intp)
-        parts.append(np.diff(np.log(outline.bend[inner]), 2))
+        parts.append(np.diff(np.log(outline.curvature[inner]), 2))
     uneven = np.concatenate(parts)
     return median_scale(uneven) / math.sqrt(6.0) if len(uneven) else None
 
 
 def _thinned(whole: Outline, spacing: float) -> Outline:
-    """Outline of the corners that touch at whole multiples of `spacing` [rad], and of the ends of faces."""
+    """Outline reduced to the corners that touch the table every `spacing` [rad], and to the ends of faces."""
     turned = np.arange(-math.pi + 0.5 * spacing, math.pi, spacing)
     touches = np.argmin(
         np.outer(np.cos(turned), whole.corners[:, 1]) - np.outer(np.sin(turned), whole.corners[:, 0]), axis=1
@@ -147,9 +145,15 @@ class Curve:
     """Run of facets that approximate a curve."""
 
     facets: list[int]
+    """indices of the facets, in order"""
 
-    def over(self, outline: Outline, theta: Array) -> tuple[IntArray, Array, Array]:
-        """Indices of theta (n,) on this curve, its contacts there (k, 2) [m] and radii (k,) [m]."""
+    def contacts(self, outline: Outline, theta: Array) -> tuple[IntArray, Array, Array]:
+        """Contact points of this curve with the table at angles theta (n,) [rad].
+
+        Returns:
+            (k,) indices of the angles at which this curve touches, (k, 2) contact points [m], and (k,) radii
+            of curvature there [m].
+        """
         length, nodes = outline.length[self.facets], self._tangents(outline)
         whole = nodes[0] + np.remainder(theta - nodes[0], 2 * math.pi)
         inside = np.flatnonzero(whole <= nodes[-1])
@@ -182,7 +186,7 @@ class Curve:
     def _tangents(self, outline: Outline) -> Array:
         """Tangent angles (facets + 1,) of the curve at its corners [rad], ascending.
 
-        Those of a cubic spline, kept between the facets'.
+        They are a cubic spline's, limited to lie between the angles of the two facets at each corner.
         """
         turns = np.array([outline.turn(i) for i in self.facets])
         angle = outline.angle[self.facets[0]] + np.concatenate([[0.0], np.cumsum(turns[1:])])
@@ -195,7 +199,7 @@ class Curve:
         before = np.concatenate([[angle[0] - turns[0]], angle])
         after = np.append(angle, angle[-1] + outline.turn(self.facets[-1] + 1))
         room = _TANGENT_ROOM * (after - before)
-        # An end is free up to the next face: the same corner touches there.
+        # At an end the tangent may reach the next face: the same corner touches there.
         room[[0, -1]] = 0.0, 0.0
         tangent = np.clip(tangent, before + room, after - room)
         tangent[0] = min(tangent[0], angle[0] - _TANGENT_ROOM * float(tangent[1] - angle[0]))
@@ -204,7 +208,7 @@ class Curve:
 
 
 def _curves(outline: Outline) -> list[Curve]:
-    """Runs of facets that bend and are joined without a corner."""
+    """Runs of at least `MIN_CURVE_FACETS` bent facets that meet without a corner."""
     n = len(outline)
     joined = [outline.turn(i) < CORNER_TURN for i in range(n)]
     bent = [_is_bent(outline, joined, i) for i in range(n)]
@@ -222,10 +226,18 @@ def _curves(outline: Outline) -> list[Curve]:
 
 
 def _is_bent(outline: Outline, joined: list[bool], i: int) -> bool:
-    """True if a facet is part of a curve: at one end at least it bends as it does beyond."""
+    """True if facet i is part of a curve: at one end at least, the outline bends as much as beyond it.
+
+    Args:
+        outline: the polygon.
+        joined: (n,) True if facets i - 1 and i meet without a corner.
+        i: index of the facet.
+    """
     n = len(outline)
     ends = ((i, i - 1), ((i + 1) % n, (i + 2) % n))
     return any(
-        joined[end] and joined[beyond] and FLAT_RADIUS_RATIO * outline.bend[end] > outline.bend[beyond]
+        joined[end]
+        and joined[beyond]
+        and FLAT_RADIUS_RATIO * outline.curvature[end] > outline.curvature[beyond]
         for end, beyond in ends
     )

@@ -1,9 +1,9 @@
 """Free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, and its derivatives.
 
-In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. Fixed steps of fourth
-order with the variational equations beside it: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays
-below 6e-6 rad over 0.5 s, a tenth of the best camera's noise. Plain floats, because arrays of four numbers
-would cost twenty times as much.
+In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. It is integrated in
+fixed steps of fourth order, together with its variational equations: at the fixed step of 8 ms and k = 100
+rad/s^2 the error stays below 6e-6 rad over 0.5 s, a tenth of the best camera's noise. Plain floats, because
+arrays of four numbers would cost twenty times as much.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _MAX_STEP_S = 0.009
-"""integration step [s], at most"""
+"""longest integration step [s]"""
 G = 9.81
-"""standard gravity [m/s^2]; it only scales small corrections, so that 1 % of it does not matter"""
+"""standard gravity [m/s^2]; it only scales small corrections, so that an error of 1 % does not matter"""
 _MAX_PSI = 50.0
 """angle from balance [rad] at which the integration of a trial stops"""
 
@@ -30,6 +30,7 @@ State = tuple[float, float, float, float, float, float, float, float]
 
 
 def _rate(y: State, k: float, c: float) -> State:
+    """Derivative of the state by time, with drag coefficient c."""
     psi, omega, a, da, b, db, e, de = y
     kc = k * math.cos(psi)
     drag = 2.0 * c * abs(omega)
@@ -46,6 +47,7 @@ def _rate(y: State, k: float, c: float) -> State:
 
 
 def _add(y: State, rate: State, h: float) -> State:
+    """State y + h rate."""
     return (
         y[0] + h * rate[0],
         y[1] + h * rate[1],
@@ -63,11 +65,12 @@ def trajectory(
 ) -> tuple[Array, Array, Array]:
     """Motion without drag and its derivatives by the parameters, by Nystroem's method.
 
-    For psi'' = f(psi) a step needs three slopes only.
+    For psi'' = f(psi) that method needs only three slopes per step. An edge of radius rho rolls: c comes
+    nearer to the contact on either side of the balance (docs/decisions/0025). With e = k rho / g
 
-    An edge of radius rho rolls: c comes nearer to the contact on either side of the balance, so that with e =
-    k rho / g psi'' = sin psi (k + e psi'^2) / i, i = 1 - 2 e (1 - cos psi); energy gives psi'^2 at every psi
-    (docs/decisions/0025).
+        psi'' = sin psi (k + e psi'^2) / i,    i = 1 - 2 e (1 - cos psi)
+
+    and conservation of energy gives psi'^2 at every psi.
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.14, table 14.2.
 
@@ -90,7 +93,7 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """psi'', and its derivatives by psi and by the energy."""
+        """Acceleration psi'', and its derivatives by psi and by the energy."""
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))
         strength = (k + e * (energy - 2.0 * k * c) * by_inertia) * by_inertia
@@ -184,7 +187,7 @@ def trajectory_with_drag(
 
 
 def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
-    """Kinetic energy at theta = 0, real or extrapolated, over the energy needed to reach phi.
+    """Energy ratio: kinetic energy at theta = 0, real or extrapolated, over the energy needed to reach phi.
 
     omega_rest^2 / (2 k (1 - cos phi)), with omega_rest from the energy integral omega^2 / 2 + k cos(theta -
     phi) = const.

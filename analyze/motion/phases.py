@@ -1,6 +1,6 @@
-"""Phases of a strike: rest, impact (to t1), stage one, stage two (from t2), landing (t3).
+"""Phases of a strike in theta(t): rest, impact (to t1), stage one, stage two (from t2), landing (t3).
 
-VISAPP 2013, 3.2.1, Fig. 6.
+The phases are those of VISAPP 2013, 3.2.1, Fig. 6.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ _MIN_MOVED_RAD = math.radians(0.15)
 _MAX_FRAME_GAP = 1.6
 """largest time between consecutive frames, in median frame intervals"""
 _MIN_STEP_S = 1 / 200
-"""least time [s] between two frames whose difference is taken as a speed in the search for a landing"""
+"""least time [s] between two frames whose difference gives a speed in the search for a landing"""
 
 
 @dataclass(frozen=True)
 class Course:
     """Events of a strike in theta(t), as indices into a TipAngle."""
 
-    moved: int | None
-    """first frame that is clearly off rest; None if nothing moved"""
-    released: int | None
-    """first frame in which only gravity acts (t1 and the guard); None if nothing moved"""
-    top: int | None
-    """frame of the largest angle; None if nothing moved"""
-    ended: int
-    """first frame after the free motion: landed, came back, or the end of the window"""
+    moved_frame: int | None
+    """first frame that is clearly off rest; None if the object did not move"""
+    released_frame: int | None
+    """first frame in which only gravity acts (t1 and the guard); None if the object did not move"""
+    top_frame: int | None
+    """frame of the largest angle; None if the object did not move"""
+    end_frame: int
+    """first frame after the free motion: of the landing, of the return to rest, or past the window"""
     came_back: bool
     """True if the object returned to rest before it landed"""
 
@@ -44,7 +44,7 @@ class Course:
 def find_course(
     angle: TipAngle, contact_time_ns: int, limits: WindowLimits, landing_angle_rad: float | None = None
 ) -> Course:
-    """Find impact, release, top and end of a strike in theta(t).
+    """Find first motion, release, top and end of a strike in theta(t).
 
     Args:
         angle: theta(t) of the whole window, resting frames first.
@@ -69,7 +69,8 @@ def find_course(
         else moved
     )
     released = min(_after(angle, struck, limits), n - 1)
-    # On its way up it may still be as low as that, where frames come fast: back is what had been above.
+    # At high frame rates it may still be below that limit on its way up: it comes back only after it was
+    # above.
     up = released + int(np.argmax(theta[released:] >= limits.above_rest))
     back = np.flatnonzero(theta[up:] < limits.above_rest)
     ended_back = up + int(back[0]) if len(back) else n
@@ -80,15 +81,15 @@ def find_course(
 
 
 def _after(angle: TipAngle, struck: int, limits: WindowLimits) -> int:
-    """First frame past the guard."""
+    """First frame past the guard that follows the frame `struck`."""
     until_ns = int(angle.time_ns[struck]) + round(1e9 * limits.guard_s)
     return max(struck + limits.guard_frames, int(np.searchsorted(angle.time_ns, until_ns, side="left")))
 
 
 def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) -> int:
-    """First frame after `released` at or beyond a landing angle [rad].
+    """First frame after `released` at or beyond a landing angle [rad]; the frame count if there is none.
 
-    A single frame before the last may be a wrong reading.
+    A single frame beyond it counts only if it is the last: otherwise it may be a wrong reading.
     """
     if landing_angle_rad is None:
         return len(angle.theta)
@@ -98,13 +99,11 @@ def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) ->
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """First frame after `released` in which the body was stopped.
+    """First frame after `released` in which the body is stopped; the frame count if there is none.
 
-    It loses a third of a fast turn within two frames.
-
-    A loss that was already under way does not count: on the way up gravity alone takes as much from a small
-    body. Above 240 frames a second only some frames are used: the turn between neighbours would be within
-    their errors.
+    A body is stopped if it loses a third of a high angular speed within two frames. A loss that had already
+    begun does not count: on the way up gravity alone slows a small body as much. Above 240 frames a second
+    only every few frames are used, because the turn between neighbours would be within their errors.
     """
     every = (
         max(1, round(_MIN_STEP_S / max(1e-9 * float(np.median(np.diff(angle.time_ns))), 1e-6)))
@@ -117,12 +116,12 @@ def _landing(angle: TipAngle, released: int) -> int:
     whole = gap < _MAX_FRAME_GAP * float(np.median(gap)) if len(gap) else gap > 0
     released = -(-released // every)
     for i in range(max(released + 2, 2), len(step)):
-        # On its way up, or falling back.
+        # Sense of rotation: +1 on the way up, -1 while falling back.
         way = math.copysign(1.0, float(np.median(step[max(released, i - 4) : i])))
         earlier, now = way * step[max(released, i - 4) : i], float(way * step[i])
         before = float(np.median(earlier))
         noise = 3.0 * float(sd[i]) / float(gap[i])
-        # Over frames that are missing nobody can say.
+        # Across missing frames a loss of speed cannot be dated.
         followed = bool(np.all(whole[max(released, i - 4) : i + 1]))
         if (
             followed
@@ -141,9 +140,7 @@ def _landing(angle: TipAngle, released: int) -> int:
 
 
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
-    """Frames [start, stop) in which only gravity acts.
-
-    From release to 25 deg past phi, or to the end of the free motion.
+    """Frames [start, stop) in which only gravity acts: from release to 25 deg past phi, or a landing.
 
     Args:
         angle: theta(t).
@@ -151,15 +148,15 @@ def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimit
         phi: balance angle [rad].
         limits: bounds of the window.
     """
-    if course.released is None:
+    if course.released_frame is None:
         return 0, 0
-    first = course.released
-    past = np.flatnonzero(angle.theta[first : course.ended] > phi + limits.past_phi)
+    first = course.released_frame
+    past = np.flatnonzero(angle.theta[first : course.end_frame] > phi + limits.past_phi)
     # The frame before landing or coming back may be exposed while the contact begins.
     last = (
         first + int(past[0])
         if len(past)
-        else (course.ended if course.ended == len(angle.theta) else course.ended - 1)
+        else (course.end_frame if course.end_frame == len(angle.theta) else course.end_frame - 1)
     )
     return first, max(first, last)
 
@@ -173,14 +170,14 @@ def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
         phi: balance angle [rad]; None if unknown.
     """
     n = len(angle.theta)
-    if course.moved is None or course.released is None:
+    if course.moved_frame is None or course.released_frame is None:
         return Phases((0, n), None, None, None, None)
-    released, ended = course.released, course.ended
+    released, ended = course.released_frame, course.end_frame
     passed = np.flatnonzero(angle.theta[released:ended] >= phi) if phi is not None else np.zeros(0, dtype=int)
     t2 = released + int(passed[0]) if len(passed) else None
     return Phases(
-        rest=(0, course.moved) if course.moved else None,
-        strike=(course.moved, released),
+        rest=(0, course.moved_frame) if course.moved_frame else None,
+        strike=(course.moved_frame, released),
         stage_one=(released, t2 if t2 is not None else ended),
         stage_two=(t2, ended) if t2 is not None and t2 < ended else None,
         landing=(ended, n) if ended < n else None,
@@ -188,16 +185,16 @@ def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
 
 
 def speed_jump(time: Array, residual: Array, sd: Array, omega_response: Array) -> tuple[int, float, float]:
-    """Most likely sudden change of speed within a window: (index, size [rad/s], gain in chi^2).
+    """Most likely jump in angular speed within a window: (index, size [rad/s], gain in chi^2).
+
+    A jump at frame i adds a ramp to theta. It is taken as linear in time, which holds for the few frames that
+    determine it.
 
     Args:
-        time: (n,) s.
-        residual: (n,) rad, of a fit without a jump.
-        sd: (n,) rad.
+        time: (n,) times of the frames [s].
+        residual: (n,) residuals of a fit without a jump [rad].
+        sd: (n,) standard deviations of theta [rad].
         omega_response: (n, p) derivatives of theta by the fitted parameters, which absorb part of a jump.
-
-    A jump at frame i adds the response to a change of speed, taken as linear in time, which holds for the few
-    frames that show it.
     """
     n = len(time)
     basis = omega_response / sd[:, None]

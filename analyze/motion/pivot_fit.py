@@ -1,11 +1,11 @@
-"""phi and k of one strike: the pendulum's solution fitted to theta(t) while only gravity acts.
+"""Balance angle phi and k of one strike: the pendulum fitted to theta(t) while only gravity acts.
 
-Levenberg-Marquardt with exact derivatives and Huber's loss (analyze/least_squares), because a wrong frame is
-no Gaussian error. The covariance is that of the linearised fit, scaled by the residuals' own variance and by
-their correlation from frame to frame, so that it stays honest where the camera's noise was guessed wrong or
-the contact is not quite a hinge. Where it makes phi uncertain by more than 0.3 deg it is replaced by the
-profile likelihood's interval. The uncertain zero of theta moves phi by as much as itself, and is added at the
-end.
+Levenberg-Marquardt with exact derivatives and Huber's loss (analyze/least_squares), because the
+error of a misread frame is not Gaussian. The covariance is that of the linearised fit, scaled by the
+residuals' own variance and by their correlation from frame to frame, so that it stays correct where the
+camera's noise is misjudged or the contact is not quite a hinge. If phi is then uncertain by more than 0.3
+deg, the interval of the profile likelihood replaces it. An error of theta's zero moves phi by the same
+amount; its variance is added at the end.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from analyze.least_squares.levenberg_marquardt import (
     unit_covariance,
 )
 from analyze.motion.pendulum import first_guess, trajectory, trajectory_with_drag
-from analyze.motion.profile import Tip, profile_sd
+from analyze.motion.profile import FittedTip, profile_sd
 from analyze.types import MotionFit
 
 if TYPE_CHECKING:
@@ -33,29 +33,31 @@ if TYPE_CHECKING:
     from analyze.types import Array, TipAngle
 
 MIN_FRAMES = 8
+"""least number of frames of a fit"""
 _MAX_LINEAR_PHI_SD = math.radians(0.3)
 """phi sd [rad] above which a linearised covariance is replaced by the profile likelihood"""
 _SCALE = np.array([0.1, 20.0, 0.02, 0.2, 0.1])
 """typical changes of phi, k, theta0, omega0, drag [rad, rad/s^2, rad, rad/s, 1], for conditioning"""
 _FALLBACK_K = 60.0
-"""first guess of k [rad/s^2] if the linear guess is no tip"""
+"""first guess of k [rad/s^2] if the linear guess is not a tip"""
 
 
 @dataclass(frozen=True)
 class Sample:
-    """The part of theta(t) that is fitted."""
+    """Part of theta(t) that is fitted, with a first guess of the parameters."""
 
     time0_ns: int
+    """log_time [ns] of the first frame"""
     time: Array
-    """(n,) s since time0_ns"""
+    """(n,) time since `time0_ns` [s]"""
     theta: Array
     """(n,) tipping angle [rad]"""
     sd: Array
     """(n,) random standard deviation of theta [rad]"""
     guess: Array
-    """(5,) first guess of phi, k, theta0, omega0, drag"""
+    """(5,) first guess of phi, k, theta0, omega0, drag [rad, rad/s^2, rad, rad/s, 1]"""
     radius: float = 0.0
-    """radius rho of the edge's rounding [m] if the model rolls on it"""
+    """radius rho of the edge's rounding [m]; 0 if the model does not roll on it"""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,7 @@ def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
 
 
 def _numbers(x: Array) -> tuple[float, float, float, float]:
+    """First four parameters phi, k, theta0, omega0 as floats."""
     return float(x[0]), float(x[1]), float(x[2]), float(x[3])
 
 
@@ -150,18 +153,18 @@ def fit_model(sample: Sample, model: Model, start: Array, profiled: bool = True)
         sample: measured theta(t).
         model: theta (n,) and its derivatives (n, p) at parameters (p,).
         start: (p,) first parameters.
-        profiled: True if the model is the pendulum itself, so that a vague phi may take the profile
-            likelihood's interval.
+        profiled: True if the model is the pendulum itself, so that the profile likelihood may replace the
+            linearised interval of an uncertain phi.
 
     Raises:
-        EstimationError: the best fit is no tip.
+        EstimationError: the best fit is not a tip over an edge.
     """
     scale = _SCALE[: len(start)]
     minimum = minimise(Observations(sample.theta, sample.sd), model, start, scale)
     phi, k = float(minimum.parameters[0]), float(minimum.parameters[1])
     if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
         raise EstimationError(
-            f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2):"
+            f"the motion is not a tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2):"
             " look at the images"
         )
     covariance = _covariance(minimum, sample, scale, profiled)
@@ -204,5 +207,5 @@ def _covariance(minimum: Minimum, sample: Sample, scale: Array, profiled: bool) 
     if linear_sd <= _MAX_LINEAR_PHI_SD or not profiled:
         return inverse * variance
     weight = np.sqrt(minimum.weight) / sample.sd
-    tip = Tip(sample.time, sample.theta, weight, minimum.parameters, inverse, sample.radius)
+    tip = FittedTip(sample.time, sample.theta, weight, minimum.parameters, inverse, sample.radius)
     return inverse * variance * max(1.0, profile_sd(tip, variance) / linear_sd) ** 2

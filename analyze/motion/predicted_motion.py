@@ -1,10 +1,10 @@
-"""Predicted theta(t) of a strike, from other strikes and its own first free frames, against the measured.
+"""Comparison of measured theta(t) with a prediction from other strikes and the first free frames.
 
-The pendulum starts from the first frames and runs with the predicted phi and k. Any other motion of the edge
-(sliding, or rolling on a curve that is no circle) is taken from the strike's own fit: the difference of that
-fit from the pendulum with the same numbers. Upright is unstable: an error of the start grows with e^(sqrt(k)
-t), and so does the prediction's standard deviation. Once it is so large that errors no longer add up
-linearly, the prediction ends.
+The pendulum starts from the first free frames and moves with the predicted phi and k. Any other motion of the
+edge (sliding, or rolling on a curve that is not a circle) is taken from the strike's own fit: the difference
+of that fit from the pendulum with the same numbers. Upright is unstable: an error of the start grows with
+e^(sqrt(k) t), and so does the prediction's standard deviation. Once it is so large that errors no longer add
+up linearly, the prediction ends.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from analyze.types import Array, MotionFit, TipAngle
 
 START_DURATION_S = 0.1
-"""duration of the free motion from which the start is taken [s]"""
+"""duration of the first part of the free motion, from which the start is estimated [s]"""
 MIN_START_FRAMES = 6
-"""least number of its frames"""
+"""least number of frames in that part"""
 MAX_START_SHARE = 0.4
 """largest share of the frames used for the start"""
 MIN_PREDICTED_FRAMES = 4
@@ -35,6 +35,7 @@ MAX_PREDICTION_SD = math.radians(3.0)
 _MAX_STEPS, _STEP_TOLERANCE = 12, 1e-9
 """Gauss-Newton steps for the start, and the step [rad, rad/s] that ends them"""
 _PARAMETERS = 4
+"""number of parameters of a strike's own fit: phi, k, theta0, omega0"""
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,11 @@ class PredictedValues:
     phi: float
     """balance angle [rad]"""
     k: float
-    """k [rad/s^2]"""
+    """m g R / I_edge [rad/s^2], as in MotionFit"""
     covariance: Array
-    """(2, 2) covariance of (phi, ln k) by the strikes that predict them"""
+    """(2, 2) covariance of (phi, ln k) caused by the errors of the other strikes"""
     own: Array
-    """(2, 2) scatter of the strike's own phi and ln k, with its frames' noise"""
+    """(2, 2) covariance of the strike's own (phi, ln k), its frames' noise included"""
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,11 @@ class PredictedMotion:
     sd: Array
     """(n,) standard deviation of `offset` [rad] by phi and k, the start, and the frame's noise"""
     start: int
-    """number of frames that gave the start"""
+    """number of frames from which the start was estimated"""
     seconds: float
-    """duration of the whole free motion [s]; longer than `time` if the prediction ended before"""
-    squared: float
-    """chi^2 with 2 degrees of freedom of the shift of phi and k that the later frames show"""
+    """duration of the whole free motion [s]; longer than `time` if the prediction ended earlier"""
+    chi2: float
+    """chi^2, with 2 degrees of freedom, of the shift of (phi, ln k) that the predicted frames imply"""
 
     @property
     def worst(self) -> int:
@@ -86,12 +87,12 @@ class PredictedMotion:
 def predicted_motion(
     strike_id: str, angle: TipAngle, fit: MotionFit, predicted: PredictedValues
 ) -> PredictedMotion:
-    """Run the pendulum from the first free frames with the predicted phi and k, and compare it with theta(t).
+    """Difference between measured theta(t) and a pendulum with predicted phi and k.
 
     Args:
         strike_id: id of the strike.
         angle: measured theta(t).
-        fit: the strike's own fit, whose window holds its free frames.
+        fit: the strike's own fit; its window holds the free frames.
         predicted: phi and k from other strikes.
     """
     inside, first = slice(*fit.window), int(angle.time_ns[fit.window[0]])
@@ -133,20 +134,27 @@ def predicted_motion(
     vague = np.flatnonzero(sd[start + MIN_PREDICTED_FRAMES :] > MAX_PREDICTION_SD)
     end = start + MIN_PREDICTED_FRAMES + int(vague[0]) if len(vague) else count
     late = slice(start, end)
-    squared = _chi2_of_shift(offset[late], by_body[late], frames_covariance[late, late], body)
+    chi2 = _chi2_of_shift(offset[late], by_body[late], frames_covariance[late, late], body)
     return PredictedMotion(
-        strike_id, predicted.k, time[:end], offset[:end], sd[:end], start, float(time[-1]), squared
+        strike_id, predicted.k, time[:end], offset[:end], sd[:end], start, float(time[-1]), chi2
     )
 
 
 def _estimator_rows(by: Array, noise: Array) -> Array:
-    """Estimator (p, n) of generalised least squares, for derivatives (n, p) and noise (n, n)."""
+    """Generalised least-squares estimator (p, n) for derivatives `by` (n, p) and noise (n, n)."""
     weighted = np.linalg.solve(noise, by)
     return np.asarray(np.linalg.solve(by.T @ weighted, weighted.T), dtype=np.float64)
 
 
 def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float:
-    """chi^2 of the shift of (phi, ln k) by offsets (n,), against its prior `body` (2, 2) and their noise."""
+    """chi^2 of the shift of (phi, ln k) that offsets of theta imply.
+
+    Args:
+        offset: (n,) measured minus predicted theta [rad].
+        by: (n, 2) derivatives of theta by (phi, ln k).
+        noise: (n, n) covariance of the offsets [rad^2].
+        body: (2, 2) prior covariance of the shift.
+    """
     weighted = np.linalg.solve(noise, by)
     information = by.T @ weighted
     # (I^-1 + body)^-1 without the inverse of an I that may be singular.
@@ -155,7 +163,7 @@ def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float
 
 
 def _noise(residual: Array, sd: Array) -> Array:
-    """Noise (n, n) of the frames [rad^2], as large and as correlated as the own fit's residuals."""
+    """Covariance (n, n) of the frames' noise [rad^2], by size and correlation of the residuals (n,)."""
     n = len(residual)
     z = residual / sd
     squares = max(float(np.sum(z * z)), 1e-30)
@@ -165,6 +173,6 @@ def _noise(residual: Array, sd: Array) -> Array:
 
 
 def _excess_scatter(own: Array, by_frames: Array) -> Array:
-    """Part of the strike's own scatter (2, 2) that is not its frames' noise."""
+    """Part of the strike's own covariance (2, 2) that its frames' noise does not explain."""
     values, vectors = np.linalg.eigh(own - by_frames)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)

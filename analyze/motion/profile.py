@@ -2,11 +2,11 @@
 
 Where a strike rocked back far below the top, or flew over it, theta(t) bends little and phi and k nearly
 replace each other: the sum of squares is a curved valley, and its curvature at the bottom does not give its
-length. So phi is held at values away from the best one, everything else is fitted again, and the value is
-sought at which the sum has grown by 1.96^2 variances (Venzon and Moolgavkar 1988).
+length. So phi is held at values away from the best one, all other parameters are fitted again, and the value
+is sought at which the sum has grown by 1.96^2 variances (Venzon and Moolgavkar 1988).
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 
 from __future__ import annotations
@@ -25,15 +25,18 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _SEARCH_STEPS = 4
+"""largest number of steps in the search for an end of the interval"""
 _GROWTH_TOLERANCE = 0.1
 """relative error of the sum's growth: the interval's end is then accurate to 5 %"""
 _PHI_RANGE = (math.radians(0.5), math.radians(130.0))
+"""range of phi [rad] within which the interval ends"""
 _K_RANGE = (0.5, 5000.0)
+"""range of k [rad/s^2] of a trial"""
 
 
 @dataclass(frozen=True)
-class Tip:
-    """Fitted tip."""
+class FittedTip:
+    """Measured theta(t) of a tip, with the best parameters of the pendulum and their covariance."""
 
     time: Array
     """(n,) time [s]"""
@@ -49,12 +52,10 @@ class Tip:
     """radius of the edge's rounding [m]"""
 
 
-def profile_sd(tip: Tip, variance: float) -> float:
-    """Standard deviation of phi [rad] equivalent to its 95 % interval.
+def profile_sd(tip: FittedTip, variance: float) -> float:
+    """Standard deviation of phi [rad]: rms length of the two sides of its 95 % interval, over 1.96.
 
-    Root mean square of its sides over 1.96.
-
-    A side that is open counts up to 0.5 or 130 deg.
+    A side on which the sum of squares never grows enough ends at 0.5 or 130 deg.
 
     Args:
         tip: the fit.
@@ -64,7 +65,7 @@ def profile_sd(tip: Tip, variance: float) -> float:
     return math.hypot(*(_side(tip, variance, lowest, sign) for sign in (-1.0, 1.0))) / math.sqrt(2.0)
 
 
-def _side(tip: Tip, variance: float, lowest: float, sign: float) -> float:
+def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
     """Length of one side of the interval over 1.96 [rad]; `sign` is -1 or 1."""
     phi = float(tip.parameters[0])
     room = (_PHI_RANGE[1] - phi) if sign > 0 else (phi - _PHI_RANGE[0])
@@ -79,8 +80,8 @@ def _side(tip: Tip, variance: float, lowest: float, sign: float) -> float:
     return away / SIGMAS_95
 
 
-def _sum_of_squares(tip: Tip, phi: float) -> float:
-    """Smallest weighted sum of squares with phi [rad] held."""
+def _sum_of_squares(tip: FittedTip, phi: float) -> float:
+    """Least weighted sum of squares for a given phi [rad], over all other parameters."""
     best = tip.parameters
     shift = tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
     start = best[1:] + shift

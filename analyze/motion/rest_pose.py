@@ -1,9 +1,6 @@
-"""Pose of a marker while the object is at rest.
+"""Pose of a marker at rest, from all still frames together, with the planned orientation as prior."""
 
-All still frames together, with the plan's orientation as the prior for tilt.
-"""
-
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -69,8 +66,8 @@ def rest_pose(
     points = marker_corners(marker.size)
 
     def linearise(pose: tuple[Array, Array]) -> Linearised:
-        # The turn is R exp(w): derivatives in the marker's own axes, so that the prior separates tilt from
-        # direction.
+        # The rotation is R exp(w): derivatives about the marker's own axes, so that the prior separates tilt
+        # from direction.
         R, p = pose
         in_camera = points @ R.T + p
         by_translation = project_jacobian(camera, in_camera)
@@ -86,7 +83,7 @@ def rest_pose(
 
 
 def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:
-    """Pose after a step (6,) of turn [rad] and place [m], the turn limited to 0.3 rad per axis."""
+    """Pose after a step (6,) of rotation [rad] and position [m], the rotation limited to 0.3 rad per axis."""
     R, p = pose
     return R @ Rotation.from_rotvec(np.clip(step[:3], -0.3, 0.3)).as_matrix(), p + step[3:]
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from analyze.motion.support_function import circle
+from analyze.motion.support_function import circular_support
 
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
@@ -16,18 +16,21 @@ if TYPE_CHECKING:
 MIN_ROLLING_RADIUS_M = 2.5e-3
 """least rounding [m] of an edge that is treated as rolling instead of as a pivot"""
 _MIN_CURVE_RADIUS_M = 5e-4
-"""least radius [m] of a curve of the shape itself; smaller ones are corners, with the plan's rounding"""
+"""least radius [m] of a curve of the shape itself; a smaller one is a corner with the plan's rounding"""
 _MIN_CURVE_RAD = math.radians(15.0)
-"""least range of angles [rad] of a curve: where a scan's faces meet, its noise makes a curve of a few degrees
-"""
+"""least range of angles [rad] of a curve; where the faces of a scan meet, noise makes a curve of a few
+degrees"""
 _MAX_BEVEL_M = 5e-4
-"""longest flat face [m] within the curve; over a longer one, a bevel, the body hops"""
+"""longest flat face [m] within a curve; a longer one is a bevel, over which the body hops"""
 _FIRST_ANGLE, _PAST_PHI = math.radians(1.0), math.radians(25.0)
-"""range of the section that counts: from after rest to past the predicted balance [rad]"""
+"""range of angles [rad] over which the section is examined: from rest on, and to past the predicted
+balance"""
 
 
-def rolls_on(section: SupportFunction | None, planned: PlannedStrike) -> tuple[SupportFunction | None, str]:
-    """Curve that the contact rolls on, and the reason as text; None for an edge that is as good as a hinge.
+def rolling_curve(
+    section: SupportFunction | None, planned: PlannedStrike
+) -> tuple[SupportFunction | None, str]:
+    """Curve on which the contact rolls, with the reason; (None, "") for an edge that acts as a hinge.
 
     Args:
         section: the object's cross-section at the pivot axis; None if unknown.
@@ -36,21 +39,21 @@ def rolls_on(section: SupportFunction | None, planned: PlannedStrike) -> tuple[S
     radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
     if section is not None and is_curved(section, planned):
         least, most = section.range_of_radius(_FIRST_ANGLE, last)
-        return section, f"it rolls on a curve whose radius is {1e3 * least:.0f} to {1e3 * most:.0f} mm there"
+        return section, f"the object rolls on a curve of {1e3 * least:.0f} to {1e3 * most:.0f} mm radius"
     if radius >= MIN_ROLLING_RADIUS_M:
-        return circle(radius), f"the edge rolls on its rounding of {1e3 * radius:.1f} mm"
+        return circular_support(radius), f"the edge rolls on its rounding of {1e3 * radius:.1f} mm"
     if planned.rolls and radius > 0.0:
-        return circle(radius), f"the rim rolls on its rounding of {1e3 * radius:.1f} mm"
+        return circular_support(radius), f"the rim rolls on its rounding of {1e3 * radius:.1f} mm"
     return None, ""
 
 
 def is_curved(section: SupportFunction, planned: PlannedStrike) -> bool:
-    """True if the section is a curve where it touches, not a corner or a bevel."""
+    """True if the section is a curve where it touches the table, not a corner or a bevel."""
     return is_curved_to(section, planned.phi_predicted_rad)
 
 
 def is_curved_to(section: SupportFunction, phi: float) -> bool:
-    """True if the section is a curve where it touches up to past a balance at `phi` [rad]."""
+    """True if the section is a curve where it touches, from rest to past a balance at `phi` [rad]."""
     last = phi + _PAST_PHI
     return (
         section.curved_over(_FIRST_ANGLE, last, _MIN_CURVE_RADIUS_M) > _MIN_CURVE_RAD
@@ -58,16 +61,14 @@ def is_curved_to(section: SupportFunction, phi: float) -> bool:
     )
 
 
-def against_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
-    """Motion with slip and lift relative to rolling on the curve.
-
-    The tracker's are relative to the plan's rounding.
+def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
+    """Motion with slip and lift relative to rolling on a curve, instead of on the plan's rounding.
 
     Args:
         motion: motion as tracked.
         curve: support function of the section.
         planned: the strike, with the rounding of its edge.
     """
-    along, over = curve.rolled(motion.angle.theta)
+    along, over = curve.rolling_displacement(motion.angle.theta)
     slip = motion.angle.slip + planned.pivot.radius_m * motion.angle.theta - along
     return replace(motion, angle=replace(motion.angle, slip=slip), lift=motion.lift - over)

@@ -1,13 +1,11 @@
-"""phi and k of one strike whose contact rolls on a cross-section of known shape (method 3.
+"""Balance angle phi and k of a strike whose contact rolls on a cross-section of known shape (method 3).
 
-Equations in rolling_motion.py).
-
-phi is the angle at which c stands over the contact. The section's centre of curvature where it touches at phi
-takes the place of a hinge's centre line p: near phi the section rolls like the circle about that point. With
-R the distance of c from there and rho that circle's radius, k = g R / (I_c / m + (R + rho)^2) as for a hinge,
-and the plane through that point at phi holds c (docs/decisions/0017). On a circle the motion determines phi
-and k alone. On any other curve it depends on R too, which is a fifth unknown with a wide prior: c is expected
-near the section's middle.
+The equations are those of rolling_motion.py. phi is the angle at which c stands over the contact. The centre
+of curvature of the section, at the point that touches at phi, replaces a hinge's centre line p: near phi the
+section rolls like the circle about that point. With R the distance of c from there and rho that circle's
+radius, k = g R / (I_c / m + (R + rho)^2) as for a hinge, and the plane through that point at phi holds c
+(docs/decisions/0017). On a circle the motion determines phi and k alone. On any other curve it depends on R
+too, which is a fifth unknown with a wide prior: c is expected near the section's middle.
 """
 
 from __future__ import annotations
@@ -27,8 +25,8 @@ from analyze.least_squares.levenberg_marquardt import (
 )
 from analyze.motion.pendulum import trajectory
 from analyze.motion.pivot_fit import FittedModel, Sample, cut_sample, fit_model, motion_fit
-from analyze.motion.rolling_guess import Expected, first_guess
-from analyze.motion.rolling_motion import G, balance_angle, energy_ratio, rolled, stance
+from analyze.motion.rolling_guess import ComPrior, first_rolling_guess
+from analyze.motion.rolling_motion import G, balance_angle, balance_parameters, energy_ratio, rolling_theta
 from analyze.types import RollingContact
 
 if TYPE_CHECKING:
@@ -46,6 +44,7 @@ _VAGUE_SD_RATIO = 1.0
 _SCALE = np.array([20.0, 1.0, 1.0, 0.01, 0.1])
 """typical changes of the parameters 1 / J, a / J, b / J, theta0, omega0 [1/m^2, 1/m, 1/m, rad, rad/s]"""
 _STEPS = 1e-5 * _SCALE
+"""differentiation steps of the parameters"""
 _MAX_LINEAR_PHI_SD = math.radians(0.3)
 """phi sd [rad] above which a linearised covariance is not trusted"""
 
@@ -69,19 +68,23 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 
     def model(x: Array) -> tuple[Array, Array]:
         sets = x + steps
-        theta = np.concatenate([rolled(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
+        theta = np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
 
     solution = minimise(
-        seen, model, first_guess(sample.time, sample.theta, sample.sd, section, expected), _SCALE, positive=0
+        seen,
+        model,
+        first_rolling_guess(sample.time, sample.theta, sample.sd, section, expected),
+        _SCALE,
+        positive_index=0,
     )
     x = solution.parameters
     balance = balance_angle(section, x[:3])
-    phi, k, _ = stance(
+    phi, k, _ = balance_parameters(
         section, x[:3] + steps[:, :3], np.full(len(steps), balance if balance is not None else 0.0)
     )
     if balance is None or np.isnan(phi + k).any() or not 0.5 < k[0] < 5000.0:
-        raise EstimationError("the motion is no tip over a curved section: look at the images")
+        raise EstimationError("the motion is not a tip over a curved section: look at the images")
     by = np.stack([(values[1:6] - values[6:]) / (2 * _STEPS) for values in (phi, k)])
     of_fitted = unit_covariance(solution, seen.sd, _SCALE) * residual_variance(solution, seen.sd)
     covariance = by @ of_fitted @ by.T
@@ -95,7 +98,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     )
     energy = energy_ratio(section, x[:3], fit.phi, fit.theta0, fit.omega0)
     along, over, radius = section.centre(fit.phi)
-    of_shape = section.of_shape(fit.phi)
+    of_shape = section.touches_curve(fit.phi)
     return replace(
         fit,
         rolling=RollingContact(
@@ -104,21 +107,21 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     )
 
 
-def _expected(sample: Sample, section: SupportFunction) -> Expected:
-    """Prior of c: near the section's middle, or anywhere."""
+def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
+    """Prior of c: near the middle of a known section, otherwise wide."""
     if math.isfinite(section.middle_sd):
         ahead, above = section.middle
-        return Expected(
+        return ComPrior(
             ahead, above, section.middle_sd, ahead**2 + above**2 + _GYRATION_RATIO * section.middle_sd**2
         )
     phi, solid = float(sample.guess[0]), G / (_SOLID_RATIO * float(sample.guess[1]))
-    return Expected(
+    return ComPrior(
         -solid * math.sin(phi), solid * math.cos(phi), _VAGUE_SD_RATIO * solid, _SOLID_RATIO * solid**2
     )
 
 
 def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
-    """Width of phi's interval over the linearised one, for a hinge's motion with the same phi and k."""
+    """Ratio of profiled to linearised interval of phi, for a hinge with the same phi and k; at least 1."""
     if math.sqrt(float(fitted.covariance[0, 0])) <= _MAX_LINEAR_PHI_SD:
         return 1.0
     x = fitted.parameters[:4]

@@ -1,6 +1,6 @@
-"""First guess for a rolling contact.
+"""First guess for a rolling contact, by linear least squares on the twice integrated equation of motion.
 
-Linear least squares on the twice integrated equation, as pendulum.first_guess for a hinge.
+For a hinge `pendulum.first_guess` does the same.
 
     theta + x . G(theta) + x . II f (g - rho theta'^2) = theta0 + c t
 
@@ -28,21 +28,21 @@ _GRID_ANGLES = 200
 _INERTIA_SD_SHARE = 0.5
 """standard deviation of 1 / J over its expected value"""
 _DRIFT_RAD, _NOISE_FACTOR = 2e-3, 5.0
-"""error of the integrals of noisy angles: a constant [rad] and a multiple of the noise"""
+"""error of the integrals over noisy angles: a constant [rad], and a multiple of the noise"""
 
 
 @dataclass(frozen=True)
-class Expected:
-    """Prior of c relative to the pivot point at rest."""
+class ComPrior:
+    """Prior of the centre of mass c in the plane of the section, relative to the pivot point at rest."""
 
     ahead: float
-    """offset towards where the body tips [m]"""
+    """expected horizontal offset in the direction of tipping [m]"""
     above: float
-    """offset upwards [m]"""
+    """expected offset upwards [m]"""
     sd: float
     """standard deviation of either offset [m]"""
     J: float
-    """I_c / m + distance^2 [m^2], uncertain by its half"""
+    """expected I_c / m + distance^2 [m^2], with a standard deviation of half of it"""
 
     def rows(self) -> Array:
         """Coefficients (3, 3) of the prior on (1 / J, a / J, b / J), each row in its standard deviation."""
@@ -60,8 +60,10 @@ class Expected:
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 
 
-def first_guess(time: Array, theta: Array, sd: Array, section: SupportFunction, expected: Expected) -> Array:
-    """First guess (5,) of 1 / J, a / J, b / J, theta0, omega0.
+def first_rolling_guess(
+    time: Array, theta: Array, sd: Array, section: SupportFunction, expected: ComPrior
+) -> Array:
+    """First guess (5,) of 1 / J, a / J, b / J, theta0, omega0 [1/m^2, 1/m, 1/m, rad, rad/s].
 
     Args:
         time: (n,) time [s].

@@ -1,17 +1,18 @@
-"""Motion of a body that rolls on a curved section, in parameters in which it is linear, and its phi, k and R.
+"""Motion of a body that rolls on a curved section, in parameters x that enter linearly, and phi, k and R.
 
 With c at (-b, a) from the pivot point p at rest, J = I_c / m + a^2 + b^2, s the height of c over the table,
 s' the horizontal distance from c to the contact, rho the section's radius there and M = I_c / m + s^2 + s'^2,
 rolling without sliding means (method 3)
 
-    M theta'' = -s' (g + rho theta'^2),    M / J = 1 + m(theta) . x,    s' / J = f(theta) . x,    x = (1, a,
-    b) / J
+    M theta'' = -s' (g + rho theta'^2)
+    M / J = 1 + m(theta) . x,    s' / J = f(theta) . x,    x = (1, a, b) / J
 
-m and f depend on the section alone. Where the contact slides by u and lifts by z besides, the balance of
-moments about the line of contact (free of friction) is, in the weak form in which only their velocities
-enter,
+m and f depend on the section alone. Where the contact also slides by u and lifts by z, the
+balance of moments about the line of contact (free of friction) is, in the weak form in which only their
+velocities enter,
 
-    Omega = M theta' + s u' + s' z',    Omega' = -s' (g - rho theta'^2) + (s' u' + s'' z') theta'
+    Omega = M theta' + s u' + s' z'
+    Omega' = -s' (g - rho theta'^2) + (s' u' + s'' z') theta'
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.motion.runge_kutta import advanced
+from analyze.motion.runge_kutta import runge_kutta_state
 
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
@@ -32,19 +33,19 @@ G = 9.81
 _MAX_STEP_S = 0.01
 """longest integration step [s]"""
 _MIN_INERTIA = 1e-2
-"""least M / J: trial steps of a fit may leave the physical range"""
+"""lower bound of M / J: trial steps of a fit may leave the physical range"""
 _MAX_SPEED = 60.0
-"""largest speed [rad/s], for the same reason"""
+"""upper bound of the angular speed [rad/s], for the same reason"""
 _BALANCE_RANGE, _BALANCE_ANGLES = (0.0, 2.0), 400
-"""angles [rad] between which a balance is sought, and their number"""
+"""range of angles [rad] in which a balance is sought, and the number of angles tried"""
 _NEWTON_STEPS = 6
 """number of Newton steps for the balance angle"""
 _MIN_DISTANCE = 1e-3
-"""least distance of c from the centre of curvature [m]"""
+"""lower bound of the distance R of c from the centre of curvature [m]"""
 
 
 def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
-    """The section's m (..., 3), f (..., 3) and rho (...) at theta (...)."""
+    """Coefficients m (..., 3) and f (..., 3), and radius rho (...) [m], of a section at theta (...) [rad]."""
     h, ahead, radius = section.evaluate(theta)
     cos, sin = np.cos(theta), np.sin(theta)
     m = np.stack(
@@ -53,10 +54,10 @@ def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array
     return m, np.stack([ahead, -sin, cos], axis=-1), radius
 
 
-def rolled(
+def rolling_theta(
     time: Array, x: Array, section: SupportFunction, slide: tuple[Array, Array] | None = None
 ) -> Array:
-    """Theta (n, c) of c motions that roll on a section, by the Runge-Kutta method.
+    """Tipping angles theta (n, c) [rad] of c bodies that roll on a section, by the Runge-Kutta method.
 
     Args:
         time: (n,) time [s].
@@ -94,30 +95,31 @@ def rolled(
     for i in range(1, len(time)):
         gap = float(time[i] - time[i - 1])
         u, z = (None, None) if slide is None else ((path[i] - path[i - 1]) / gap for path in slide)
-        state = advanced(partial(rate, u=u, z=z), state, gap, _MAX_STEP_S)
+        state = runge_kutta_state(partial(rate, u=u, z=z), state, gap, _MAX_STEP_S)
         found[i] = state[0]
     return found
 
 
 def _limited_speed(speed: Array) -> Array:
+    """Speed limited to `_MAX_SPEED` either way, [rad/s]."""
     return np.minimum(np.maximum(speed, -_MAX_SPEED), _MAX_SPEED)
 
 
 def balance_angle(section: SupportFunction, body: Array) -> float | None:
-    """Angle [rad] at which c of a body (3,) first stands over the contact and tips on.
-
-    None if it never does.
-    """
+    """Balance angle [rad] of a body x (3,): c first stands over the contact; None if it never does."""
     theta = np.linspace(*_BALANCE_RANGE, _BALANCE_ANGLES)
     ahead = columns(section, theta)[1] @ body
     passed = np.flatnonzero((ahead[:-1] > 0.0) & (ahead[1:] <= 0.0))
     return float(theta[passed[0]]) if len(passed) else None
 
 
-def stance(section: SupportFunction, body: Array, phi: Array) -> tuple[Array, Array, Array]:
-    """Balance phi [rad], k [rad/s^2] and R [m], (c,) each, of bodies (c, 3) near `phi` (c,); NaN if none.
+def balance_parameters(section: SupportFunction, body: Array, phi: Array) -> tuple[Array, Array, Array]:
+    """Balance angle phi [rad], k [rad/s^2] and R [m], (c,) each, of c bodies; NaN where a body has none.
 
-    NaN if c does not tip there.
+    Args:
+        section: support function of the section.
+        body: (c, 3) 1 / J, a / J, b / J of each body.
+        phi: (c,) approximate balance angles [rad].
     """
     J = 1.0 / body[:, 0]
     a, b = J * body[:, 1], J * body[:, 2]
@@ -136,9 +138,14 @@ def stance(section: SupportFunction, body: Array, phi: Array) -> tuple[Array, Ar
 
 
 def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float, omega: float) -> float:
-    """Energy at theta, omega over the energy at balance phi, both relative to rest at theta = 0.
+    """Energy ratio: energy at (theta, omega) over that at balance phi, both relative to rest at theta = 0.
 
-    Body (3,).
+    Args:
+        section: support function of the section.
+        body: (3,) 1 / J, a / J, b / J.
+        phi: balance angle [rad].
+        theta: tipping angle [rad].
+        omega: angular speed there [rad/s].
     """
     at = np.array([0.0, phi, theta])
     h, _, _ = section.evaluate(at)

@@ -1,4 +1,4 @@
-"""Classical Runge-Kutta step for an angle and its momentum, for many cases at once."""
+"""Classical fourth-order Runge-Kutta integration of an angle and its momentum, for many cases at once."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 
-def advanced(rate: Callable[[Array], Array], state: Array, gap: float, most: float) -> Array:
-    """State (2, c) after `gap` [s], angle [rad] above momentum, in equal steps of at most `most` [s].
+def runge_kutta_state(
+    rate: Callable[[Array], Array], state: Array, duration: float, max_step: float
+) -> Array:
+    """State (2, c) of c cases after `duration` [s]; row 0 is the angle [rad], row 1 its momentum.
 
     Args:
         rate: derivative (2, c) of the state by time.
-        state: present state (2, c); the momentum is in the unit of `rate`.
-        gap: duration [s].
-        most: longest step [s].
+        state: (2, c) present state; the momentum is in the unit of `rate`.
+        duration: time to integrate over [s], in equal steps.
+        max_step: longest step [s].
     """
-    steps = max(1, math.ceil(gap / most))
-    h = gap / steps
+    steps = max(1, math.ceil(duration / max_step))
+    h = duration / steps
     for _ in range(steps):
         first = rate(state)
         second = rate(state + h / 2 * first)

@@ -1,7 +1,4 @@
-"""Single images before a strike.
-
-The markers in view, whether they are still, and the object's placement against the plan.
-"""
+"""Checks on single images before a strike: markers in view, rest, and placement against the plan."""
 
 from __future__ import annotations
 
@@ -47,8 +44,8 @@ class Scene:
     """log_time of the image [ns]"""
     corners: dict[int | str, Array]
     """refined corners (4, 2) [raw px] by marker id"""
-    twice: tuple[int | str, ...]
-    """ids found more than once in the image"""
+    duplicate_ids: tuple[int | str, ...]
+    """marker ids found more than once in the image"""
     saturated_fraction: float
     """share of saturated pixels"""
     coarse: NDArray[np.float32]
@@ -58,12 +55,12 @@ class Scene:
 def read_scene(
     frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)
 ) -> Scene:
-    """Find all markers of `families` in one image."""
+    """Find the markers of `families` in one image, with corners refined to sub-pixel accuracy."""
     corners: dict[int | str, Array] = {}
-    twice: list[int | str] = []
+    duplicate_ids: list[int | str] = []
     for sighting in detect(frame.image, families):
         if sighting.marker_id in corners:
-            twice.append(sighting.marker_id)
+            duplicate_ids.append(sighting.marker_id)
             continue
         square = fit_square(
             frame.image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px
@@ -73,7 +70,9 @@ def read_scene(
         )
     sparse = frame.image[::2, ::2]
     saturated = float(np.count_nonzero(sparse >= _SATURATED)) / sparse.size
-    return Scene(frame.time_ns, corners, tuple(twice), saturated, frame.image[::8, ::8].astype(np.float32))
+    return Scene(
+        frame.time_ns, corners, tuple(duplicate_ids), saturated, frame.image[::8, ::8].astype(np.float32)
+    )
 
 
 def at_rest(scenes: Sequence[Scene]) -> bool:
@@ -111,10 +110,17 @@ class PlacementCheck:
 def check_placement(
     scene: Scene, markers: Mapping[int | str, Marker], camera: CameraModel, planned: PlannedStrike
 ) -> PlacementCheck:
-    """Compare the orientation that the markers show with the plan's R_world_object."""
+    """Compare the object's orientation, as its markers show it, with the planned one.
+
+    Args:
+        scene: markers in the image.
+        markers: the object's markers by id.
+        camera: camera with its pose in W.
+        planned: the strike, with R_world_object and the markers expected in view.
+    """
     wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
-    if scene.twice:
-        return PlacementCheck(None, f"marker {scene.twice[0]} is in view twice: cover or remove one")
+    if scene.duplicate_ids:
+        return PlacementCheck(None, f"marker {scene.duplicate_ids[0]} is in view twice: cover or remove one")
     known = {i: corners for i, corners in scene.corners.items() if i in markers}
     if not known:
         strange = sorted(scene.corners, key=name_order)
@@ -138,8 +144,8 @@ def check_placement(
     if found is None:
         return PlacementCheck(
             None,
-            "the places of these markers on the object are not known: the placement cannot be checked"
-            " (`analyze register` finds them afterwards)",
+            "the object file gives no pose for these markers: the placement cannot be checked"
+            " (`analyze register` finds the poses afterwards)",
         )
     error, correction = found
     return PlacementCheck(
@@ -150,9 +156,9 @@ def check_placement(
 def _pose_near_plan(
     corners_ideal: Array, marker: Marker, camera: CameraModel, R_world_object: Array
 ) -> Array | None:
-    """R_camera_marker (3, 3); if both solutions of the square fit the image, the one nearer the plan.
+    """Rotation R_camera_marker (3, 3) of a marker; None if its corners are not the view of a square.
 
-    None if neither does.
+    If both pose solutions of the square fit the image, the one nearer the plan is taken.
     """
     pair = solve_pose(corners_ideal, marker.size, camera.K)
     if pair is None:
@@ -166,6 +172,14 @@ def _pose_near_plan(
 
 
 def _advice(error: float, correction: Array, wanted: str, wanted_seen: bool) -> str:
+    """Instruction that corrects a misplacement of `error` [rad]; empty below 8 deg.
+
+    Args:
+        error: angle to the planned orientation [rad].
+        correction: (3,) rotation vector in W from the present to the planned orientation [rad].
+        wanted: names of the markers that should face the camera.
+        wanted_seen: True if one of them is in view.
+    """
     degrees = math.degrees(error)
     if degrees < 8.0:
         return ""
@@ -174,4 +188,4 @@ def _advice(error: float, correction: Array, wanted: str, wanted_seen: bool) -> 
     if abs(correction[2]) > 0.9 * error:
         sense = "anticlockwise" if correction[2] > 0 else "clockwise"
         return f"turned by {degrees:.0f} deg: turn it {sense}, seen from above, by {degrees:.0f} deg"
-    return f"turned by {degrees:.0f} deg: it lies on another face, see the card"
+    return f"turned by {degrees:.0f} deg: it lies on another face; put it down as on its card"

@@ -1,12 +1,10 @@
-"""The paper's estimator: differentiate theta twice.
+"""The paper's estimator of phi: theta at the second sign change of the acceleration (VISAPP 2013, 3.2.1).
 
-phi is theta at the second sign change of the acceleration (VISAPP 2013, 3.2.1).
-
-The first sign change is the end of the impact, the second the passage over the equi-plane. Smoothing is a
-parameter because twice differentiated noise needs it, and because it shifts the result: this estimator is
-printed beside `pivot_fit`, not used.
+Theta is differentiated twice. The first sign change is the end of the impact, the second the passage over the
+equi-plane. Smoothing is a parameter, because noise that is differentiated twice requires it and because it
+shifts the result. The result is reported beside that of `pivot_fit`, and not used.
 """
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
     from analyze.types import Array, TipAngle
 
 _MAX_FRAME_GAP = 1.5
-"""time between frames, in median intervals, from which one is missing"""
+"""time between neighbouring frames, in median intervals, from which a frame is missing"""
 
 
 def _smooth(values: Array, points: int) -> Array:
@@ -38,8 +36,8 @@ def _smooth(values: Array, points: int) -> Array:
 def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array]:
     """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences of moving means.
 
-    A mean over frames of which some are missing is biased: they are interpolated by a cubic spline first, and
-    removed again.
+    A moving mean across missing frames would be biased. They are interpolated by a cubic spline first, and
+    left out of the result.
 
     Args:
         angle: theta(t).
@@ -63,7 +61,11 @@ def _differentiated(theta: Array, time: Array, points: int) -> tuple[Array, Arra
 
 
 def acceleration_noise(points: int) -> float:
-    """Sd of the acceleration over that of a frame's theta, times the squared frame interval."""
+    """Noise of the acceleration for theta of sd 1 and frame interval 1: sd(alpha) dt^2 / sd(theta).
+
+    Args:
+        points: width of the moving mean [frames].
+    """
     once = np.convolve(np.full(points, 1.0 / points), [0.5, 0.0, -0.5])
     return float(np.linalg.norm(np.convolve(once, once)))
 
@@ -71,11 +73,17 @@ def acceleration_noise(points: int) -> float:
 def sign_change(
     angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None
 ) -> MotionFit:
-    """Find phi as the paper does, over angle[window[0]:window[1]] from the impact on or just after it.
+    """Balance angle phi as the paper estimates it, over angle[window[0]:window[1]].
 
-    The sd is the smoothed noise at the crossing: sd(alpha) over the slope of alpha by theta. That slope is k
-    at the balance, and the noise at least the residual of a `fit` of the same motion (a video's coding adds
-    to it); without a fit the slope is that of the noisy crossing itself.
+    The sd of phi is sd(alpha) over the slope of alpha by theta, at the crossing. With a `fit` of the same
+    motion the slope is its k and the noise at least its residual (video coding adds to the noise); without
+    one the slope is that of the noisy crossing itself.
+
+    Args:
+        angle: theta(t).
+        window: frames [start, stop), from the impact or just after it.
+        points: width of the moving mean [frames].
+        fit: pendulum fit of the same motion; None if there is none.
 
     Raises:
         EstimationError: the acceleration has no second sign change in the window (the object rocked back).
@@ -83,19 +91,22 @@ def sign_change(
     first, last = window
     if last - first < points + 4:
         raise EstimationError(
-            f"{last - first} frames are too few to differentiate twice with {points}-point smoothing"
+            f"{last - first} frames are too few to differentiate twice with {points}-point smoothing,"
+            f" {points + 4} are needed: raise the frame rate"
         )
     omega, alpha = angular_acceleration(angle, points)
     inside = alpha[first:last]
     negative = np.flatnonzero(inside < 0)
     if not len(negative):
         raise EstimationError(
-            "the angular acceleration never turns negative: the window starts after the balance point"
+            "the angular acceleration never turns negative: the window starts after the balance point;"
+            " start it earlier"
         )
     rising = negative[0] + np.flatnonzero((inside[negative[0] : -1] < 0) & (inside[negative[0] + 1 :] >= 0))
     if not len(rising):
         raise EstimationError(
-            "the angular acceleration has no second sign change: the object did not pass its balance point"
+            "the angular acceleration has no second sign change: the object did not pass its balance point;"
+            " strike harder"
         )
     i = first + int(rising[0])
     share = float(alpha[i] / (alpha[i] - alpha[i + 1]))

@@ -1,10 +1,8 @@
-"""Strikes in videos whose stated times are so slow that nothing tips like that.
+"""True frame rate of slow-motion videos, found by analysing strikes at the usual slow-motion ratios.
 
-Search for the ratio that makes them tips.
-
-Up to some ten times too slow a strike is analysed as it is, and its k shows the ratio (estimation/rate.py).
-Beyond that it is no tip by the stated times: it seems to stand still after the impact, or to fall for ever.
-Analysed again at the usual ratios of slow motion, it is.
+If the stated times are up to about ten times too slow, a strike is analysed as it is, and its k shows the
+ratio (estimation/rate.py). Beyond that the motion is not a tip by the stated times: the object seems to stand
+still after the impact, or to fall without end. At the right ratio it is a tip.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ import numpy as np
 
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,19 +25,19 @@ if TYPE_CHECKING:
 RATE_RATIOS = (8, 16, 32, 64)
 """true frame rate over the stated one: 240, 480, 960 or 1920 frames a second that play at 30"""
 MAX_K_RATIO = 4.0
-"""largest ratio of k to the predicted one, either way; twice the rate would be four times"""
+"""largest ratio of k to the predicted one, either way; twice the frame rate makes k four times as large"""
 MIN_TURN_RAD = math.radians(15.0)
 """least turn of a motion that may be a tip [rad]"""
 MAX_DURATION_RATIO = 2.5
-"""largest ratio of the motion's duration to the expected one, either way: the impact's strength is unknown"""
+"""largest ratio of the motion's duration to the expected one, either way; the impact's strength is unknown"""
 SPARE_ENERGY = 0.2
-"""assumed energy beyond the top, over the energy to the top"""
+"""assumed kinetic energy at the top, over the energy needed to reach the top"""
 FALL_RAD = math.radians(50.0)
-"""turn past the top until a box lies [rad]"""
+"""rotation of a box from the top until it lies [rad]"""
 MOVED_RAD = math.radians(0.5)
-"""theta of a moving object [rad]"""
+"""least theta of a moving object [rad]"""
 MAX_FRAMES = 100
-"""number of frames of a strike that are analysed again"""
+"""approximate number of frames of a strike that are analysed again"""
 
 
 def slow_motion_ratio(
@@ -50,9 +48,7 @@ def slow_motion_ratio(
     task: StrikeTask,
     k_predicted: float,
 ) -> int | None:
-    """True frame rate over the stated one at which a strike is a tip.
-
-    None if it is a tip as stated, or at no ratio.
+    """Ratio of true to stated frame rate at which a strike is a tip; None if it is one as stated, or at none.
 
     Args:
         motion: motion by the stated times.
@@ -129,7 +125,7 @@ def true_rate(ratio: float, rate_hz: float) -> float:
 def slow_motion_text(ratio: float, rate_hz: float) -> str:
     """Message about a slow-motion video, with the remedy."""
     return (
-        f"it tips as this object can only if it was {ratio:g} times as fast as"
+        f"the motion is a tip of this object only if the true frame rate is {ratio:g} times"
         f" the stated {rate_hz:.4g} frames a second (slow motion?): "
         f"import again with --capture-fps {true_rate(ratio, rate_hz):g}"
     )

@@ -1,4 +1,4 @@
-"""Analysis of one strike: from its marker tracks to phi, k and a verdict."""
+"""Analysis of one strike: from marker tracks to balance angle phi, k and a verdict."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from analyze.motion.contact import with_contact_errors
 from analyze.motion.fit_choice import fit_strike
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
-from analyze.motion.rolling_choice import against_rolling, is_curved
+from analyze.motion.rolling_choice import is_curved, relative_to_rolling
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import sign_change
 from analyze.motion.strike_task import Judgement
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
 from analyze.motion.verdict import judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
 from analyze.types import TipMotion
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
 if TYPE_CHECKING:
@@ -30,11 +30,12 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 _REST_BEFORE_CONTACT_NS = 4_000_000
-"""half a frame at 120 fps: the exposure of a resting frame must end before the contact"""
+"""time before the contact [ns] by which a resting frame's exposure must have ended: half a frame at 120
+fps"""
 _FAST_FRAME_NS = 1e9 / 180
-"""frame interval [ns] below which the smoothing is widened"""
+"""frame interval [ns] below which smoothing is extended over more frames"""
 _STILL_PX = 0.15
-"""motion of a corner [px] below which a marker is at rest"""
+"""largest motion of a corner [px] of a marker at rest"""
 _MIN_SEEN_NS = 200_000_000
 """time after the contact [ns] that the images must cover to show whether the object moved"""
 
@@ -56,9 +57,10 @@ def analyse_strike(
     task: StrikeTask,
     settings: MotionSettings | None = None,
 ) -> TipMotion:
-    """Analyse one strike; a bad strike raises nothing.
+    """Analyse one strike: motion, phases, fits and verdict.
 
-    The verdict names the fault, and phi and k are given wherever they could be fitted.
+    A bad strike raises no error: its verdict names the fault, and phi and k are given if they could be
+    fitted.
 
     Args:
         tracks: the object's markers through the strike's window.
@@ -70,7 +72,7 @@ def analyse_strike(
     settings = settings or MotionSettings()
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
-    rest_end_ns = rest_end(tracks, task.contact_time_ns)
+    rest_end_ns = end_of_rest_ns(tracks, task.contact_time_ns)
     try:
         motion = tip_angle(tracks, markers, camera, placement_of(task.planned), rest_end_ns)
     except TrackingError as error:
@@ -89,12 +91,15 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
     if task.section is not None and is_curved(task.section, task.planned):
-        motion = against_rolling(motion, task.section, task.planned)
+        motion = relative_to_rolling(motion, task.section, task.planned)
     angle = motion.angle
     course = find_course(angle, task.contact_time_ns, settings.window, task.landing_angle_rad)
     judgement = judge_motion(motion, course, task, settings.verdict)
-    tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.min_turn
-    if course.released is None or not tipped:
+    tipped = (
+        float(np.max(angle.theta[course.moved_frame : course.end_frame], initial=0.0))
+        >= settings.verdict.min_turn
+    )
+    if course.released_frame is None or not tipped:
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
     fits = fit_strike(motion, course, task.planned, settings, task.section)
     if fits.chosen is None:
@@ -103,9 +108,9 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         judgement = judgement or fits.second_impact or contact or _judge_unfitted(angle, course, fits.problem)
         return _result(task, judgement, angle, course, None, ())
     fit, impact = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.second_impact
-    top = float(np.max(angle.theta[course.released : course.ended]))
+    top = float(np.max(angle.theta[course.released_frame : course.end_frame]))
     vague = judge_vague(fit, course, top, settings.verdict)
-    until_balance = _window_to_balance(angle, course.released, fit)
+    until_balance = _window_to_balance(angle, course.released_frame, fit)
     judgement = (
         judgement or impact or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
     )
@@ -145,9 +150,9 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
 
 
 def _judge_unseen(task: StrikeTask) -> Judgement | None:
-    """Verdict if the images end before a tip could show in them.
+    """Verdict "unreadable" if the images end before a tip could show in them; None if they do not.
 
-    It does not mean that the object stood still.
+    Such a strike must not be reported as "not moved".
     """
     end = task.images_end_ns
     if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _MIN_SEEN_NS:
@@ -158,10 +163,8 @@ def _judge_unseen(task: StrikeTask) -> Judgement | None:
     return Judgement(Verdict.UNREADABLE, f"{where}: the camera was lost, or came late; strike again")
 
 
-def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
-    """log_time [ns] before which frames count as rest.
-
-    The contact, or the first clear motion of a marker if earlier.
+def end_of_rest_ns(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
+    """log_time [ns] at which rest ends: shortly before the contact, or at a marker's earlier motion.
 
     Args:
         tracks: the object's markers.
@@ -184,9 +187,9 @@ def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
 
 
 def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
-    """Verdict if theta(t) could not be fitted."""
-    if course.came_back and course.top is not None:
-        top = math.degrees(float(angle.theta[course.top]))
+    """Verdict on a strike whose theta(t) could not be fitted."""
+    if course.came_back and course.top_frame is not None:
+        top = math.degrees(float(angle.theta[course.top_frame]))
         return Judgement(
             Verdict.ROCKED_BACK,
             f"rocked back from {top:.1f} deg, too small a turn to be fitted: strike harder",
@@ -195,10 +198,7 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 
 
 def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
-    """Frames from release to 5 deg past the balance point within the fitted window.
-
-    Later motion does not affect phi.
-    """
+    """Frames [start, stop) from release to 5 deg past balance; later ones do not affect phi."""
     last = fit.window[1]
     past = np.flatnonzero(angle.theta[released:last] > fit.phi + 0.09)
     return released, (released + int(past[0]) if len(past) else last)
@@ -208,12 +208,15 @@ def _alternatives(
     angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings
 ) -> tuple[MotionFit, ...]:
     """Fits by the paper's estimator, for comparison."""
-    if course.moved is None:
+    if course.moved_frame is None:
         return ()
     try:
         return (
             sign_change(
-                angle, (course.moved, fit.window[1]), _smoothing_points(angle, settings.smoothing_points), fit
+                angle,
+                (course.moved_frame, fit.window[1]),
+                _smoothing_points(angle, settings.smoothing_points),
+                fit,
             ),
         )
     except EstimationError:
@@ -221,7 +224,7 @@ def _alternatives(
 
 
 def _smoothing_points(angle: TipAngle, usual: int) -> int:
-    """Number of frames smoothed over, for the same time at frame rates above 180 Hz as at the usual 120 Hz.
+    """Width of the moving mean [frames]; above 180 Hz it spans the same time as `usual` frames at 120 Hz.
 
     The noise of a second derivative grows with the square of the frame rate.
     """
@@ -237,6 +240,7 @@ def _result(
     fit: MotionFit | None,
     alternatives: tuple[MotionFit, ...],
 ) -> TipMotion:
+    """TipMotion of an analysed strike, with its phases and energy ratio."""
     return TipMotion(
         strike_id=task.strike_id,
         plan_strike_id=task.planned.id,
@@ -251,6 +255,7 @@ def _result(
 
 
 def _energy_ratio(fit: MotionFit) -> float:
+    """Energy of the strike over the energy needed to tip, for a hinge or a rolling contact."""
     return (
         fit.rolling.energy_ratio
         if fit.rolling
@@ -259,6 +264,7 @@ def _energy_ratio(fit: MotionFit) -> float:
 
 
 def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
+    """TipMotion of a strike of which no motion could be measured."""
     return TipMotion(
         task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None
     )

@@ -1,4 +1,4 @@
-"""Input and outcome of the analysis of one strike: the task, and the judgement."""
+"""Input and verdict of the analysis of one strike."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
     from analyze.types import IntArray
-    from schemas.result import Verdict
     from schemas.strike_plan import PlannedStrike
+    from schemas.strike_result import Verdict
 
 
 @dataclass(frozen=True)
 class StrikeTask:
-    """Prior information on one strike: the plan, the striker's report and the object's shape."""
+    """Information on one strike besides its marker tracks: plan, contact time, and the object's shape."""
 
     strike_id: str
     """id of the strike"""
@@ -27,11 +27,11 @@ class StrikeTask:
     section: SupportFunction | None = None
     """the object's cross-section at the pivot axis; None if only the plan's rounding is known"""
     landing_angle_rad: float | None = None
-    """theta [rad] from which the shape's next face may touch; None if unknown, or if a curved surface
-    touches"""
+    """theta [rad] from which the shape's next face may touch the table; None if unknown, or if the contact
+    rolls on a curve"""
     unmarked_ns: IntArray | None = None
-    """log times [ns] of the images without a marker; None if unknown: every missing frame then counts as
-    one"""
+    """(n,) log times [ns] of the images without a marker; None if unknown: then every missing frame counts as
+    an image without a marker"""
 
 
 @dataclass(frozen=True)
@@ -41,4 +41,4 @@ class Judgement:
     code: Verdict
     """the verdict"""
     reason: str
-    """one sentence with the numbers and the remedy"""
+    """one sentence with the numbers, and the remedy if the strike is not good"""

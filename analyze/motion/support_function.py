@@ -5,15 +5,15 @@ the table where its outward normal is (sin theta, -cos theta). h(theta) is the h
 over the table, h'(theta) the horizontal distance from p to the contact, and h + h'' = rho(theta) >= 0 the
 radius of curvature there. A mesh gives the curve by chords only: h' jumps at each facet, and rho is a comb of
 spikes. Here each run of short facets becomes a smooth curve through its corners, whose radius varies linearly
-along each facet and is never negative. A facet at whose ends the outline bends far less than beside it stays
-flat, a turn of more than 20 deg is a corner.
+along each facet and is never negative. A facet stays flat if the outline bends far less at its ends than
+beside it; a turn of more than 20 deg is a corner.
 
 The facets of a scan are as rough as its noise: noise of 20 um over facets of 0.4 mm makes the radius ten
 times too large at some corners and zero at others. If the bends at neighbouring corners scatter that much,
 only corners some degrees apart are used, as few as needed.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from analyze.errors import EstimationError
-from analyze.motion.outline import HIGH, LOW, Curve, Outline, polygon_of, smooth_outline
+from analyze.motion.outline import HIGH, LOW, Curve, Outline, simplified_polygon, smooth_outline
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _OFFSET_PER_ROUGHNESS = 0.6
-"""error of the contact along a facet, over its length L, per roughness
+"""error of the contact along a facet, over the facet's length L, per unit of roughness
 
 Corner errors e give a roughness of e sqrt(6) / (L turn) and shift the contact by e sqrt(2) / turn.
 """
 _MIDDLE_SD_SHARE = 0.2
-"""standard deviation of c from the section's middle, over the root of the section's area"""
+"""standard deviation of c about the section's middle, over the square root of the section's area"""
 _LIFTED_RAD = math.radians(0.5)
 """theta [rad] from which no part of the resting face touches"""
 _STEP = math.radians(0.25)
@@ -49,7 +49,7 @@ _STEP = math.radians(0.25)
 
 @dataclass(frozen=True)
 class SupportFunction:
-    """h, h' and rho of a cross-section on an even grid of angles theta."""
+    """Support function h(theta) of a cross-section with h' and rho, on an even grid of angles."""
 
     start: float
     """first angle [rad]"""
@@ -66,14 +66,14 @@ class SupportFunction:
     middle_sd: float
     """standard deviation of c about it [m]; infinite if unknown"""
     sd: float = 0.0
-    """standard deviation [m] of the section's position along and off the table, by its facets"""
+    """standard deviation [m] of the section's position along and off the table, caused by its facets"""
     curved: NDArray[np.bool_] | None = None
     """(n,) True where a curve of the shape itself touches, not a corner or a rounding; None if nowhere"""
     roughness: float = 0.0
-    """relative standard deviation of the radius of such a curve, by the uneven bends of the shape"""
+    """relative standard deviation of the radius of such a curve, caused by uneven bends of the shape"""
 
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
-        """h, h' and rho [m] at theta [rad], each of theta's shape; the end values hold beyond the grid."""
+        """h, h' and rho [m] at angles theta [rad], each of theta's shape; beyond the grid, its end values."""
         place = np.minimum(np.maximum((theta - self.start) / self.step, 0.0), len(self.height) - 1.001)
         index = place.astype(np.intp)
         share = (place - index)[..., None]
@@ -81,15 +81,15 @@ class SupportFunction:
         return row[..., 0], row[..., 1], row[..., 2]
 
     def centre(self, theta: float) -> tuple[float, float, float]:
-        """Centre of curvature (x, z) from p at rest, and the radius, at the contact at theta [m]."""
+        """Centre of curvature (x, z) from p in the rest pose, and radius [m], at theta [rad]."""
         height, ahead, radius = (float(each) for each in self.evaluate(np.array(theta)))
         # In W the centre is `ahead` in front of p and `radius` above the table; rotate back by theta.
         along, over = ahead, radius - height
         cos, sin = math.cos(theta), math.sin(theta)
         return along * cos - over * sin, along * sin + over * cos, radius
 
-    def rolled(self, theta: Array) -> tuple[Array, Array]:
-        """Displacement of p along and off the table [m] by rolling without sliding from 0 to theta [rad]."""
+    def rolling_displacement(self, theta: Array) -> tuple[Array, Array]:
+        """Displacement (n,) of p along and off the table [m], rolling from 0 to theta (n,) [rad]."""
         # Near rest the resting face may touch; there the motion is extrapolated from `_LIFTED_RAD`.
         later = np.maximum(theta, _LIFTED_RAD)
         height, ahead, _ = self.evaluate(later)
@@ -100,7 +100,7 @@ class SupportFunction:
         begun = np.minimum(theta, _LIFTED_RAD)
         return travelled - ahead + ahead0 + height0 * begun, height - height0 + ahead0 * begun
 
-    def of_shape(self, theta: float) -> bool:
+    def touches_curve(self, theta: float) -> bool:
         """True if a curve of the shape touches at theta [rad], not a corner with a stated rounding."""
         place = round((theta - self.start) / self.step)
         return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
@@ -117,9 +117,9 @@ class SupportFunction:
         return float(np.min(radius)), float(np.max(radius))
 
     def longest_flat(self, low: float, high: float) -> float:
-        """Length [m] of the longest flat face that comes to lie on the table between two angles.
+        """Length [m] of the longest flat face that comes to lie on the table between two angles [rad].
 
-        The contact jumps over it.
+        The contact jumps from one end of such a face to the other.
         """
         angles = self.start + self.step * np.arange(len(self.radius))
         inside = (angles >= low) & (angles <= high)
@@ -134,8 +134,10 @@ class SupportFunction:
         return np.stack([self.height, self.ahead, self.radius], axis=-1)
 
 
-def circle(radius: float) -> SupportFunction:
-    """Support function of a rounding about p itself, which determines phi and k only, not the position of c.
+def circular_support(radius: float) -> SupportFunction:
+    """Support function of a circle about p, for an edge of which only the rounding is known.
+
+    A motion on it determines phi and k, but not the distance of c.
 
     Args:
         radius: radius [m], 0 for a sharp edge.
@@ -147,11 +149,11 @@ def circle(radius: float) -> SupportFunction:
 
 
 def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> SupportFunction:
-    """Support function of a body with known points of its outline.
+    """Support function of a cross-section about a pivot point, from points of its outline.
 
     Args:
-        points: (n, 2) x (towards where it tips) and z of the hull's corners [m], in any order; inner points
-            do no harm.
+        points: (n, 2) points of the outline [m], x in the direction of tipping, z up, in any order; inner
+            points are ignored.
         pivot: (2,) p in the same frame [m].
         rounding: radius of the rounding of every corner [m].
 
@@ -162,13 +164,13 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
         hull = ConvexHull(points)
     except (QhullError, ValueError):
         raise EstimationError("the section across the pivot axis has no area: check the shape") from None
-    whole = polygon_of(np.asarray(points[hull.vertices] - pivot, dtype=np.float64))
+    whole = simplified_polygon(np.asarray(points[hull.vertices] - pivot, dtype=np.float64))
     outline, curves, rough = smooth_outline(whole)
     theta = np.asarray(LOW + _STEP * np.arange(round((HIGH - LOW) / _STEP) + 1), dtype=np.float64)
     touching, offset = _at_corners(outline, curves, theta, rounding)
     radius, bent = offset.copy(), np.zeros(len(theta), dtype=bool)
     for curve in curves:
-        inside, points, radii = curve.over(outline, theta)
+        inside, points, radii = curve.contacts(outline, theta)
         touching[inside], offset[inside], radius[inside], bent[inside] = points, 0.0, radii, True
     cos, sin = np.cos(theta), np.sin(theta)
     height = touching[:, 0] * sin - touching[:, 1] * cos + offset
@@ -195,7 +197,7 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
 
 
 def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: float) -> tuple[Array, Array]:
-    """Contact (n, 2) at corners or centres of rounded ones [m], and the rounding's radius (n,) [m]."""
+    """Lowest corner or centre of its rounding (n, 2), and the rounding's radius (n,) [m], at theta (n,)."""
     n = len(outline)
     curved = {i for curve in curves for i in curve.facets}
     centres, radii = outline.corners.copy(), np.zeros(n)
@@ -214,7 +216,7 @@ def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: f
 
 
 def _middle(corners: Array) -> tuple[Array, float]:
-    """Centre (2,) [m] and area [m^2] of a polygon."""
+    """Centroid (2,) [m] and area [m^2] of a polygon with corners (n, 2) [m], anticlockwise."""
     following = np.roll(corners, -1, axis=0)
     cross = corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]
     area = 0.5 * float(cross.sum())

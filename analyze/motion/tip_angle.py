@@ -1,12 +1,12 @@
-"""Tipping angle per frame: a planar rigid motion fitted to the corners of all markers together.
+"""Tipping angle theta per frame: a planar rigid motion fitted to the corners of all markers together.
 
 The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's
-displacement along and off the table. Fitting these alone by Gauss-Newton on the reprojection of the corners
-uses the direction of a face-on tag in the image, which it shows best, and leaves out its tilt, which it shows
-badly: 0.006 deg per frame for an 80 px tag where a full pose gives some tenths.
+displacement along and off the table. Fitting only these, by Gauss-Newton on the reprojection of the corners,
+uses the direction of a face-on tag in the image, which is accurate, and not its tilt, which is not: the noise
+is 0.006 deg per frame for an 80 px tag, where a full pose gives some tenths of a degree.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 _MAX_PLANAR_CHI2 = 3.0
 """chi^2 per degree of freedom above which the motion is not taken as planar"""
 _PRIOR_FRAMES = 5
-"""number of frames at rest that the corners' own sd counts as in the estimate of the noise"""
+"""weight of the corners' own sd in the estimate of the noise, as a number of resting frames"""
 _YAW_SD = 0.02
 """prior standard deviation of the object's heading against the plan [rad]"""
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
-"""prior standard deviation of theta, x, z (free), yaw, roll and y [rad, m], which a face-on tag hardly shows
-"""
+"""prior standard deviation of theta, x, z (all free), yaw, roll and y [rad, m]; a face-on tag hardly shows
+the last three"""
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,11 @@ class PlanarMotion:
     angle: TipAngle
     """theta, slip and rotation about other axes"""
     lift: Array
-    """(n,) height of the pivot over its rest [m]"""
+    """(n,) height of the pivot over its position at rest [m]"""
     position_sd: Array
     """(n,) standard deviation of slip and lift [m]"""
     misfit: Array
-    """(n,) chi^2 per degree of freedom"""
+    """(n,) chi^2 per degree of freedom of the planar fit"""
     off_axis_sd: Array
     """(n,) standard deviation of the rotation about other axes [rad]"""
     yaw: float
@@ -78,7 +78,7 @@ class PlanarMotion:
     rest_frames: int
     """number of frames at rest"""
     covariance: Array
-    """(n, 3, 3) covariance of theta, slip and lift of a frame [rad, m], random part"""
+    """(n, 3, 3) covariance of theta, slip and lift in each frame [rad, m], random part only"""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,9 @@ def tip_angle(
     placement: Placement,
     rest_end_ns: int,
 ) -> PlanarMotion:
-    """Tipping angle since rest about the pivot axis (W's y, its small yaw fitted), and the pivot's motion.
+    """Tipping angle since rest, and motion of the pivot, in every frame of a strike.
+
+    The pivot axis is W's y; its small yaw is fitted.
 
     Args:
         tracks: tracks of the object's markers through one strike window.
@@ -140,7 +142,7 @@ def tip_angle(
     chi2 = best.chi2 / np.maximum(best.freedom, 1)
     off_axis_sd = np.sqrt(full.covariance[:, 3, 3] + full.covariance[:, 4, 4]) * _scale(full)
     turned_aside = full.x[:, 3:5] - full.x[at_rest, 3:5].mean(axis=0)
-    # The motion of a body that wobbles is not planar: a planar fit shifts theta by a part of the wobble.
+    # A wobbling body does not move in a plane: a planar fit would shift theta by part of the wobble.
     chosen = (
         full
         if np.median(chi2) > _MAX_PLANAR_CHI2 and np.median(full.chi2 / full.freedom) < 0.5 * np.median(chi2)
@@ -173,33 +175,31 @@ def tip_angle(
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
-    """Factor that makes `sd` (n,) the scatter of neighbouring resting frames' `theta` (n,) [rad].
+    """Ratio of the scatter of theta (n,) [rad] between neighbouring resting frames to its stated `sd` (n,).
 
-    Shrunk towards 1 if frames are few. Residuals within a frame do not measure it: their share beside noise
-    (a lens, a code or a placement that is not quite as modelled) stays the same from frame to frame, which
-    moves theta's zero and not its scatter.
+    It is shrunk towards 1 if frames are few. Residuals within a frame do not measure it: their systematic
+    part (from a lens, a code or a placement that is not quite as modelled) is the same in all frames, so that
+    it moves theta's zero but does not add scatter.
     """
     if len(theta) < 2:
         return 1.0
-    # Second differences are insensitive to slow drift, as of an object that still settles.
+    # Second differences are insensitive to slow drift, for example while the object still settles.
     z2 = (np.diff(theta, 2) / sd[1:-1]) ** 2 / 6.0 if len(theta) > 4 else np.zeros(0)
     known = _PRIOR_FRAMES + len(z2)
     return math.sqrt(float(_PRIOR_FRAMES + np.sum(np.minimum(z2, 25.0))) / known)
 
 
 def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
-    """Standard deviation of theta's zero [rad].
+    """Ratio of theta's scatter (n,) [rad] between neighbouring resting frames to its stated `sd` (n,).
 
-    Noise of the mean of the resting frames, and errors that no mean reduces.
-
-    The latter are the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit
-    need not show. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts edges along
-    the pixel grid by up to 0.03 px: 0.0075 deg rms.)
+    The systematic error is the misfit of model and image within a frame, and MODEL_PX for each corner, which
+    need not show as a misfit. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts
+    edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.)
 
     Args:
         random: (n,) noise of each resting frame [rad].
-        single: (n,) sd of each by its corners' own sd [rad].
-        misfit: factor on `single` by the residuals within frames.
+        single: (n,) standard deviation of each resting frame from its corners' own sd [rad].
+        misfit: factor on `single` that the residuals within frames require.
         corner_sd: (n,) standard deviation of a corner [px].
     """
     scatter = float(np.median(random))
@@ -209,7 +209,7 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
 
 
 def _scale(solution: _Solution) -> float:
-    """Factor on the corners' sd by the residuals, at least 1."""
+    """Factor on the corners' sd that the residuals require, at least 1."""
     return float(np.sqrt(max(1.0, np.median(solution.chi2 / np.maximum(solution.freedom, 1)))))
 
 
@@ -277,7 +277,7 @@ class _Solution:
 
 
 def _cost(solution: _Solution, yaw: float) -> float:
-    """Robust sum of chi^2 over frames, with the prior on the yaw [rad]."""
+    """Robust sum of chi^2 over all frames, with the prior of the yaw [rad]."""
     limit = 9.0 * float(np.median(solution.chi2)) + 1e-12
     return float(np.sum(np.minimum(solution.chi2, limit))) + (yaw / _YAW_SD) ** 2
 
@@ -292,7 +292,7 @@ def _rotated(points: Array, axis: Array, theta: Array) -> Array:
 def _solve(
     views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array
 ) -> _Solution:
-    """Planar motion of every frame: theta, and the pivot's displacement along and off the table."""
+    """Fit of a planar motion: theta, and the pivot's displacement along and off the table, in every frame."""
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -334,9 +334,9 @@ def _solve_full(
     R_camera_world: Array,
     t_camera_world: Array,
 ) -> _Solution:
-    """Full motion of every frame, from the planar fit.
+    """Fit of the full motion in every frame, starting from the planar fit.
 
-    Also rotation about W's z and x, and displacement along the axis.
+    It adds rotations about W's z and x and the displacement along the axis, with priors `_WOBBLE_SD`.
     """
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])

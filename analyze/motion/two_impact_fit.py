@@ -1,7 +1,4 @@
-"""Fit of a tip that was struck again on its way.
-
-The pendulum with a jump in speed at one frame, which is fitted too.
-"""
+"""Fit of a tip with a second impact: the pendulum with a jump in speed at one fitted frame."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.balance_fit import driven
+from analyze.motion.balance_fit import driven_theta
 from analyze.motion.pendulum import first_guess_with_jump
 from analyze.motion.pivot_fit import Sample, cut_sample, fit_model, motion_fit
 
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
 _END_FRAMES = 3
 """number of frames at either end at which no jump is tried"""
 _REFINED_JUMPS = 5
-"""number of jump frames that are fitted, the best by a linear guess"""
+"""number of jump frames for which the full fit is made, the best by a linear guess"""
 _MAX_CHI2 = 6.0
 """largest mean of the squared residuals over their variance of an accepted fit: an impact lasts part of a
 frame"""
@@ -43,11 +40,11 @@ class TwoImpactFit:
     size: float
     """jump in speed [rad/s]"""
     gain: float
-    """squared ratio of the jump to its standard deviation"""
+    """squared ratio of the jump to its standard deviation, a chi^2 with one degree of freedom"""
 
 
 def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> TwoImpactFit | None:
-    """Best fit of the pendulum with one jump in speed; None if none fits theta.
+    """Best fit of the pendulum with one jump in speed; None if no such motion fits theta(t).
 
     Args:
         angle: theta(t) of the strike.
@@ -87,7 +84,7 @@ def _model(sample: Sample, frame: int, radius: float) -> Callable[[Array], tuple
 
     def model(x: Array) -> tuple[Array, Array]:
         steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
-        theta = driven(sample.time, x + steps, still, still, radius, jump=(frame, (x + steps)[:, 4]))
+        theta = driven_theta(sample.time, x + steps, still, still, radius, jump=(frame, (x + steps)[:, 4]))
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
 
     return model

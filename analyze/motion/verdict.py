@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.motion.strike_task import Judgement
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.phases import Course

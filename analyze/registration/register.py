@@ -1,6 +1,6 @@
-"""Marker poses on an object from its strikes.
+"""Registration: marker poses on an object, estimated from its strikes.
 
-Each strike alone first, to find wrong placements, then all together.
+Each strike is solved alone first, to find wrong placements, then all together.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.geometry.rotations import matrix_from_vector, vector_from_matrix
-from analyze.registration.solve import Problem, Solution
+from analyze.registration.solution import Solution
+from analyze.registration.solve import Problem
 from analyze.registration.surface import MAX_TILT_ON_SURFACE, height_over, surface_under
 from analyze.registration.table import LAID_BOARD, TablePrior, corrected_camera
 
@@ -24,13 +25,13 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel
 
 MAX_SAME_TURN, MAX_SAME_DISTANCE = math.radians(5.0), 0.005
-"""largest differences of a marker's pose [rad, m], beside its sd, between two strikes that agree on the
-placement"""
+"""largest differences of a marker's pose [rad, m], in addition to its sd, between two strikes that agree on
+it"""
 TWISTED_RATIO, DISAGREES_RATIO, MIN_USUAL_MISFIT = 4.0, 25.0, 0.1
-"""multiples of the usual misfit (at least the third) above which an impact turned the body, and above which a
-strike fits with no other"""
+"""multiples of the median misfit (taken as at least the third value): above the first an impact turned the
+body about the vertical, above the second the strike contradicts all others"""
 MAX_TURN_SD, MAX_PLACE_SD = math.radians(0.5), 1e-3
-"""standard deviations [rad, m] above which a direction is undetermined"""
+"""standard deviations of rotation [rad] and position [m] above which a direction is undetermined"""
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,17 @@ class LeftOut:
     """Strike that was not used, with the reason."""
 
     strike_id: str
+    """id of the strike"""
     reason: str
+    """reason in words, with its numbers"""
 
 
 @dataclass(frozen=True)
 class MarkerPlace:
-    """Pose of one marker on the object."""
+    """Estimated pose of one marker on the object."""
 
     marker_id: int | str
+    """name of the marker"""
     T_object_marker: Array
     """(4, 4) pose of M in O"""
     covariance: Array
@@ -55,20 +59,20 @@ class MarkerPlace:
     rms_px: float
     """rms residual of its corners [px]"""
     on_surface: bool
-    """True if its distance from the surface was held to its thickness"""
+    """True if its height over the surface was constrained to its card's thickness"""
     undetermined: tuple[str, ...]
     """undetermined directions in O, in words; empty if there are none"""
     remedy: str = ""
-    """action that would determine them; empty if there are none"""
+    """action that would determine these directions; empty if all are determined"""
 
     @property
     def turn_sd(self) -> float:
-        """Standard deviation of the turn in its worst direction [rad]."""
+        """Standard deviation [rad] of the marker's rotation about its least certain direction."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
 
     @property
     def place_sd(self) -> float:
-        """Standard deviation of the centre in its worst direction [m]."""
+        """Standard deviation [m] of the marker's centre in its least certain direction."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1]))
 
 
@@ -90,7 +94,7 @@ class TablePlace:
 
 @dataclass(frozen=True)
 class Registration:
-    """Markers, placements and tables estimated from strikes."""
+    """Result of a registration: markers, placements and tables."""
 
     markers: tuple[MarkerPlace, ...]
     """pose of each marker"""
@@ -99,7 +103,7 @@ class Registration:
     solution: Solution
     """the joint fit"""
     tables: tuple[TablePlace, ...]
-    """one per recording of which a strike was used"""
+    """table's pose in each recording of which a strike was used"""
 
 
 def register(
@@ -120,8 +124,7 @@ def register(
             height.
 
     Raises:
-        EstimationError: nothing was seen, or the strikes contradict each other so that nobody can say which
-            are right.
+        EstimationError: no strike shows a marker, or strikes contradict each other without a majority.
     """
     if not views:
         raise EstimationError(
@@ -158,7 +161,7 @@ def register(
         left_out.append(LeftOut(worst, f"fits with no other strike ({misfit}): left out"))
         used = [view for view in used if view.strike_id != worst]
         start = {**start, **solution.T_object_marker}
-    _refuse_one_on_another(used, solution, sizes)
+    _refuse_overlapping_markers(used, solution, sizes)
     held = surface_under(model, start, sizes, thickness).fits
     return Registration(
         tuple(_marker_place(name, solution, used, name in held) for name in solution.T_object_marker),
@@ -174,7 +177,7 @@ def register(
 def _solve_each(
     views: Sequence[StrikeView], sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> tuple[dict[str, Solution], list[LeftOut]]:
-    """Solutions of the strikes each by itself, by strike, and the strikes that have none."""
+    """Solution of each strike alone, by strike id, and the strikes without one."""
     single: dict[str, Solution] = {}
     left_out: list[LeftOut] = []
     for view in views:
@@ -188,7 +191,7 @@ def _solve_each(
 def _starts(
     views: Sequence[StrikeView], single: Mapping[str, Solution]
 ) -> tuple[dict[int | str, Array], set[str], list[LeftOut]]:
-    """First pose (4, 4) of each marker, the strikes that agree on all of theirs, and the others."""
+    """First pose T_object_marker (4, 4) of each marker, the strikes that agree on them, and the others."""
     start: dict[int | str, Array] = {}
     good = set(single)
     left_out: list[LeftOut] = []
@@ -209,7 +212,7 @@ def _starts(
 def _solve_alone(
     view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> Solution:
-    """Solution of one strike by itself."""
+    """Solution of one strike alone."""
     camera = view.camera
     R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
     start: dict[int | str, Array] = {}
@@ -220,14 +223,14 @@ def _solve_alone(
             view.R_world_object.T @ (R_world_camera @ p + p_world_camera - np.array([0, 0, view.radius]))
             + view.p_object_pivot
         )
-        start[name] = _laid_flat(T, model)
+        start[name] = _flattened_pose(T, model)
     return Problem([view], sizes, table, surface_under(model, start, sizes, {})).solve(start)
 
 
-def _laid_flat(T: Array, model: ObjectModel) -> Array:
-    """Pose turned until its normal is the surface's, if it nearly is.
+def _flattened_pose(T: Array, model: ObjectModel) -> Array:
+    """Pose T_object_marker (4, 4) turned so that its normal is the surface's, if they are nearly parallel.
 
-    a square seen face-on hardly shows its tilt.
+    A square seen face-on hardly shows its tilt.
     """
     _, normal = height_over(model, T[:3, 3])
     axis = np.cross(T[:3, 2], normal)
@@ -242,7 +245,7 @@ def _laid_flat(T: Array, model: ObjectModel) -> Array:
 def _agreeing(
     views: Sequence[StrikeView], single: Mapping[str, Solution], name: int | str
 ) -> list[StrikeView]:
-    """Largest set of strikes that agree on the marker's pose, those with the smallest covariance first.
+    """Largest set of strikes that agree on a marker's pose, those with the smallest covariance first.
 
     Raises:
         EstimationError: two sets are equally large, so that neither can be preferred.
@@ -272,7 +275,7 @@ def _agreeing(
 
 
 def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
-    """True if two solutions agree on a marker's pose within their errors."""
+    """True if two solutions agree on a marker's pose within their errors and the allowed difference."""
     a, b = one.T_object_marker[name], two.T_object_marker[name]
     covariance = one.covariance[name] + two.covariance[name]
     difference = np.concatenate([vector_from_matrix(a[:3, :3] @ b[:3, :3].T), a[:3, 3] - b[:3, 3]])
@@ -287,22 +290,22 @@ def _placement_difference(view: StrikeView, found: Array, expected: Array) -> st
     angle = math.degrees(float(np.linalg.norm(vector)))
     if angle < math.degrees(MAX_SAME_TURN):
         apart_mm = 1000 * float(np.linalg.norm(found[:3, 3] - expected[:3, 3]))
-        return f"its marker is {apart_mm:.0f} mm off where other strikes show it: another edge"
+        return f"its marker is {apart_mm:.0f} mm from where other strikes show it: struck over another edge"
     if abs(vector[2]) > 0.9 * np.linalg.norm(vector):
         return f"not placed as on its card: turned by {angle:.0f} deg about the vertical"
     return f"not placed as on its card: turned by {angle:.0f} deg, on another face"
 
 
 def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
-    """Strikes whose misfit exceeds `times` the usual one."""
+    """Ids of the strikes whose misfit exceeds `times` the median one."""
     usual = max(float(np.median(list(solution.misfit.values()))), MIN_USUAL_MISFIT)
     return {name for name, misfit in solution.misfit.items() if misfit > times * usual}
 
 
-def _refuse_one_on_another(
+def _refuse_overlapping_markers(
     used: Sequence[StrikeView], solution: Solution, sizes: Mapping[int | str, float]
 ) -> None:
-    """Refuse two markers at one place: the object was placed wrongly in the strikes of one of them."""
+    """Raise an error if two markers come out at one place: one of them was struck in a wrong placement."""
     names = list(solution.T_object_marker)
     for i, one in enumerate(names):
         for two in names[i + 1 :]:
@@ -342,7 +345,7 @@ def _marker_place(
 
 
 def _remedy(mine: Sequence[StrikeView]) -> str:
-    """Strike that would determine a marker's undetermined directions."""
+    """Action that would determine a marker's undetermined directions."""
     tipped = [view for view in mine if len(view.theta) > 1]
     if any(view.rolls for view in mine):
         return "the body is round there: its turn about its axis is unknown: measure T_object_marker by hand"
@@ -359,6 +362,7 @@ def _remedy(mine: Sequence[StrikeView]) -> str:
 
 
 def _undetermined_directions(covariance: Array, limit: float) -> list[Array]:
+    """Unit vectors (3,) along which the standard deviation exceeds `limit`, of a covariance (3, 3)."""
     values, vectors = np.linalg.eigh(covariance)
     return [vectors[:, i] for i in range(3) if math.sqrt(max(float(values[i]), 0.0)) > limit]
 

@@ -1,31 +1,50 @@
-"""Marker poses, placements and the table's plane by one least-squares problem on the markers' corners.
+"""Registration's least squares; one file, as model, derivatives and elimination share the unknowns' layout.
 
-One file, because model, derivatives and elimination share one layout of the unknowns.
+Marker poses, placements and the table's plane are solved together from the markers' corners.
 
 A corner q of a marker (in M) is carried by the body's motion to
 
-    x_O = R_m q + t_m,  x_W = Rz(psi + kappa + tau theta + d_psi) Ry(theta) R_s (x_O - p_e - U d_e) + (x +
-    d_x, y + d_y, rho + d_z) x_C = T_camera_world E x_W
+    x_O = R_m q + t_m
+    x_W = Rz(psi + kappa + tau theta + d_psi) Ry(theta) R_s (x_O - p_e - U d_e)
+          + (x + d_x, y + d_y, rho + d_z)
+    x_C = T_camera_world E x_W
 
-m: marker, s: strike, e: edge. Known of a placement are R_s, except for its heading psi, and that the centre
-line p_e of the edge's rounding is at the height of its radius rho over the table; psi, x and y are as the
-hand left them. While the body tips over the edge, theta and the edge's position along the table (it may
-slide) are free in every frame; its height d_z is known to be 0 to within FRAME_SD. E is the pose of the table
-relative to the recorded T_world_camera: two tilts and a height. Frames are eliminated one by one (Schur
-complement): docs/decisions/0028 gives the reason why this solver is not the dense one.
+m: marker, s: strike, e: edge. kappa is the turn about the vertical by the impact, tau that while it tips per
+rad of theta, d_e the error of the edge's position across itself (U spans those directions). Of a placement,
+R_s is known except for its heading psi, and the centre line p_e of the edge's rounding is at the height of
+its radius rho over the table; psi, x and y are as the hand left them. While the body tips over the edge,
+theta and the edge's position along the table (it may slide) are free in every frame; its height d_z is known
+to be 0 to within FRAME_SD. E is the pose of the table relative to the recorded T_world_camera: two tilts and
+a height. Frames are eliminated one by one (Schur complement): docs/decisions/0028 gives the reason why this
+solver is not the dense one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.geometry.rotations import hat, matrix_from_vector, plane_basis
-from analyze.registration.table import tilt_axes, tilted
+from analyze.registration.solution import Solution
+from analyze.registration.table import table_rotation, tilt_axes
+from analyze.registration.unknowns import (
+    DRIFT_SD,
+    FRAME_SD,
+    HEADING_SD,
+    IMPACT_TURN_SD,
+    MARKER_SD,
+    PER_EDGE,
+    PER_FRAME,
+    PER_STRIKE,
+    PER_TABLE,
+    PLACE_SD,
+    TWISTED_SD,
+    Unknowns,
+    heading_by_frame,
+)
 from analyze.tracking.camera_model import project_ideal, project_jacobian, world_to_camera
 from analyze.tracking.pose import marker_corners
 
@@ -37,88 +56,25 @@ if TYPE_CHECKING:
     from analyze.registration.views import StrikeView
     from analyze.types import Array, IntArray
 
-HEADING_SD, PLACE_SD = math.radians(6.0), 0.02
-"""prior sd of a placement by hand [rad, m]; wide, so that the hand gives no information beyond the start"""
-IMPACT_TURN_SD, TWISTED_SD, DRIFT_SD = math.radians(0.05), math.radians(3.0), math.radians(0.1)
-"""sd of the turn about the vertical by the impact [rad], by one that clearly missed the body's middle [rad],
-and while it tips [rad per rad]"""
-FRAME_SD = np.array([np.inf, math.radians(0.05), 0.02, 2e-4, 3e-5])
-"""sd of theta, heading, slip along x and along y, and lift in one frame of a tip [rad, m]"""
 _FRAME_WEIGHT = 1.0 / FRAME_SD
-MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
-"""prior sd of a marker's pose [rad, m]: no information, but it keeps undetermined directions finite"""
 _MAX_STEPS = 40
 _COST_TOLERANCE = 1e-7
+"""relative decrease of the cost below which the iteration ends"""
 _MAX_DAMPING = 1e8
-_PER_STRIKE, _PER_EDGE, _TABLE, _PER_FRAME = 5, 2, 3, 5
 _OUTLIER_CHI2_RATIO = 25.0
 """multiple of the median chi^2 of a strike's frames above which a frame is left out"""
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Best fit of all markers, placements and tables.
-
-    Rotations of a marker are small turns in O, applied before its position.
-    """
-
-    T_object_marker: Mapping[int | str, Array]
-    """(4, 4) pose of M in O per marker"""
-    covariance: Mapping[int | str, Array]
-    """(6, 6) per marker, of its turn in O [rad] and its centre in O [m]"""
-    placements: Mapping[str, Array]
-    """per strike (3,): heading [rad], x, y [m] in W, relative to the plan"""
-    placement_sd: Mapping[str, Array]
-    """per strike (3,) standard deviations of the placement"""
-    table: Mapping[int, Array]
-    """per recording (3,) E: tilts about W's x and y [rad], and the height [m]"""
-    table_covariance: Mapping[int, Array]
-    """per recording (3, 3)"""
-    misfit: Mapping[str, float]
-    """per strike: chi^2 per degree of freedom"""
-    rms_px: Mapping[int | str, float]
-    """per marker: rms residual of its corners [px]"""
-    scale: float
-    """factor on all standard deviations, by the residuals"""
-    converged: bool
-    """False if it still moved along a direction that is hardly determined"""
-
-
-@dataclass
-class _Unknowns:
-    """Values of all unknowns."""
-
-    R: list[Array]
-    t: list[Array]
-    strike: Array
-    """(s, 5) psi, x, y, kappa, tau [rad, m, m, rad, 1]"""
-    edge: Array
-    """(e, 2)"""
-    table: Array
-    """(recordings, 3)"""
-    frames: list[Array]
-    """per strike (f - 1, 5): theta, heading, x, y, z"""
-
-    def moved(self, shared: Array, frames: list[Array]) -> _Unknowns:
-        """Unknowns after a step of the shared ones (n,) and of the frames' own."""
-        many, strikes, edges = len(self.R), len(self.strike), len(self.edge)
-        markers = shared[: 6 * many].reshape(many, 6)
-        at = 6 * many
-        strike = shared[at : at + _PER_STRIKE * strikes].reshape(strikes, _PER_STRIKE)
-        at += _PER_STRIKE * strikes
-        edge = shared[at : at + 2 * edges].reshape(edges, 2)
-        return _Unknowns(
-            [matrix_from_vector(step[:3]) @ R for step, R in zip(markers, self.R, strict=True)],
-            [t + step[3:] for step, t in zip(markers, self.t, strict=True)],
-            self.strike + strike,
-            self.edge + edge,
-            self.table + shared[-self.table.size :].reshape(self.table.shape),
-            [frame + step for frame, step in zip(self.frames, frames, strict=True)],
-        )
-
-
 class Problem:
-    """Least-squares problem of some strikes, solved together."""
+    """Least-squares problem of markers, placements and tables in some strikes.
+
+    Args:
+        views: views of the strikes.
+        sizes: edge of each marker's black square [m].
+        table: prior of the table against the recorded T_world_camera.
+        surface: the body's surface, with the markers constrained to it.
+        twisted: ids of strikes whose impact turned the body about the vertical.
+    """
 
     def __init__(
         self,
@@ -145,12 +101,12 @@ class Problem:
         self._corners = {i: marker_corners(sizes[i]) for i in self.markers}
         self._seen = [np.isfinite(view.sd) for view in views]
         self._strike_at = 6 * len(self.markers)
-        self._edge_at = self._strike_at + _PER_STRIKE * len(self._views)
+        self._edge_at = self._strike_at + PER_STRIKE * len(self._views)
         self._table_at = self._edge_at + 2 * len(self._edges)
-        self._many = self._table_at + _TABLE * len(self.setups)
+        self._many = self._table_at + PER_TABLE * len(self.setups)
 
     def solve(self, start: Mapping[int | str, Array]) -> Solution:
-        """Best fit from `start`: T_object_marker (4, 4) per marker, near the truth.
+        """Best fit, from first poses T_object_marker (4, 4) per marker that are near the truth.
 
         Raises:
             EstimationError: the iteration diverges.
@@ -161,32 +117,33 @@ class Problem:
             unknowns, normal = self._converged(unknowns)
         return self._solution(unknowns, normal)
 
-    def _first(self, start: Mapping[int | str, Array]) -> _Unknowns:
+    def _first(self, start: Mapping[int | str, Array]) -> Unknowns:
+        """Unknowns at the first poses, with placements and tables as recorded."""
         frames: list[Array] = []
         for view in self._views:
-            some = np.zeros((len(view.theta) - 1, _PER_FRAME))
+            some = np.zeros((len(view.theta) - 1, PER_FRAME))
             some[:, 0] = view.theta[1:]
             frames.append(some)
-        return _Unknowns(
+        return Unknowns(
             [start[i][:3, :3] for i in self.markers],
             [start[i][:3, 3] for i in self.markers],
-            np.zeros((len(self._views), _PER_STRIKE)),
-            np.zeros((len(self._edges), _PER_EDGE)),
-            np.zeros((len(self.setups), _TABLE)),
+            np.zeros((len(self._views), PER_STRIKE)),
+            np.zeros((len(self._edges), PER_EDGE)),
+            np.zeros((len(self.setups), PER_TABLE)),
             frames,
         )
 
-    def _converged(self, unknowns: _Unknowns) -> tuple[_Unknowns, Array]:
+    def _converged(self, unknowns: Unknowns) -> tuple[Unknowns, Array]:
         """Minimum by Levenberg-Marquardt, and the normal matrix of the shared unknowns there."""
         damping, cost = 1e-4, self._cost(unknowns)
         for _ in range(_MAX_STEPS):
             normal, gradient, back = self._normal(unknowns)
-            better: tuple[float, _Unknowns] | None = None
+            better: tuple[float, Unknowns] | None = None
             while better is None and damping < _MAX_DAMPING:
                 step: Array = np.asarray(
                     np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient), dtype=np.float64
                 )
-                tried = unknowns.moved(step, back(step))
+                tried = unknowns.after_step(step, back(step))
                 new = self._cost(tried)
                 if new <= cost * (1 + 1e-12):
                     better = new, tried
@@ -203,11 +160,8 @@ class Problem:
             raise EstimationError("the markers' places do not converge")
         return unknowns, self._normal(unknowns)[0]
 
-    def _model(self, s: int, u: _Unknowns) -> tuple[Array, Array, Array, Array]:
-        """Corners in C (f, m, 4, 3), and intermediate results.
-
-        Arm turned by theta, also by the heading, and in W.
-        """
+    def _model(self, s: int, u: Unknowns) -> tuple[Array, Array, Array, Array]:
+        """Corners (f, m, 4, 3) of strike s: in C; arms turned by theta; also by the heading; and in W [m]."""
         view = self._views[s]
         e = self._edges.index(view.axis_id)
         _, x, y, *_ = u.strike[s]
@@ -219,16 +173,17 @@ class Problem:
             ]
         )
         arm = (on_body - pivot) @ view.R_world_object.T
-        frame = np.concatenate([np.zeros((1, _PER_FRAME)), u.frames[s]])
+        frame = np.concatenate([np.zeros((1, PER_FRAME)), u.frames[s]])
         B = arm[None] @ _turns(1, frame[:, 0]).transpose(0, 2, 1)[:, None]
-        C = B @ _turns(2, _heading(u.strike[s], frame)).transpose(0, 2, 1)[:, None]
+        C = B @ _turns(2, heading_by_frame(u.strike[s], frame)).transpose(0, 2, 1)[:, None]
         place = frame[:, 2:] + np.array([x, y, view.radius])
         table = u.table[self.setups.index(view.setup)]
-        world = (C + place[:, None, None, :]) @ tilted(table).T
+        world = (C + place[:, None, None, :]) @ table_rotation(table).T
         R_camera_world, t_camera_world = world_to_camera(view.camera)
         return (world + np.array([0, 0, table[2]])) @ R_camera_world.T + t_camera_world, B, C, world
 
     def _numbers(self, view: StrikeView) -> list[int]:
+        """Indices of a view's markers among all markers."""
         return [self.markers.index(name) for name in view.marker_ids]
 
     def _weight(self, s: int) -> Array:
@@ -236,10 +191,11 @@ class Problem:
         return np.where(self._seen[s], 1.0 / self._views[s].sd, 0.0)
 
     def _residual(self, s: int, in_camera: Array) -> Array:
+        """Weighted residuals (f, m, 4, 2) of strike s for corners in C, over their sd."""
         off = self._views[s].ideal - project_ideal(self._views[s].camera, in_camera)
         return np.clip(off * self._weight(s)[:, :, None, None], -1e6, 1e6)
 
-    def _prior(self, u: _Unknowns) -> tuple[Array, Array]:
+    def _prior(self, u: Unknowns) -> tuple[Array, Array]:
         """Deviation and weight (n,) of the shared unknowns from their priors."""
         value = np.concatenate(
             [np.zeros(6 * len(self.markers)), u.strike.ravel(), u.edge.ravel(), u.table.ravel()]
@@ -250,17 +206,14 @@ class Problem:
                 np.ravel(
                     [[HEADING_SD, PLACE_SD, PLACE_SD, turn_sd, DRIFT_SD] for turn_sd in self._impact_turn_sd]
                 ),
-                np.repeat(self._edge_sd, _PER_EDGE),
+                np.repeat(self._edge_sd, PER_EDGE),
                 self._table_sd,
             ]
         )
         return value, 1.0 / sd
 
-    def _off_surface(self, u: _Unknowns) -> list[tuple[int, Array, Array]]:
-        """Per marker held to the surface.
-
-        Its index, its distance from it in sd (3,), and the derivative (3, 6).
-        """
+    def _off_surface(self, u: Unknowns) -> list[tuple[int, Array, Array]]:
+        """Index, deviation from the surface (3,) over its sd, and derivative (3, 6) per held marker."""
         found: list[tuple[int, Array, Array]] = []
         for j, name in enumerate(self.markers):
             fit = self._surface.fits.get(name)
@@ -280,7 +233,8 @@ class Problem:
             found.append((j, off, by))
         return found
 
-    def _cost(self, u: _Unknowns) -> float:
+    def _cost(self, u: Unknowns) -> float:
+        """Sum of squared residuals over their sd, with all priors."""
         total = 0.0
         for s in range(len(self._views)):
             total += float(np.sum(self._residual(s, self._model(s, u)[0]) ** 2))
@@ -292,7 +246,7 @@ class Problem:
             + sum(float(off @ off) for _, off, _ in self._off_surface(u))
         )
 
-    def _normal(self, u: _Unknowns) -> tuple[Array, Array, Callable[[Array], list[Array]]]:
+    def _normal(self, u: Unknowns) -> tuple[Array, Array, Callable[[Array], list[Array]]]:
         """Normal matrix and gradient of the shared unknowns, and the frames' steps by the shared step."""
         value, weight = self._prior(u)
         normal, gradient = np.diag(weight**2), -value * weight**2
@@ -311,9 +265,9 @@ class Problem:
                 kept.append(
                     (
                         columns,
-                        np.zeros((0, _PER_FRAME, _PER_FRAME)),
-                        np.zeros((0, _PER_FRAME, len(columns))),
-                        np.zeros((0, _PER_FRAME)),
+                        np.zeros((0, PER_FRAME, PER_FRAME)),
+                        np.zeros((0, PER_FRAME, len(columns))),
+                        np.zeros((0, PER_FRAME)),
                     )
                 )
                 continue
@@ -337,7 +291,7 @@ class Problem:
 
         return normal, gradient, back
 
-    def _jacobian(self, s: int, u: _Unknowns) -> tuple[IntArray, Array, Array, Array]:
+    def _jacobian(self, s: int, u: Unknowns) -> tuple[IntArray, Array, Array, Array]:
         """Shared columns of a strike, weighted derivatives by them and by the frames' own, and residuals.
 
         Returns:
@@ -351,9 +305,9 @@ class Problem:
         R_camera_world, _ = world_to_camera(view.camera)
         setup = self.setups.index(view.setup)
         F, M = view.sd.shape
-        frame = np.concatenate([np.zeros((1, _PER_FRAME)), u.frames[s]])
-        theta, heading, tau = frame[:, 0], _turns(2, _heading(u.strike[s], frame)), u.strike[s, 4]
-        out = R_camera_world @ tilted(u.table[setup])
+        frame = np.concatenate([np.zeros((1, PER_FRAME)), u.frames[s]])
+        theta, heading, tau = frame[:, 0], _turns(2, heading_by_frame(u.strike[s], frame)), u.strike[s, 4]
+        out = R_camera_world @ table_rotation(u.table[setup])
         carry = out @ heading @ _turns(1, theta) @ view.R_world_object
         by_point = project_jacobian(view.camera, in_camera) * self._weight(s)[:, :, None, None, None]
 
@@ -374,7 +328,7 @@ class Problem:
         about_up = np.cross(np.array([0.0, 0.0, 1.0]), C) @ out.T
         tips: Array = np.minimum(np.arange(F, dtype=np.float64), 1.0)[:, None, None, None]
         turn_of = theta[:, None, None, None]
-        columns.append(self._strike_at + _PER_STRIKE * s + np.arange(_PER_STRIKE))
+        columns.append(self._strike_at + PER_STRIKE * s + np.arange(PER_STRIKE))
         along = np.broadcast_to(out[:, :2], (*about_up.shape[:-1], 3, 2))
         parts.append(
             pixels(
@@ -391,7 +345,7 @@ class Problem:
         )
         columns.append(self._edge_at + 2 * e + np.arange(2))
         parts.append(pixels(np.broadcast_to((-carry @ self._basis[e])[:, None, None], (F, M, 4, 3, 2))))
-        columns.append(self._table_at + _TABLE * setup + np.arange(_TABLE))
+        columns.append(self._table_at + PER_TABLE * setup + np.arange(PER_TABLE))
         tilt = [np.cross(axis, world) @ R_camera_world.T for axis in tilt_axes(u.table[setup])]
         lifted = np.broadcast_to(R_camera_world[:, 2], world.shape)
         parts.append(pixels(np.stack([*tilt, lifted], axis=-1)))
@@ -401,9 +355,9 @@ class Problem:
             np.concatenate([(about_edge + tau * about_up)[..., None], about_up[..., None], shift], axis=-1)
         )
         J = np.concatenate(parts, axis=-1).reshape(F, M * 8, -1)
-        return np.concatenate(columns), J, own.reshape(F, M * 8, _PER_FRAME), residual.reshape(F, M * 8)
+        return np.concatenate(columns), J, own.reshape(F, M * 8, PER_FRAME), residual.reshape(F, M * 8)
 
-    def _drop_outliers(self, u: _Unknowns) -> bool:
+    def _drop_outliers(self, u: Unknowns) -> bool:
         """Leave out single frames of tips whose corners were misread; True if there were any."""
         dropped = False
         for s in range(len(self._views)):
@@ -417,7 +371,7 @@ class Problem:
                 dropped = True
         return dropped
 
-    def _solution(self, u: _Unknowns, normal: Array) -> Solution:
+    def _solution(self, u: Unknowns, normal: Array) -> Solution:
         """Solution at the minimum, with covariance and misfits."""
         chi2, freedom = 0.0, 0
         misfit: dict[str, float] = {}
@@ -426,7 +380,7 @@ class Problem:
             residual = self._residual(s, self._model(s, u)[0])
             tip = u.frames[s] * _FRAME_WEIGHT
             own = float(np.sum(residual**2) + np.sum(tip**2))
-            # Of a frame's five unknowns only theta and the slip are not held by their priors.
+            # Of a frame's five unknowns only theta and the slip are not fixed by their priors.
             shown = int(np.count_nonzero(np.any(self._seen[s][1:], axis=1)))
             free = 8 * int(np.count_nonzero(self._seen[s])) - 2 * shown - 6
             misfit[view.strike_id] = own / max(free, 1)
@@ -437,8 +391,8 @@ class Problem:
                 off_px[name] += np.sum(px[self._seen[s][:, j], j] ** 2, axis=-1).ravel().tolist()
         scale = math.sqrt(max(1.0, chi2 / freedom))
         covariance: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64) * scale**2
-        strikes = np.sqrt(np.diag(covariance))[self._strike_at : self._edge_at].reshape(-1, _PER_STRIKE)
-        at = [self._table_at + _TABLE * i for i in range(len(self.setups))]
+        strikes = np.sqrt(np.diag(covariance))[self._strike_at : self._edge_at].reshape(-1, PER_STRIKE)
+        at = [self._table_at + PER_TABLE * i for i in range(len(self.setups))]
         T: dict[int | str, Array] = {}
         for j, name in enumerate(self.markers):
             T[name] = np.eye(4)
@@ -452,7 +406,7 @@ class Problem:
             placement_sd={view.strike_id: strikes[s, :3] for s, view in enumerate(self._views)},
             table={setup: u.table[i] for i, setup in enumerate(self.setups)},
             table_covariance={
-                setup: covariance[a : a + _TABLE, a : a + _TABLE]
+                setup: covariance[a : a + PER_TABLE, a : a + PER_TABLE]
                 for setup, a in zip(self.setups, at, strict=True)
             },
             misfit=misfit,
@@ -460,12 +414,6 @@ class Problem:
             scale=scale,
             converged=self._has_converged,
         )
-
-
-def _heading(strike: Array, frame: Array) -> Array:
-    """Heading (f,) in every frame [rad]; frame 0 is at rest."""
-    psi, _, _, kappa, tau = strike
-    return psi + kappa * (np.arange(len(frame)) > 0) + tau * frame[:, 0] + frame[:, 1]
 
 
 def _turns(axis: int, angle: Array) -> Array:

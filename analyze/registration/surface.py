@@ -14,20 +14,21 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 CARD_HEIGHT_SD, CARD_TILT_SD = 1e-4, math.radians(0.2)
-"""sd of a tag's distance [m] and tilt [rad] from a flat surface beyond its stated thickness: glue, uneven
-paper"""
+"""standard deviations of a tag's height [m], beyond its stated thickness, and of its tilt [rad] on a flat
+surface: glue, uneven paper"""
 MAX_FLAT_HEIGHT, MAX_FLAT_TURN = 1e-4, math.radians(1.0)
-"""largest differences [m, rad] of the surface under a tag's corners from its middle that count as flat"""
+"""largest differences [m, rad] between the surface under a tag's corners and under its middle, if it is
+flat"""
 MAX_TILT_ON_SURFACE = math.radians(15.0)
-"""largest angle between a marker's normal and the surface's [rad] of a marker that lies on it"""
+"""largest angle [rad] between the normals of a marker that lies on the surface and of the surface"""
 MAX_HEIGHT_ON_SURFACE = 0.02
-"""largest first distance from the surface [m] of such a marker: along its normal a start is as inaccurate as
-a hand"""
+"""largest first estimate of such a marker's distance from the surface [m]; along the normal it is as
+inaccurate as a placement by hand"""
 
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """Accuracy with which a marker lies on the surface."""
+    """Height of a marker over the surface, and how accurately it lies on it."""
 
     thickness: float
     """height of its centre over the surface [m]"""
@@ -45,7 +46,7 @@ class Surface:
     height: Callable[[Array], tuple[float, Array]]
     """height over the surface [m] and outward normal (3,), of a point in O (3,) [m]"""
     fits: Mapping[int | str, SurfaceFit]
-    """markers that are held to the surface; others are missing"""
+    """by marker id, for the markers that are constrained to the surface"""
 
 
 def height_over(model: ObjectModel, point: Array) -> tuple[float, Array]:
@@ -60,7 +61,7 @@ def surface_under(
     sizes: Mapping[int | str, float],
     thickness: Mapping[int | str, float],
 ) -> Surface:
-    """Surface with the markers that lie on it by their first poses.
+    """Surface of the body, with the markers that lie on it according to their first poses.
 
     Args:
         model: the object's exterior.
@@ -90,7 +91,7 @@ def _flat_under(model: ObjectModel, T: Array, size: float, height: float, normal
         [sx * T[:3, 0] + sy * T[:3, 1] for sx in (-1, 1) for sy in (-1, 1)]
     )
     for corner in corners:
-        # Without the tag's own tilt, which is the unknown.
+        # The corner is moved onto the tangent plane: the tag's own tilt is unknown.
         on_plane = corner - normal * float(normal @ (corner - T[:3, 3]))
         above, other = height_over(model, on_plane)
         if abs(above - height) > MAX_FLAT_HEIGHT or float(other @ normal) < math.cos(MAX_FLAT_TURN):

@@ -25,15 +25,19 @@ class TablePrior:
 
 
 LAID_BOARD = TablePrior(math.radians(0.1), 5e-4)
-"""accuracy of a board laid by hand"""
+"""prior with a board that was laid on the table by hand"""
 UNKNOWN_TABLE = TablePrior(math.radians(10.0), 0.1)
-"""no board was seen: poses and pivots must determine the table"""
+"""prior without a board: marker poses and pivots must determine the table"""
 
 
 def table_transform(table: Array) -> Array:
-    """Transform E (4, 4) from the table's own frame to the W of the recorded T_world_camera."""
+    """Transform E (4, 4) from the table's own frame to the W of the recorded T_world_camera.
+
+    Args:
+        table: (3,) tilts about W's x and y [rad], and the height [m].
+    """
     E = np.eye(4)
-    E[:3, :3] = tilted(table)
+    E[:3, :3] = table_rotation(table)
     E[2, 3] = table[2]
     return E
 
@@ -48,15 +52,15 @@ def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
     return replace(camera, T_world_camera=np.linalg.inv(table_transform(table)) @ camera.T_world_camera)
 
 
-def tilted(table: Array) -> Array:
-    """Rotation (3, 3) of E by its two tilts."""
+def table_rotation(table: Array) -> Array:
+    """Rotation (3, 3) from the table's own frame to W, from tilts about W's x and y `table[:2]` [rad]."""
     return matrix_from_vector(np.array([table[0], table[1], 0.0]))
 
 
 def tilt_axes(table: Array) -> Array:
-    """Axes (2, 3) in W about which E turns as its two tilts change.
+    """Axes (2, 3) in W about which the table turns as each of its two tilts changes.
 
-    The exponential's derivative, to third order for tilts below 20 deg.
+    The derivative of the matrix exponential, to third order, for tilts below 20 deg.
     """
     K = hat(np.array([table[0], table[1], 0.0]))
     return (np.eye(3) + K / 2 + K @ K / 6)[:, :2].T

@@ -1,7 +1,4 @@
-"""Views of one strike for registration.
-
-The object at rest on a known face, and turning about a known edge.
-"""
+"""View of one strike for registration: the object at rest on a known face, and tipping over a known edge."""
 
 from __future__ import annotations
 
@@ -10,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.motion.strike import rest_end
+from analyze.motion.strike import end_of_rest_ns
 from analyze.tracking.camera_model import undistort
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,14 +21,16 @@ if TYPE_CHECKING:
 MAX_TIP_FRAMES = 60
 """most frames of a tip that are used, evenly over its angle"""
 MODEL_SD_PX = 0.02
-"""error of each corner by lens model and pixels [px]; it varies as the tag moves, but not at rest"""
-_NOTHING: tuple[IntArray, Array] = np.zeros(0, dtype=np.int64), np.zeros(0)
+"""standard deviation of each corner caused by lens model and pixels [px]; it varies as the tag moves, but not
+at rest"""
+_NO_FRAMES: tuple[IntArray, Array] = np.zeros(0, dtype=np.int64), np.zeros(0)
+"""times and angles of no frames"""
 MIN_RESTING_FRAMES = 3
 """least number of frames at rest"""
 MIN_TURN_RAD = 0.1
 """least turn [rad] that determines the axis"""
 EDGE_ON_TABLE = (Verdict.GOOD, Verdict.ROCKED_BACK, Verdict.SLID)
-"""verdicts with the edge on the table; its position along the table is left free"""
+"""verdicts on strikes whose edge stayed on the table; its position along the table is free in the fit"""
 PLACED_AS_PLANNED = (
     *EDGE_ON_TABLE,
     Verdict.STRUCK_TWICE,
@@ -40,15 +39,17 @@ PLACED_AS_PLANNED = (
     Verdict.AIRBORNE,
     Verdict.NOT_MOVED,
 )
-"""verdicts with the object as planned before the impact"""
+"""verdicts on strikes before which the object was placed as planned"""
 
 
 @dataclass(frozen=True)
 class StrikeView:
-    """Images of one strike: frame 0 is the mean of the resting ones, the others are of the tip."""
+    """Marker corners of one strike: frame 0 is the median of the resting frames, the rest the tip."""
 
     strike_id: str
+    """id of the strike"""
     axis_id: str
+    """id of the pivot axis"""
     marker_ids: tuple[int | str, ...]
     """(m,) names of the markers seen"""
     R_world_object: Array
@@ -62,7 +63,7 @@ class StrikeView:
     pivot_sd: float
     """standard deviation of that line across itself [m]"""
     rolls: bool
-    """True if the edge is a rim: the point of it that touches is unknown"""
+    """True if the edge is a round rim, whose touching point is unknown"""
     ideal: Array
     """(f, m, 4, 2) corners [ideal px]"""
     sd: Array
@@ -78,7 +79,7 @@ class StrikeView:
     setup: int = 0
     """number of the recording: its strikes share a camera and a table"""
     on_curve: bool = False
-    """True if the shape is a curve there: the body rolls, and no line of it keeps its height"""
+    """True if the body rolls on a curve of its shape, so that no line of it stays at one height"""
 
     @property
     def turn(self) -> float:
@@ -95,7 +96,7 @@ def strike_view(
     setup: int = 0,
     section: SupportFunction | None = None,
 ) -> StrikeView | None:
-    """Frames of a strike that determine marker poses; None if no marker was clearly seen at rest.
+    """Resting and tipping frames of a strike, for registration; None if no marker was clearly seen at rest.
 
     Args:
         tracks: tracks of the strike's window.
@@ -104,13 +105,13 @@ def strike_view(
         planned: planned placement and edge.
         motion: analysed motion with its verdict.
         setup: number of the recording.
-        section: cross-section on which it rolls, if curved; None for an edge with the planned rounding. Tips
-            on a curve are left out.
+        section: cross-section on which the body rolls, if it is curved; only resting frames are then used.
+            None for an edge with the planned rounding.
     """
     if motion.verdict not in PLACED_AS_PLANNED:
         return None
     known = {marker.id for marker in markers}
-    end_ns = rest_end(tracks, 0)
+    end_ns = end_of_rest_ns(tracks, 0)
     seen = [
         t
         for t in tracks
@@ -118,7 +119,7 @@ def strike_view(
     ]
     if not seen:
         return None
-    time_ns, theta = _tip(motion, planned) if section is None else _NOTHING
+    time_ns, theta = _tip(motion, planned) if section is None else _NO_FRAMES
     frames = 1 + len(time_ns)
     ideal, sd = np.zeros((frames, len(seen), 4, 2)), np.full((frames, len(seen)), np.inf)
     R, p = np.zeros((len(seen), 3, 3)), np.zeros((len(seen), 3))
@@ -157,9 +158,9 @@ def strike_view(
 
 
 def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
-    """Times [ns] and angles [rad] of the chosen frames of the tip.
+    """Log times (n,) [ns] and angles (n,) [rad] of the chosen frames of a tip.
 
-    None if it did not turn about its edge, or on a rim.
+    No frames are chosen if the body did not turn about its edge, or rolled on a rim.
     """
     angle, phases = motion.angle, motion.phases
     if (
@@ -169,11 +170,11 @@ def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
         or planned.rolls
         or motion.verdict not in EDGE_ON_TABLE
     ):
-        return _NOTHING
+        return _NO_FRAMES
     start, stop = (phases.stage_one[0], phases.stage_one[1]) if motion.fit is None else motion.fit.window
     theta = angle.theta[start:stop]
     if len(theta) == 0 or float(np.max(theta)) < MIN_TURN_RAD:
-        return _NOTHING
+        return _NO_FRAMES
     wanted = np.linspace(float(np.min(theta)), float(np.max(theta)), MAX_TIP_FRAMES)
     chosen = start + np.unique(np.argmin(np.abs(theta[None, :] - wanted[:, None]), axis=1))
     return angle.time_ns[chosen], angle.theta[chosen]

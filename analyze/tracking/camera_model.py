@@ -1,14 +1,12 @@
-"""Pinhole camera with OpenCV distortion, or OpenCV's fisheye.
-
-Raw pixels, ideal (distortion-free) pixels and points in W.
+"""Conversion between raw pixels, ideal (distortion-free) pixels and points, for pinhole and fisheye lenses.
 
 Integer pixel coordinates are pixel centres. Ideal pixels are those of a pinhole with the same camera matrix
 and no distortion: straight edges are straight in them. Only `undistort` and `distort` depend on the lens; all
 other code works on ideal pixels.
 
-A fisheye (Kannala and Brandt 2006, as in OpenCV) draws a ray at theta off the optical axis at theta (1 + k1
-theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels grow with
-tan(theta): beyond `MAX_FISHEYE_ANGLE_RAD` there are none (NaN).
+A fisheye (Kannala and Brandt 2006, as in OpenCV) images a ray at theta off the optical axis at a distance of
+theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels
+grow with tan(theta): beyond `MAX_FISHEYE_ANGLE_RAD` there are none (NaN).
 """
 
 from __future__ import annotations
@@ -29,14 +27,14 @@ if TYPE_CHECKING:
 
 _NEWTON_STEPS = 12
 """number of Newton steps on a fisheye's theta"""
-_UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+_UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
 MAX_FISHEYE_ANGLE_RAD = math.radians(80.0)
-"""largest angle off a fisheye's axis [rad]; there an ideal pixel is a 33rd of a raw one, and a marker's edge
-can no longer be fitted"""
+"""largest angle off a fisheye's axis [rad]; there an ideal pixel is 1/33 of a raw one, and a marker's edge
+cannot be fitted"""
 
 
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
-    """Camera model of a recording's calibration."""
+    """Camera model from the calibration in a recording."""
     return CameraModel(
         width=spec.width,
         height=spec.height,
@@ -56,13 +54,19 @@ def undistort(camera: CameraModel, points_px: Array) -> Array:
     if not np.any(camera.distortion):
         return points.copy()
     ideal = cv2.undistortPoints(
-        points.reshape(-1, 1, 2), camera.K, camera.distortion, None, None, camera.K, criteria=_UNDISTORT_STEPS
+        points.reshape(-1, 1, 2),
+        camera.K,
+        camera.distortion,
+        None,
+        None,
+        camera.K,
+        criteria=_UNDISTORT_CRITERIA,
     )
     return np.asarray(ideal, dtype=float).reshape(points.shape)
 
 
 def fisheye_coefficients(distortion: Array) -> Array:
-    """Coefficients (4,) k1, k2, k3, k4 of a fisheye; any other number of coefficients means none."""
+    """Coefficients (4,) k1, k2, k3, k4 of a fisheye; zeros if `distortion` has another length than 4."""
     return (
         np.asarray(distortion, dtype=float)
         if len(distortion) == FISHEYE_COEFFICIENTS
@@ -71,9 +75,11 @@ def fisheye_coefficients(distortion: Array) -> Array:
 
 
 def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
-    """Ideal pixels of a fisheye by Newton's method on theta.
+    """Ideal pixels (..., 2) of raw points (..., 2) of a fisheye, by Newton's method on theta.
 
-    cv2.fisheye.undistortPoints stops at the first stationary point of the polynomial and returns -1000000.
+    Not by cv2.fisheye.undistortPoints, which stops at the first stationary point of the polynomial and
+    returns
+    -1000000.
     """
     k = fisheye_coefficients(camera.distortion)
     drawn = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
@@ -124,7 +130,8 @@ def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
 def project(camera: CameraModel, points_camera: Array) -> Array:
     """Raw image points (..., 2) of points in C (..., 3) [m] in front of the camera.
 
-    Far outside the image, where a lens's polynomial may turn back into it, they are those of a pinhole.
+    Far outside the image the points are those of a pinhole, because the lens's polynomial may fold back
+    there.
     """
     ideal = project_ideal(camera, points_camera)
     reach = math.hypot(camera.width, camera.height)
@@ -151,7 +158,7 @@ def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
 
 
 class PixelMap:
-    """Ideal coordinates of every pixel centre of one camera, computed once for look-up."""
+    """Look-up table of the ideal coordinates of every pixel centre of one camera."""
 
     def __init__(self, camera: CameraModel) -> None:
         columns, rows = np.meshgrid(

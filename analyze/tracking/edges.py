@@ -1,21 +1,21 @@
-"""Corners of a black square to a few hundredths of a pixel.
+"""Sub-pixel corners of a black square; one file, because band, model and fit share a layout tuned for speed.
 
-One file, because band, model and fit share their layout of pixels, which is tuned for speed as a whole.
-
-Each edge is fitted to the grey values of the pixels along it.
+Each edge is fitted to the grey values of the pixels along it; corners are accurate to a few hundredths of a
+pixel.
 
 Model of one edge: I = black + (white - black) * Phi(d / s), with d the signed distance of a pixel's centre
 from the edge line in ideal (distortion-free) coordinates, Phi the normal distribution function, s the blur of
 lens and pixel. Five numbers per edge (position, direction, black, white, s) are fitted by Gauss-Newton to the
 raw pixels: without interpolation there is no bias towards pixel centres, and the noise of neighbouring
-samples stays independent, which makes the covariance honest. Corners are intersections of neighbouring edges.
+samples stays independent, which makes the covariance correct. Corners are intersections of neighbouring
+edges.
 
 A pixel integrates over its square. With a lens that blurs by half a pixel that is equivalent to a little more
-blur; an edge that is sharper (sharpened by a phone, or drawn) is fitted with Phi averaged over the pixel's
+blur. An edge that is sharper (sharpened by a phone, or drawn) is fitted with Phi averaged over the pixel's
 breadth across the edge.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -40,15 +40,16 @@ _REACH_PX = 2.6
 END_MARGIN_PX = 2.6
 """stretch left out at each end [px], where the blurred corner bends the edge"""
 _END_MARGIN_BLURS = 3.4
-"""the same in units of the blur, used if it is more: at s = 2 px the error is 0.008 px otherwise"""
+"""the same in units of the blur s; the larger of both is used (otherwise the error at s = 2 px is 0.008
+px)"""
 _LINE_TOLERANCE_PX = 0.02
-"""line step [px] that ends the iteration; Gauss-Newton converges quadratically, so that the rest is below
-0.001 px"""
+"""largest step of a line [px] that ends the iteration; Gauss-Newton converges quadratically, so that the
+remaining error is below 0.001 px"""
 _BLUR_TOLERANCE_PX = 0.1
-"""blur step [px] that ends the iteration; the covariance depends on s: at half its true size it halves the sd
-"""
+"""largest step of the blur [px] that ends the iteration; the covariance depends on s: with half the true blur
+the sd would be half as large"""
 _MAX_STEP, _MIN_STEP = np.array([0.8, 0.8, 0.5]), np.array([-0.8, -0.8, -0.3])
-"""limits of one step [px]: line at the middle and its turn, blur"""
+"""limits of one step [px]: offset of the line at its middle, its tilt, and the blur"""
 _ROUNDING_VARIANCE = 1.0 / 12.0
 """variance of rounding to whole grey levels [grey levels^2]: a drawn image may have no other noise"""
 _MIN_CONTRAST = 12.0
@@ -58,14 +59,14 @@ _MIN_START_CONTRAST = 1.0
 _START_SHAPE = np.array([[0.0, 0.0, 0.8]] * 4)
 """first line [px, px] and blur [px] of each edge"""
 _RESTART_PX = 0.6
-"""distance from the start [px] beyond which a second fit is made"""
+"""distance of the fit from its start [px] beyond which a second fit is made"""
 _SAME_BAND_PX = 0.4
-"""expected motion [px] up to which the band of the image before is used again"""
+"""largest expected motion [px] at which the band of the previous image is used again"""
 _MAX_STEPS = 8
 """most Gauss-Newton steps; two or three are usual"""
 _SHARP_PX = 0.5
-"""blur [px] below which the pixel's own breadth is distinguished from blur: corners would be 0.004 px off, at
-0.3 px 0.06"""
+"""blur [px] below which the pixel's breadth is modelled separately; otherwise corners would be off by 0.004
+px, at a blur of 0.3 px by 0.06 px"""
 _MIN_BLUR, _MAX_BLUR = 0.45, 3.0
 """range of the blur of lens and pixel [px]"""
 _MIN_LENS_BLUR = 0.1
@@ -87,7 +88,7 @@ _DENSITY = np.exp(-0.5 * _Z * _Z) / math.sqrt(2.0 * math.pi)
 
 @dataclass(frozen=True)
 class Square:
-    """Fitted corners of a square with their uncertainty."""
+    """Fitted corners of a square, with covariance and image quality."""
 
     corners: Array
     """(4, 2) ideal px, in the order given"""
@@ -132,29 +133,29 @@ class _Band:
 
 
 @dataclass(frozen=True)
-class _Level:
-    """Result of the descent."""
+class _EdgeFits:
+    """Fitted lines, blur and contrast of a square's four edges."""
 
     shape: Array
-    """(4, 3) a, b, s of each edge [px], s of lens and pixel"""
+    """(4, 3) offset a, tilt b and blur s of each edge [px]; s is that of lens and pixel together"""
     products: Array
-    """(4, 6, 6) as from `_products`, before the last step"""
+    """(4, 6, 6) sums of products from `_products`, before the last step"""
     contrast: Array
     """(4,) contrast [grey levels]"""
     variance: Array
     """(4,) variance of the residuals [grey levels^2]"""
     moved: float
-    """last step [px]"""
+    """size of the last step of the lines [px]"""
 
 
 @dataclass(frozen=True)
 class SquareFit:
-    """Fitted square with the start for the next image's fit."""
+    """Fitted square, with band and shape from which the fit in the next image starts."""
 
     square: Square
     """the square"""
     band: _Band
-    """its pixels"""
+    """pixels along its edges"""
     shape: Array
     """(4, 3) a, b, s of each edge in the band [px]"""
 
@@ -162,7 +163,7 @@ class SquareFit:
 def fit_square(
     image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
 ) -> Square | None:
-    """Square with refined corners, as found by `find_square`.
+    """Square with refined corners, as by `find_square` but without its band; None if there is none.
 
     Args:
         image: (height, width) grey values.
@@ -177,7 +178,7 @@ def fit_square(
 def find_square(
     image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
 ) -> SquareFit | None:
-    """Refine the corners of a dark square.
+    """Fit the edges of a dark square near first corners, and intersect them.
 
     Args:
         image: (height, width) grey values.
@@ -201,25 +202,25 @@ def find_square(
     return None if band is None else _fit(image, band, _START_SHAPE)
 
 
-def find_square_again(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
-    """Square of the image before, if it has moved so little that the same pixels show it.
+def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
+    """Fit a square on the band of the previous image, at a third of the cost of `find_square`.
 
-    a third of the work.
+    Only a square that has moved so little that the same pixels show its edges can be fitted so.
 
     Args:
         image: grey values, of the same size.
-        before: the square in the image before.
+        before: the square in the previous image.
         expected_ideal: (4, 2) expected corners [ideal px].
 
     Returns:
-        None if it has moved too far or is not there; `find_square` may find it.
+        The square, or None if it has moved too far or is not there; then `find_square` may find it.
     """
     if float(np.abs(expected_ideal - before.band.corners_ideal).max()) > _SAME_BAND_PX:
         return None
     found = _fit(image, before.band, before.shape)
     if found is None or float(np.abs(found.square.corners - before.band.corners_ideal).max()) > _RESTART_PX:
         return None
-    # The blur that the band's ends were cut for is still about the same.
+    # The band's ends were cut for a certain blur, which must still be about the same.
     return found if abs(found.square.blur - before.square.blur) < _BLUR_TOLERANCE_PX else None
 
 
@@ -283,8 +284,8 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
     )
 
 
-def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _Level | None:
-    """Gauss-Newton from `start` (4, 3); None if there is no edge.
+def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _EdgeFits | None:
+    """Fit lines, blur and contrast of the four edges by Gauss-Newton; None if there is no edge.
 
     Args:
         grey: (4, s) grey values of the band.
@@ -313,12 +314,12 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
         moved = max(size[0], size[1])
         if moved < _LINE_TOLERANCE_PX and size[2] < _BLUR_TOLERANCE_PX:
             break
-    # The sum is that before the last step, whose effect follows from the linear model.
+    # The sum of squares is from before the last step, whose effect follows from the linear model.
     remaining = products[:, 5, 5] - (products[:, :5, 5] * fitted).sum(axis=1)
     variance = np.maximum(remaining / np.maximum(weight - 5.0, 1.0), _ROUNDING_VARIANCE)
     if breadth is not None:
         shape[:, 2] = np.sqrt(shape[:, 2] ** 2 + breadth**2 / 12.0)
-    return _Level(shape, products, contrast, variance, moved)
+    return _EdgeFits(shape, products, contrast, variance, moved)
 
 
 def _breadth(band: _Band) -> Array:
@@ -419,7 +420,10 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
 def _within(
     along: IntArray, middle: IntArray, used: NDArray[np.bool_], length: IntArray, breadth: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Bands (4, n) clipped to the image; `used` (4, n * band) is cleared beyond it.
+    """Clip the bands to the image, and clear `used` for pixels beyond it.
+
+    Returns:
+        `along` and `middle` (4, n), clipped.
 
     Args:
         along: (4, n) pixel along each edge.
@@ -441,7 +445,13 @@ def _within(
 
 
 def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Array]:
-    """Corners (4, 2), corner i of edges i - 1 and i, with covariance (4, 2, 2) from both lines' (a, b)."""
+    """Corners (4, 2) [ideal px], corner i of edges i - 1 and i, and their covariance (4, 2, 2) [px^2].
+
+    Args:
+        band: the pixels, with the frame of each edge.
+        line: (4, 2) offset a and tilt b of each edge [px].
+        covariance: (4, 2, 2) covariance of (a, b) [px^2].
+    """
     point = band.middle + line[:, :1] * band.outward
     direction = band.along + (line[:, 1] / band.half)[:, None] * band.outward
     normal = direction[:, ::-1] * np.array([-1.0, 1.0])

@@ -27,14 +27,14 @@ _OTHER_FAMILIES = tuple(
     TagFamily(name)
     for name in ("36h11", "36h10", "25h9", "mip_36h12", "5x5_100", "6x6_100", "7x7_100", "4x4_50")
 )
-"""families that are searched if no marker was found, the most reliable first: the printed marker may be of
-another family than the object file states"""
+"""families searched if no marker was found, the most reliable first, to report a printed marker of another
+family than the object file states"""
 _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """Marker as OpenCV detects it, good to about half a pixel."""
+    """Marker as OpenCV detects it, with corners accurate to about half a pixel."""
 
     marker_id: int | str
     """name of the marker: see schemas.tags"""
@@ -43,20 +43,22 @@ class Sighting:
 
 
 def families_of(names: Iterable[int | str]) -> tuple[TagFamily, ...]:
-    """Families of the named markers; the usual one if there are none."""
+    """Families of the named markers, sorted; the usual family if no marker is named."""
     return tuple(sorted({family_and_id(name)[0] for name in names})) or (USUAL_FAMILY,)
 
 
 @cache
 def _dictionary(family: TagFamily) -> cv2.aruco.Dictionary:
+    """OpenCV's code dictionary of a family."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
 
 
 @cache
 def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
+    """OpenCV's detector of the markers of these families."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
-    # One wrong bit of 36 (none of 16 or 25): enough for noise, and random patches do not become markers.
+    # One wrong bit of 36 (none of 16 or 25) allows for noise without turning random patches into markers.
     parameters.errorCorrectionRate = 0.3
     parameters.minMarkerPerimeterRate = 0.05
     # Two windows suit tags of 30 to 200 px; the constant keeps sensor noise on flat areas from becoming
@@ -73,6 +75,7 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
 
 @cache
 def _cells(name: int | str) -> NDArray[np.bool_]:
+    """Cells (n, n) of a marker with its black border, True for white."""
     family, tag_id = family_and_id(name)
     return (
         np.asarray(
@@ -98,6 +101,7 @@ class _CodePattern:
 
 @cache
 def _code_pattern(name: int | str) -> _CodePattern:
+    """Cells of a marker, prepared for the verification of its code."""
     code = _cells(name)
     centre = (np.arange(len(code)) + 0.5) / len(code)
     x, y = np.meshgrid(centre, centre)
@@ -109,10 +113,7 @@ def _code_pattern(name: int | str) -> _CodePattern:
 
 @cache
 def wrong_cells(family: TagFamily) -> int:
-    """Number of cells that may be misread in a square of known place.
-
-    Half the least distance of two tags of the family.
-    """
+    """Number of cells that may be misread where a known tag is expected: half the family's code distance."""
     codes = np.asarray(_dictionary(family).bytesList, dtype=np.uint8)
     many = len(codes)
     # (tag, turn by 90 degrees, byte): OpenCV keeps each code in all four orientations.
@@ -131,9 +132,15 @@ def detect(
     families: Sequence[TagFamily] = (USUAL_FAMILY,),
     origin: tuple[int, int] = (0, 0),
 ) -> list[Sighting]:
-    """Detect all markers of `families` in `image`; `origin` (column, row) is added to their corners.
+    """Detect all markers of some families in an image.
 
-    One marker found twice in the same place (outer and inner contour) is reported once, the larger one.
+    A marker found twice at the same place (by outer and inner contour) is reported once, by its larger
+    contour.
+
+    Args:
+        image: (height, width) grey values, of a whole image or a part of it.
+        families: families that are searched.
+        origin: column and row of the part in the whole image [px], added to the corners.
     """
     families = tuple(families)
     # Squares are searched once, whatever the number of families; each is then read as every family.

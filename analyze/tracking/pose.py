@@ -1,12 +1,12 @@
-"""Pose of a square marker: both solutions of a square seen face-on, and the choice between them.
+"""Pose of a square marker from its corners: the two solutions, and the choice between them by the motion.
 
-Start: infinitesimal plane-based pose estimation (Collins and Bartoli 2014, "Infinitesimal Plane-Based Pose
-Estimation"), OpenCV's SOLVEPNP_IPPE_SQUARE; both solutions are refined on the reprojection error. One image
-of a small tag cannot distinguish them; a body moves smoothly, so that the cheapest path through all frames
-can (Viterbi).
+The first guess is infinitesimal plane-based pose estimation (Collins and Bartoli 2014, "Infinitesimal
+Plane-Based Pose Estimation"), OpenCV's SOLVEPNP_IPPE_SQUARE; both solutions are refined on the reprojection
+error. One image of a small tag does not determine which is true; a body moves smoothly, so that the path of
+least cost through all frames does (Viterbi).
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
+# scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FRAME_TURN_SD = 0.05
 _POSE_STEPS = 12
 """most Levenberg-Marquardt steps"""
 _POSE_TOLERANCE = 1e-6
-"""relative gain of the sum of squares that ends the refinement"""
+"""relative decrease of the sum of squares below which the refinement ends"""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def marker_corners(size: float) -> Array:
 
 
 def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
-    """Both poses of a square marker; None if the four points are no view of a square.
+    """Both poses of a square marker; None if the four points are not the view of a square.
 
     Args:
         corners_ideal: (4, 2) distortion-free corners [ideal px].
@@ -85,9 +85,12 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
 
 
 def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | None]:
-    """Poses of many views (n, 4, 2) [ideal px] at once, as by `solve_pose`.
+    """Both poses of a square marker in each of n views, as by `solve_pose` but in a fifth of the time.
 
-    The same minima for a fifth of the time.
+    Args:
+        corners_ideal: (n, 4, 2) distortion-free corners [ideal px].
+        size: edge of the marker [m].
+        K: (3, 3) camera matrix [px].
     """
     points = marker_corners(size)
     starts = [
@@ -118,9 +121,13 @@ def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | 
 
 
 def _reprojected(R: Array, p: Array, points: Array, K: Array) -> tuple[Array, Array]:
-    """Ideal pixels (m, 4, 2) of the corners `points` (4, 3) at poses (m, 3, 3), (m, 3).
+    """Ideal pixels (m, 4, 2) and positions in C (m, 4, 3) of marker corners at m poses.
 
-    And the corners in C (m, 4, 3).
+    Args:
+        R: (m, 3, 3) rotations from M to C.
+        p: (m, 3) positions in C [m].
+        points: (4, 3) corners in M [m].
+        K: (3, 3) camera matrix [px].
     """
     in_camera = points @ R.transpose(0, 2, 1) + p[:, None]
     image = in_camera @ K.T
@@ -195,7 +202,7 @@ def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K:
 
 
 def choose_by_motion(pairs: list[PosePair], time_ns: Array, corner_sd_px: Array) -> list[int]:
-    """Index (0 or 1) of the solution per frame along the path that fits the corners and turns least.
+    """Index (0 or 1) of the pose solution in each frame, on the path that fits the corners and turns least.
 
     Cost of a frame: (error / sd)^2 summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed
     frames.

@@ -1,10 +1,10 @@
-"""Corners of markers at one common time, from images whose rows are read one after the other.
+"""Correction of a rolling shutter: corners of markers at one common time per frame.
 
 A rolling shutter reads row y of an image `line_time` (y - middle) later than its middle row, so that each
-corner of a moving marker has a time of its own: at 30 us a line one at the top of an 80 px tag is 2.4 ms
-earlier than one at the bottom, in which it moves by pixels. All corners of a frame are brought to one time,
-that of the row at the middle of the markers in view: there they move least. The motion of a corner is a cubic
-through four neighbouring frames, each at its own time.
+corner of a moving marker is seen at another time: at 30 us a line a corner at the top of an 80 px tag is seen
+2.4 ms earlier than one at the bottom, in which it moves by pixels. All corners of a frame are corrected to
+one time, that of the row at the middle of the markers in view, which needs the smallest corrections. The
+motion of a corner is a cubic through four neighbouring frames, each at its own time.
 
 An impact changes the path of a corner abruptly, and a cubic across it is wrong. Of the four-frame stretches
 that include a frame, the one with the smallest cubic term is taken, with a preference for those with the
@@ -29,22 +29,24 @@ if TYPE_CHECKING:
 CUBIC_FRAMES = 4
 """number of frames of one cubic"""
 _STARTS_AND_COSTS = ((-1, 1.0), (-2, 1.0), (0, 2.0), (-3, 2.0))
-"""starts of a stretch relative to its frame, and the factor on its cubic term"""
+"""starts of a stretch relative to its frame, and the factor on its cubic term that expresses the
+preference"""
 _NOISE_SIGMAS = 3.0
 """size of a cubic term, in corner sds, below which it is noise"""
 _NEXT = np.array([1, 2, 3, 0])
+"""index of the corner that follows each corner"""
 _BOW_PASSES = 2
-"""number of passes: the bow shifts the corners, and these determine the bow"""
+"""number of passes: the bow shifts the corners, which in turn determine the bow"""
 
 
 def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: Array, sd: float) -> Array:
-    """Corners (n, 4, 2) at `frame_s` + `common_s` [ideal px].
+    """Corners (n, 4, 2) of one marker [ideal px], corrected to the common times `frame_s` + `common_s`.
 
     Args:
         frame_s: (n,) times of the frames' middle rows [s], ascending.
         ideal: (n, 4, 2) corners as fitted to the images [ideal px].
         late_s: (n, 4) delay of the row of each corner against its frame's time [s].
-        common_s: (n,) the same delay of the common time [s].
+        common_s: (n,) delay of the common time against each frame's time [s].
         sd: standard deviation of a corner in one frame [px].
     """
     if len(frame_s) < 2:
@@ -63,7 +65,7 @@ def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: A
 
 
 class _CornerPaths:
-    """Motion of each corner around each of its frames: Newton's cubics through the frames of a stretch."""
+    """Paths of the corners around each frame: Newton's cubics through the frames of a stretch."""
 
     def __init__(self, seen_s: Array, corners: Array, sd: float) -> None:
         n = len(seen_s)
@@ -95,7 +97,11 @@ def _divided_differences(nodes: Array, values: Array) -> Array:
 def _starts(cubic: Array, seen_s: Array, n: int, sd: float) -> IntArray:
     """First frame (n,) of the stretch chosen for each frame.
 
-    Cubic (m, 4, 2) is the highest term of each stretch [px/s^3].
+    Args:
+        cubic: (m, 4, 2) cubic term of each stretch [px/s^3].
+        seen_s: (n, 4) times of the corners [s].
+        n: number of frames.
+        sd: standard deviation of a corner in one frame [px].
     """
     last = len(cubic) - 1
     if last == 0:
@@ -111,7 +117,7 @@ def _starts(cubic: Array, seen_s: Array, n: int, sd: float) -> IntArray:
 
 
 def _corner_shift(corners: Array, bow: Array) -> Array:
-    """Shift (n, 4, 2) [px] of the intersections of lines fitted to bowed edges, against the corners.
+    """Shift (n, 4, 2) [px] from the true corners to the intersections of lines fitted to bowed edges.
 
     Args:
         corners: (n, 4, 2) corners [px].

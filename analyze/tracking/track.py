@@ -1,7 +1,4 @@
-"""Tracking of markers through the frames of one strike.
-
-Found once in the whole image, then followed by their motion.
-"""
+"""Tracking of markers through the frames of one strike: found in the whole image, then followed."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ import numpy as np
 
 from analyze.errors import TrackingError
 from analyze.tracking.camera_model import distort, pixel_map, undistort
-from analyze.tracking.edges import find_square, find_square_again
+from analyze.tracking.edges import find_square, refit_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, marker_of_other_family
 from analyze.tracking.pose import choose_by_motion, solve_poses
 from analyze.tracking.rolling_shutter import corners_at_one_time
@@ -28,16 +25,16 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker
 
 _FULL_SCANS = 2
-"""number of first frames that are searched completely, for unexpected markers"""
+"""number of first frames that are searched completely, to report unexpected markers"""
 _RESCAN_EVERY = 25
 """frames between full searches while a marker is missing"""
 _MAX_LOCAL_SEARCHES = 8
-"""number of frames in which a lost marker is searched near its last position; a marker that has turned away
-would cost a search in every frame"""
+"""number of frames in which a lost marker is searched near its last position; without a limit a marker that
+has turned away would cost a search in every frame"""
 _MAX_TRUSTED_MOVE_PX = 1.2
 """distance of a fit from its start [px] beyond which OpenCV must confirm the marker"""
 _MAX_READ_OUT_SHARE = 1.05
-"""longest read-out of an image over the time between two frames"""
+"""largest ratio of an image's read-out time to the time between two frames"""
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class TrackingReport:
     tracks: tuple[MarkerTrack, ...]
     """tracks of the object's markers"""
     unknown_ids: tuple[int | str, ...]
-    """markers of its families that the object does not carry"""
+    """markers in view, of the object's families, that the object does not carry"""
     gaps: tuple[Gap, ...]
     """gaps in the tracks"""
     image_times_ns: IntArray
@@ -67,7 +64,7 @@ class TrackingReport:
 
     @property
     def unmarked_ns(self) -> IntArray:
-        """Times of the images in which no marker was found [ns]."""
+        """Log times (n,) [ns] of the images in which no marker was found."""
         return np.setdiff1d(
             self.image_times_ns,
             np.concatenate([np.zeros(0, dtype=np.int64), *(track.frame_ns for track in self.tracks)]),
@@ -75,7 +72,7 @@ class TrackingReport:
 
     @property
     def images_end_ns(self) -> int:
-        """Time of the last image [ns], 0 if there was none."""
+        """log_time [ns] of the last image, 0 if there was none."""
         return int(self.image_times_ns[-1]) if len(self.image_times_ns) else 0
 
     @property
@@ -99,11 +96,17 @@ class _Path:
     """Observations of one marker so far."""
 
     marker: Marker
+    """the marker"""
     time_ns: list[int] = field(default_factory=list)
+    """log times of the frames in which it was found [ns]"""
     corners_raw: list[Array] = field(default_factory=list)
+    """(4, 2) corners in each of them [raw px]"""
     corners_ideal: list[Array] = field(default_factory=list)
+    """(4, 2) corners in each of them [ideal px]"""
     sd: list[float] = field(default_factory=list)
+    """standard deviation of the corners in each of them [px]"""
     missed: int = 0
+    """number of frames since it was last found"""
     fit: SquareFit | None = None
     """the newest fit; None if there is none"""
 
@@ -120,13 +123,13 @@ class _Path:
 
 
 class MarkerFollower:
-    """Tracker of the markers of one object, fed frame by frame in order of time.
+    """Tracker of the markers of one object; frames are added one by one in order of time.
 
     Args:
         camera: camera that took the frames.
         markers: all markers of the object.
-        expected: ids of the markers expected in view; once one of them was found the others are no longer
-            followed, because each costs milliseconds.
+        expected: ids of the markers expected in view; once one of them is found, markers that are not
+            expected are no longer followed, because each costs milliseconds.
         rescan_every: frames between full searches while a marker is missing.
     """
 
@@ -155,10 +158,10 @@ class MarkerFollower:
         return len(self._image_times_ns)
 
     def add(self, frame: ImageFrame) -> dict[int | str, Square]:
-        """Find markers in one frame: the squares by id.
+        """Find the markers in one frame, and return their fitted squares by id.
 
         Raises:
-            TrackingError: one marker stands in the image twice.
+            TrackingError: a marker is in the image twice, or the image has another size than the calibration.
         """
         if frame.image.shape != (self._camera.height, self._camera.width):
             raise TrackingError(
@@ -234,10 +237,10 @@ class MarkerFollower:
         )
 
     def _follow(self, frame: ImageFrame, path: _Path) -> _FoundMarker | None:
-        """Marker near its expected position; None if it is not found there."""
+        """Find a marker near its expected position; None if it is not there."""
         expected, expected_ideal, reach = path.predict(frame.time_ns)
         if path.missed == 0:
-            fit = None if path.fit is None else find_square_again(frame.image, path.fit, expected_ideal)
+            fit = None if path.fit is None else refit_square(frame.image, path.fit, expected_ideal)
             fit = fit or find_square(frame.image, self._pixels, expected_ideal, expected)
             seen = None if fit is None else self._with_raw_corners(fit)
             if seen is not None and self._trusted(frame, seen, expected, path.marker.id):
@@ -256,11 +259,13 @@ class MarkerFollower:
         return None
 
     def _trusted(self, frame: ImageFrame, seen: _FoundMarker, expected: Array, marker_id: int | str) -> bool:
+        """True if a fitted square lies close to its expected corners (4, 2) [raw px] and shows the code."""
         return float(np.abs(seen.corners_raw - expected).max()) < _MAX_TRUSTED_MOVE_PX and is_marker(
             frame.image, seen.corners_raw, marker_id
         )
 
     def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> _FoundMarker | None:
+        """Detected marker with corners fitted to its edges; None if the fit fails."""
         ideal = undistort(self._camera, sighting.corners_px)
         fit = find_square(frame.image, self._pixels, ideal, sighting.corners_px)
         return None if fit is None else self._with_raw_corners(fit)
@@ -269,6 +274,7 @@ class MarkerFollower:
         return _FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
+        """Search the whole image for the followed markers, and count unknown ones."""
         known: list[Sighting] = []
         seen: set[int | str] = set()
         for sighting in detect(frame.image, self._families):
@@ -285,6 +291,7 @@ class MarkerFollower:
         return known
 
     def _record(self, frame: ImageFrame, found: dict[int | str, _FoundMarker]) -> None:
+        """Append the markers found in a frame to their paths, and extend the gaps of the others."""
         for marker_id, path in self._paths.items():
             seen = found.get(marker_id)
             if seen is None:
@@ -318,8 +325,8 @@ class MarkerFollower:
         apart_s = 1e-9 * float(np.median(np.diff(sorted(rows)))) if len(rows) > 1 else reading_s
         if reading_s > _MAX_READ_OUT_SHARE * apart_s:
             raise TrackingError(
-                f"by line_time_s an image is read in {1000 * reading_s:.1f} ms,"
-                f" but one comes every {1000 * apart_s:.1f} ms: correct line_time_s, or the frame rate"
+                f"by line_time_s the read-out of an image takes {1000 * reading_s:.1f} ms,"
+                f" but images are {1000 * apart_s:.1f} ms apart: correct line_time_s, or the frame rate"
             )
         return {time_ns: self._row_delay_s(float(np.mean(found))) for time_ns, found in rows.items()}
 
@@ -328,6 +335,7 @@ class MarkerFollower:
         return self._camera.line_time_s * (row - 0.5 * (self._camera.height - 1))
 
     def _track(self, path: _Path, delays_s: dict[int, float]) -> MarkerTrack | None:
+        """Track of one marker with poses, corrected for a rolling shutter; None if it was never found."""
         if not path.time_ns:
             return None
         raw, ideal = np.array(path.corners_raw), np.array(path.corners_ideal)
@@ -372,7 +380,13 @@ def track_markers(
     markers: Sequence[Marker],
     expected: Sequence[int | str] = (),
 ) -> TrackingReport:
-    """Follow `markers` through `frames` in order of time; see MarkerFollower.
+    """Track the markers of an object through all frames of a strike.
+
+    Args:
+        frames: images in order of time.
+        camera: camera that took them.
+        markers: all markers of the object.
+        expected: ids of the markers expected in view, as for `MarkerFollower`.
 
     Raises:
         TrackingError: a marker is in view twice, or only unknown ones are.

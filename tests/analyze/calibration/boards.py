@@ -28,7 +28,7 @@ RIM = 16
 
 @dataclass(frozen=True)
 class TrueLens:
-    """What a camera really does."""
+    """True lens of the simulated camera."""
 
     width: int
     height: int
@@ -166,7 +166,7 @@ def picture(lens, board, R, p, look=None, pieces=1):
 
 
 def photograph(lens, board, R, p, rng, look=None, pieces=1):
-    """As a camera gives it, uint8."""
+    """Image (height, width) as the camera records it, uint8."""
     look = look or Look()
     image = picture(lens, board, R, p, look, pieces)
     return np.clip(np.rint(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)

@@ -23,7 +23,7 @@ WORLD_CAMERA = np.array([[1.0, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], 
 
 @dataclass(frozen=True)
 class Scene:
-    """How it looks."""
+    """Appearance of the strings and the background."""
 
     width_px: float = 2.0
     string: float = 40.0

@@ -9,7 +9,7 @@ from analyze.calibration.calibrate import Shot, assess
 from analyze.calibration.detect import View
 from analyze.calibration.lens import plain_lens
 from analyze.calibration.precision import pixel_sd
-from analyze.calibration.solve import observed, solve
+from analyze.calibration.solve import solve, weighted_corners
 from analyze.tags.sheet import Board
 from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing
@@ -57,7 +57,8 @@ def seen(lens, views, rng, sd=CORNER_SD):
 
 def calibrated(lens, views, rng, sd=CORNER_SD):
     shots, points = seen(lens, views, rng, sd), corner_points(BOARD)
-    bundle = solve([observed(shot.view, points) for shot in shots], lens.model, lens.width, lens.height)
+    views = [weighted_corners(shot.view, points) for shot in shots]
+    bundle = solve(views, lens.model, lens.width, lens.height)
     return assess(shots, bundle, points, (), 0)
 
 
@@ -151,7 +152,7 @@ def test_a_print_stretched_in_one_direction_is_suspected():
     )
 
 
-def test_a_turn_of_the_camera_counts_for_nothing():
+def test_a_camera_rotation_is_removed_from_the_pixel_sd():
     lens = plain_lens(LensModel.PINHOLE, 656, 492, 2000.0)
     only_middle = np.zeros((9, 9))
     only_middle[2, 2] = 1.0

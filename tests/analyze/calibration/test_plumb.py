@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from acquire.config import read_rig
-from analyze.calibration.plumb import find_plumb_lines, merged_line, plumbed_table, upright
+from analyze.calibration.plumb import find_plumb_lines, merged_line, table_lean, upright
 from analyze.cli import main
 from analyze.types import CameraModel
 from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
@@ -24,13 +24,13 @@ TWO, ONE = [(-0.05, -0.1), (0.12, 0.05)], [(0.03, 0.02)]
 
 def table(strings, scene=None, seed=1, camera_sd=EXACT):
     image = photograph(strings, SLOPE, np.random.default_rng(seed), scene)
-    return plumbed_table(upright(find_plumb_lines(image, CAMERA), CAMERA), CAMERA, PRIOR, camera_sd)
+    return table_lean(upright(find_plumb_lines(image, CAMERA), CAMERA), CAMERA, PRIOR, camera_sd)
 
 
 @pytest.mark.parametrize(
     "scene", [Scene(), Scene(string=240, ground=90), Scene(width_px=5.0), Scene(box=True)]
 )
-def test_two_strings_tell_both_rises_within_what_is_said(scene):
+def test_two_strings_determine_both_tilts_within_their_sd(scene):
     found = table(TWO, scene)
     assert found.determined == (True, True)
     assert np.all(np.abs(found.lean - SLOPE) < 3 * found.sd)
@@ -38,14 +38,14 @@ def test_two_strings_tell_both_rises_within_what_is_said(scene):
     assert found.sd[1] < np.radians(0.04)
 
 
-def test_one_string_tells_the_rise_across_the_view_only():
+def test_one_string_determines_only_the_tilt_across_the_view():
     found = table(ONE)
     assert found.determined == (True, False)
     assert found.lean[0] == pytest.approx(SLOPE[0], abs=3 * found.sd[0])
     assert found.sd[1] > 0.9 * PRIOR
 
 
-def test_how_well_the_camera_stands_is_in_the_answer():
+def test_the_sd_includes_the_rotation_of_the_camera():
     found = table(TWO, camera_sd=np.radians(0.1))
     assert np.degrees(found.sd[0]) == pytest.approx(0.1 * 0.2 / np.hypot(0.1, 0.2), rel=0.05), (
         "the camera's and the prior's merged_line"
@@ -56,12 +56,12 @@ def test_a_lean_far_beyond_what_was_known_is_doubted():
     """The prior would pull a table that slopes by 1.4 degrees back by more than the interval says."""
     image = photograph(TWO, np.array([0.025, 0.0]), np.random.default_rng(1))
     lines = upright(find_plumb_lines(image, CAMERA), CAMERA)
-    far = plumbed_table(lines, CAMERA, PRIOR, np.radians(0.1))
-    assert far.unlikely
-    assert far.shown[0] == pytest.approx(0.025, abs=2e-4)
-    assert far.shown[0] - far.lean[0] > 2 * far.sd[0]
-    assert not plumbed_table(lines, CAMERA, np.radians(1.0), np.radians(0.1)).unlikely
-    assert not table(TWO, camera_sd=np.radians(0.1)).unlikely
+    far = table_lean(lines, CAMERA, PRIOR, np.radians(0.1))
+    assert far.contradicts_prior
+    assert far.lean_by_lines[0] == pytest.approx(0.025, abs=2e-4)
+    assert far.lean_by_lines[0] - far.lean[0] > 2 * far.sd[0]
+    assert not table_lean(lines, CAMERA, np.radians(1.0), np.radians(0.1)).contradicts_prior
+    assert not table(TWO, camera_sd=np.radians(0.1)).contradicts_prior
 
 
 def test_images_of_one_string_are_averaged_and_a_swinging_one_is_known_worse():
@@ -163,16 +163,16 @@ def test_what_cannot_be_determined_is_refused_in_one_line(folder, arguments, sai
     assert len(found.stderr.strip().splitlines()) == 1
 
 
-def test_a_camera_that_leans_is_told_from_a_table_that_does():
+def test_a_tilted_camera_is_distinguished_from_a_tilted_table():
     image = photograph(TWO, SLOPE, np.random.default_rng(7), pose=turned(WORLD_CAMERA, (0.03, 0.05, -0.02)))
     leaning = CameraModel(
         LENS.width, LENS.height, MATRIX, np.array(LENS.k), turned(WORLD_CAMERA, (0.03, 0.05, -0.02))
     )
-    found = plumbed_table(upright(find_plumb_lines(image, leaning), leaning), leaning, PRIOR, EXACT)
+    found = table_lean(upright(find_plumb_lines(image, leaning), leaning), leaning, PRIOR, EXACT)
     assert np.all(np.abs(found.lean - SLOPE) < 3 * found.sd)
 
 
-def test_a_table_that_is_stated_level_is_said_to_be(folder):
+def test_a_table_stated_level_is_reported_as_level(folder):
     rig = folder / "exact.toml"
     rig.write_text(RIG.replace("0.0035", "0.0"), encoding="utf-8")
     answer = run(folder / "two.png", "--rig", rig)

@@ -34,5 +34,5 @@ def test_white_noise_and_short_alternation_are_no_correlation():
     assert lag_one_correlation(np.array([1.0, -1.0] * 20)) == 0.0
 
 
-def test_a_drift_is_not_believed_beyond_nine_tenths():
+def test_the_correlation_is_limited_to_nine_tenths():
     assert lag_one_correlation(np.linspace(1.0, 2.0, 500)) == 0.9

@@ -18,7 +18,7 @@ from analyze.motion.strike import analyse_motion
 from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.types import TipAngle, TipMotion
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.sliding import Body, Course, Push, push_for, simulate
 from tests.analyze.motion.tipping import planned
 
@@ -53,7 +53,7 @@ EXPECTED = {
 
 @dataclass(frozen=True)
 class Strike:
-    """One strike, as it was and as it is seen."""
+    """Simulated strike: the truth and its noisy measurement."""
 
     kind: str
     body: Body
@@ -65,7 +65,7 @@ class Strike:
     energy: float
 
     def analysed(self) -> TipMotion:
-        """By the code under test."""
+        """Motion of the strike, analysed by the code under test."""
         return analyse_motion(self.motion, self.task, MotionSettings())
 
 
@@ -85,8 +85,8 @@ def draw_body(rng: np.random.Generator) -> Body:
 
 
 def holding_height(body: Body) -> float:
-    """Where a push makes the edge neither slide forwards nor backwards: the centre of percussion, or the
-    top."""
+    """Height of push [m] at which the edge slides neither forwards nor backwards: the centre of percussion,
+    or the top."""
     return min(0.98 * body.height, (body.inertia + body.R**2) / (body.R * math.cos(body.phi)))
 
 
@@ -215,7 +215,7 @@ def draw_free(rng: np.random.Generator, slides: bool) -> Strike:
 
 
 def _is(kind: str, course: Course, body: Body) -> bool:
-    """Whether the simulation did what the kind says, clearly."""
+    """True if the simulated motion is clearly of this kind."""
     peak = float(course.theta.max())
     if kind == "slid":
         return course.slid > 0.006 and peak > math.radians(3) and course.flown < 0.001

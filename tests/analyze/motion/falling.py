@@ -21,7 +21,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Drop:
-    """What is filmed. Times are true seconds."""
+    """A tag that is held, dropped and lands, in view of a camera; times are true seconds."""
 
     fps: float = 240.0
     stated_fps: float = 240.0
@@ -103,7 +103,7 @@ def corners_px(drop: Drop, time: np.ndarray) -> np.ndarray:
 
 
 def track(drop: Drop, missing: tuple[int, ...] = ()) -> MarkerTrack:
-    """As tracking gives it; times as the file states them."""
+    """Track of the tag, with the times that the file states."""
     duration = drop.held_s + np.sqrt(2 * drop.fall / GRAVITY) + 0.6
     number = np.setdiff1d(np.arange(int(duration * drop.fps)), missing)
     seen = corners_px(drop, number / drop.fps - drop.held_s + 0.3 / drop.fps)
@@ -111,14 +111,14 @@ def track(drop: Drop, missing: tuple[int, ...] = ()) -> MarkerTrack:
 
 
 def moved(p: np.ndarray, drop: Drop) -> MarkerTrack:
-    """Of a tag that a hand carries to positions p (n, 3)."""
+    """Track of a tag that a hand carries to positions p (n, 3) [m]."""
     R = Rotation.from_euler("xyz", [np.pi + 0.25, 0.2, 0.1]).as_matrix()
     image = (marker_corners(drop.size) @ R.T + p[:, None]) @ CAMERA.K.T
     return followed(image[..., :2] / image[..., 2:], np.arange(len(p)) / drop.stated_fps, drop)
 
 
 def followed(seen: np.ndarray, stated_s: np.ndarray, drop: Drop) -> MarkerTrack:
-    """As tracking gives it, of corners (n, 4, 2) without noise."""
+    """Track from corners (n, 4, 2) without noise."""
     seen = seen + np.random.default_rng(drop.seed).normal(0, drop.corner_sd, seen.shape)
     pairs = [pair for pair in solve_poses(seen, drop.size, CAMERA.K) if pair is not None]
     assert len(pairs) == len(seen)

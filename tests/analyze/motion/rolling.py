@@ -28,7 +28,7 @@ G = 9.80665
 
 @dataclass(frozen=True)
 class RollingBody:
-    """All from the ellipse's centre, at rest."""
+    """Body with an elliptic flank; positions from the ellipse's centre, at rest."""
 
     a: float
     """m, half axis along the table"""
@@ -84,7 +84,7 @@ class RollingBody:
 
 @dataclass(frozen=True)
 class Rolled:
-    """The motion, and what it asked of the table."""
+    """Simulated motion, with the contact forces that it requires."""
 
     theta: np.ndarray
     friction: float
@@ -211,7 +211,7 @@ def draw_rolling(rng: np.random.Generator, a: float, b: float) -> RollingBody:
 
 
 def section_of_body(body: RollingBody, facets: int = 24) -> SupportFunction:
-    """As a mesh has it, about the ellipse's centre."""
+    """Support function of the faceted flank about the ellipse's centre."""
     return support_of_outline(body.outline(facets), np.zeros(2))
 
 

@@ -52,7 +52,7 @@ class Push:
 
 @dataclass
 class Course:
-    """What happened, sampled at the camera's times."""
+    """Simulated motion, sampled at the camera's times."""
 
     time: np.ndarray
     """(n,) s, 0 is the push"""

@@ -14,7 +14,7 @@ from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, draw, seen
 from tests.analyze.motion.sliding import Body, Course, push_for, simulate
 
@@ -22,7 +22,7 @@ NOISE = math.radians(0.02)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_strike_is_called_what_it_was(kind):
+def test_the_verdict_matches_the_simulated_kind_of_strike(kind):
     rng = np.random.default_rng([3, KINDS.index(kind)])
     called = [draw(kind, rng).analysed() for _ in range(3)]
     assert all(found.verdict in EXPECTED[kind] for found in called), [
@@ -32,7 +32,7 @@ def test_a_strike_is_called_what_it_was(kind):
 
 
 @pytest.mark.parametrize(("kind", "seed", "index"), [("struck twice", 5, 1), ("airborne", 3, 6)])
-def test_strikes_that_once_passed_for_good_ones(kind, seed, index):
+def test_bad_strikes_once_judged_good_are_rejected(kind, seed, index):
     """A second impact that the balance took for a creeping edge, 9 degrees off; a flight that began after the
     balance point, at E = 8."""
     rng = np.random.default_rng([seed, 100 + KINDS.index(kind)])
@@ -61,7 +61,7 @@ def errors(friction, energy, height, repeats=6):
     return np.median(np.abs(found), axis=0)
 
 
-def test_where_the_edge_slides_the_balance_is_right_and_the_hinge_is_not():
+def test_moment_balance_is_unbiased_where_the_edge_slides():
     phi_hinge, phi_balance, k_hinge, k_balance = errors(0.5, 2.0, 0.5)
     assert phi_hinge > 3 * phi_balance
     assert phi_balance < math.radians(0.03)
@@ -71,7 +71,7 @@ def test_where_the_edge_slides_the_balance_is_right_and_the_hinge_is_not():
     assert k_balance < 0.01
 
 
-def test_the_balance_lets_the_edge_roll():
+def test_moment_balance_models_a_rolling_edge():
     """Without noise k is as good with a rounding of 3 mm as with none; taken for a hinge it is 0.12 %
     greater."""
     found = []
@@ -83,7 +83,7 @@ def test_the_balance_lets_the_edge_roll():
     assert abs(found[1] - found[0]) < 5e-4
 
 
-def test_where_it_holds_both_are_right():
+def test_hinge_and_moment_balance_agree_where_the_edge_holds():
     phi_hinge, phi_balance, _, _ = errors(0.6, 1.1, 0.75)
     assert phi_hinge < math.radians(0.02)
     assert phi_balance < math.radians(0.02)
@@ -121,7 +121,7 @@ def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
     ("body", "past"),
     [(Body(phi=0.6, friction=0.7), 12.0), (Body(0.053, 0.61, 0.0009, friction=0.7, height=0.12), 8.0)],
 )
-def test_a_body_that_goes_over_to_its_next_edge_is_fitted_until_there(body, past):
+def test_the_fit_ends_where_the_next_edge_takes_over(body, past):
     """It speeds up there, which was taken for a second impact: phi was 6 degrees off, and the strike was left
     out."""
     course = over_a_bevel(simulate(body, [push_for(body, 1.15)]), body, body.phi + math.radians(past), 0.012)
@@ -134,7 +134,7 @@ def test_a_body_that_goes_over_to_its_next_edge_is_fitted_until_there(body, past
     assert abs(found.fit.phi - body.phi) < math.radians(0.2)
 
 
-def test_the_choice_says_why_and_what_the_other_assumed():
+def test_the_fit_reports_its_reason_and_the_violated_assumption():
     rng = np.random.default_rng(5)
     body, course = struck(0.2, 1.1, 0.75)
     motion, task = seen(course, body, rng, NOISE)
@@ -148,7 +148,7 @@ def test_the_choice_says_why_and_what_the_other_assumed():
     assert hinge.violated
 
 
-def test_a_misplaced_edge_is_no_sliding_one():
+def test_a_misplaced_edge_is_not_reported_as_sliding():
     """0.5 mm of registration error move the supposed edge by 0.3 mm in the tip."""
     rng = np.random.default_rng(6)
     body, course = struck(0.6, 1.1, 0.75)
@@ -161,7 +161,7 @@ def test_a_misplaced_edge_is_no_sliding_one():
         lift=motion.lift - np.sin(theta) * off[0] + (np.cos(theta) - 1) * off[1],
     )
     found = edge_motion(moved, (33, 80))
-    assert found.slid < 1.5e-4
+    assert found.slide_range < 1.5e-4
     assert found.offset[0] == pytest.approx(-off[0], abs=1.5e-4)
     good = analyse_motion(moved, task, MotionSettings())
     assert good.verdict is Verdict.GOOD

@@ -13,7 +13,7 @@ from analyze.tracking.pose import position_covariance
 from tests.analyze.motion.falling import CAMERA, GRAVITY, Drop, moved, track
 
 DROP = Drop(fall=0.5, bounces=False, held_s=0.25)
-FILM = FallSetup(
+SETUP = FallSetup(
     size=0.04,
     size_sd=1e-4,
     gravity=GRAVITY,
@@ -25,24 +25,24 @@ FILM = FallSetup(
 )
 
 
-def falls_in(seen, film=FILM):
+def falls_in(seen, setup=SETUP):
     covariance = position_covariance(
-        seen.R_camera_marker, seen.p_camera_marker, seen.corner_sd_px, film.size, CAMERA.K
+        seen.R_camera_marker, seen.p_camera_marker, seen.corner_sd_px, setup.size, CAMERA.K
     )
     sd = np.sqrt(np.median(np.einsum("nii->ni", covariance), axis=0))
     windows = fall_windows(seen.time_ns, seen.p_camera_marker, sd)
-    return [fall for window in windows if (fall := settled_fall(seen, covariance, window, film)) is not None]
+    return [fall for window in windows if (fall := settled_fall(seen, covariance, window, setup)) is not None]
 
 
-def falls_of(drop, film=FILM, missing=()):
-    return falls_in(track(drop, missing), film)
+def falls_of(drop, setup=SETUP, missing=()):
+    return falls_in(track(drop, missing), setup)
 
 
-def off(drop, film=FILM, missing=()):
+def off(drop, setup=SETUP, missing=()):
     """Relative error of q, and its standardised one without the tag's size and g, which are exact here."""
-    answer = true_time(falls_of(drop, film, missing), film)
+    answer = true_time(falls_of(drop, setup, missing), setup)
     true = drop.stated_fps / drop.fps
-    return answer.slower / true - 1, (answer.slower - true) / answer.by_noise
+    return answer.time_ratio / true - 1, (answer.time_ratio - true) / answer.by_noise
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_the_rate_is_found_to_half_a_percent_and_within_its_error(drop):
     assert abs(standardised) < 3
 
 
-def test_its_errors_are_honest():
+def test_stated_errors_of_q_match_their_scatter():
     rng = np.random.default_rng(3)
     each = [
         off(
@@ -96,11 +96,11 @@ def test_its_errors_are_honest():
 def test_a_rolling_shutter_is_corrected_where_it_is_stated_and_allowed_for_where_not():
     rolling = replace(DROP, line_time=2e-6)
     for line_time in (2e-6, None):
-        relative, standardised = off(rolling, replace(FILM, line_time=line_time))
+        relative, standardised = off(rolling, replace(SETUP, line_time=line_time))
         assert abs(relative) < 5e-3
         assert abs(standardised) < 3
-    stated = falls_of(DROP, replace(FILM, line_time=0.0))[0]
-    unknown = falls_of(DROP, replace(FILM, line_time=None))[0]
+    stated = falls_of(DROP, replace(SETUP, line_time=0.0))[0]
+    unknown = falls_of(DROP, replace(SETUP, line_time=None))[0]
     assert unknown.shared_sd > stated.shared_sd
 
 
@@ -115,16 +115,16 @@ def test_a_bounce_is_a_second_fall_and_lost_frames_do_no_harm():
 
 def test_the_tags_size_enters_by_its_root():
     small, large = (
-        falls_of(replace(DROP, seed=1), FILM),
-        falls_of(replace(DROP, seed=1), replace(FILM, gravity=GRAVITY / 1.02)),
+        falls_of(replace(DROP, seed=1), SETUP),
+        falls_of(replace(DROP, seed=1), replace(SETUP, gravity=GRAVITY / 1.02)),
     )
-    assert large[0].slower / small[0].slower == pytest.approx(1.02**0.5, rel=1e-3)
-    answer = true_time(small, FILM)
-    assert answer.by_size == pytest.approx(answer.slower * 1e-4 / 0.04 / 2)
+    assert large[0].time_ratio / small[0].time_ratio == pytest.approx(1.02**0.5, rel=1e-3)
+    answer = true_time(small, SETUP)
+    assert answer.by_size == pytest.approx(answer.time_ratio * 1e-4 / 0.04 / 2)
 
 
 @pytest.mark.parametrize("motion", ["held", "swung", "lifted", "pushed"])
-def test_what_a_hand_does_is_no_fall(motion):
+def test_hand_motion_is_not_a_fall(motion):
     time = np.arange(240) / 240
     u = np.clip((time - 0.2) / 0.6, 0, 1)
     along = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from analyze.motion.free_motion import jump, longest_clean_fit, settled_fit
+from analyze.motion.free_motion import largest_jump, longest_clean_fit, settled_fit
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.types import TipAngle
 
@@ -55,7 +55,7 @@ def test_a_clean_tip_is_used_whole():
 def test_a_spoilt_end_is_left_out(jumps):
     angle = tip(jumps, energy=1.4)
     spoilt = pivot_fit(angle, whole(angle))
-    assert jump(angle, spoilt)[2] > 60
+    assert largest_jump(angle, spoilt)[2] > 60
     fit = longest_clean_fit(angle, whole(angle))
     assert fit is not None
     assert abs(fit.phi - PHI) < 4 * np.sqrt(fit.covariance[0, 0]) + np.radians(0.02)
@@ -72,14 +72,14 @@ def test_a_second_strike_in_mid_tip_leaves_no_clean_stretch():
     assert fit is None
 
 
-def test_the_jump_is_found_where_it_is():
+def test_the_largest_jump_is_located():
     angle = tip({0.15: 0.8})
-    index, size, _ = jump(angle, pivot_fit(angle, whole(angle)))
+    index, size, _ = largest_jump(angle, pivot_fit(angle, whole(angle)))
     assert index == pytest.approx(0.15 * RATE, abs=2)
     assert size == pytest.approx(0.8, rel=0.3)
 
 
-def test_light_contacts_in_the_first_frames_are_waited_for():
+def test_the_fit_begins_after_light_contacts():
     # 4, 3 and 4 % of the speed, one after the other: no single jump stands out
     angle = tip({0.010: 0.2, 0.021: 0.15, 0.031: 0.2})
     spoilt = pivot_fit(angle, whole(angle))
@@ -92,7 +92,7 @@ def test_light_contacts_in_the_first_frames_are_waited_for():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_clean_tip_waits_for_nothing(seed):
+def test_a_clean_tip_is_fitted_from_its_first_frame(seed):
     angle = tip({}, seed)
     fit = pivot_fit(angle, whole(angle))
     assert settled_fit(fit, lambda frames: pivot_fit(angle, frames)) is fit

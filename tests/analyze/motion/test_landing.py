@@ -32,7 +32,7 @@ def chamfered(length, degrees=45.0):
 
 
 def centre(rounding, degrees):
-    """Of the rounding, between table and that face."""
+    """Centre of the rounding between the table and the face at `degrees`."""
     return np.array([-rounding * math.tan(math.radians(degrees) / 2), rounding])
 
 
@@ -59,7 +59,7 @@ def test_a_chamfer_lands_at_its_own_angle_whatever_the_rounding(degrees, roundin
     assert degrees - 2.0 < found < degrees - 0.9
 
 
-def test_a_box_lands_on_its_wall():
+def test_a_box_lands_on_its_side_face():
     assert 88.0 < lands(chamfered(0.2, 90.0), 90.0) < 89.1
 
 

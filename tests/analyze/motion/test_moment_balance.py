@@ -28,7 +28,7 @@ def test_an_edge_that_slides_shows_c_and_i_whatever_the_friction(friction):
     assert MASS * np.diag(found.inertia) == pytest.approx(CUBE.moments, rel=0.005)
 
 
-def test_a_corner_that_slides_does_too():
+def test_a_sliding_corner_shows_c_and_inertia():
     found = balanced(CUBE, "corner", 60)
     assert found.com == pytest.approx(CUBE.com, abs=5e-5)
     assert MASS * np.diag(found.inertia) == pytest.approx(CUBE.moments, rel=0.01)
@@ -71,7 +71,7 @@ def test_flight_with_noisy_poses_errs_as_stated_though_one_throw_is_still_held()
     assert abs(found.gravity - G) < 4 * found.gravity_sd
 
 
-def test_too_little_is_refused():
+def test_too_few_contacts_are_refused():
     with pytest.raises(EstimationError, match="too few"):
         balance_moments([], G, SHARP)
     with pytest.raises(EstimationError, match="8 are the least"):

@@ -43,14 +43,14 @@ def steady(theta):
     return TipAngle(np.arange(1, n + 1) * 8_333_333, theta, np.full(n, 5e-4), np.zeros(n), np.zeros(n))
 
 
-def test_what_is_hardly_slowed_has_landed_all_the_same():
+def test_the_landing_angle_ends_the_motion_without_a_loss_of_speed():
     theta = np.radians(np.concatenate([np.zeros(20), np.linspace(0.0, 80.0, 50)]))
     seen = find_course(steady(theta), 0, WindowLimits())
-    assert seen.ended == len(theta), "the motion does not show it"
+    assert seen.end_frame == len(theta), "the motion does not show it"
     known = find_course(steady(theta), 0, WindowLimits(), math.radians(44.0))
-    assert theta[known.ended - 1] < math.radians(44.0) <= theta[known.ended]
+    assert theta[known.end_frame - 1] < math.radians(44.0) <= theta[known.end_frame]
     phases = phases_of(steady(theta), known, math.radians(30.0))
-    assert phases.stage_two[1] == phases.landing[0] == known.ended
+    assert phases.stage_two[1] == phases.landing[0] == known.end_frame
 
 
 def test_one_wrong_reading_is_no_landing_and_rocking_back_none_either():
@@ -81,15 +81,15 @@ def test_the_course_is_the_same_at_any_frame_rate(seed, rate):
     )
     course = find_course(angle, 0, WindowLimits())
     assert not course.came_back
-    assert 0.2 < course.released / rate < 0.24
-    assert course.ended / rate == pytest.approx(0.62, abs=0.02)
+    assert 0.2 < course.released_frame / rate < 0.24
+    assert course.end_frame / rate == pytest.approx(0.62, abs=0.02)
 
 
 def test_the_window_ends_25_degrees_past_phi_and_begins_after_the_guard():
     theta = np.radians(np.concatenate([np.zeros(20), np.linspace(1.0, 80.0, 50)]))
     course = find_course(steady(theta), 0, WindowLimits())
     first, last = free_window(steady(theta), course, math.radians(30.0), WindowLimits())
-    assert first == course.moved + WindowLimits().guard_frames
+    assert first == course.moved_frame + WindowLimits().guard_frames
     assert theta[last - 1] <= math.radians(55.0) < theta[last]
 
 
@@ -114,5 +114,5 @@ def test_gravity_turning_a_squat_body_back_is_no_landing(energy):
     assert np.degrees(angle.theta[top]) > 14
     course = find_course(angle, 0, WindowLimits())
     assert course.came_back
-    assert course.ended > top + 10
-    assert course.top == top
+    assert course.end_frame > top + 10
+    assert course.top_frame == top

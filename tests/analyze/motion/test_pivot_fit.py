@@ -50,7 +50,7 @@ def test_k_to_1_percent_over_a_longer_window():
 
 @dataclass(frozen=True)
 class Draws:
-    """What many fits of one motion under new noise gave."""
+    """Results of many fits to one motion with new noise each time."""
 
     phi_error: np.ndarray
     k_error: np.ndarray
@@ -114,14 +114,14 @@ def test_95_percent_intervals_hold_the_truth_in_90_to_98_percent(plain):
         (3.0, 0.2),
     ],
 )
-def test_where_phi_is_hardly_determined_the_sd_says_so_and_no_more(energy, noise_deg):
+def test_the_sd_covers_a_hardly_determined_phi(energy, noise_deg):
     # Bounds of 0.5 to 1.6 deg. Measured over 300 draws: coverage 95-98 %, median sd 1.03-1.32 of the bound.
     of_one = draws(energy, noise_deg, 60, seed=5)
     assert np.mean(of_one.phi_inside) > 0.87
     assert 0.9 < np.median(of_one.phi_sd) / of_one.bound[0] < 1.6
 
 
-def test_a_hopeless_tip_is_known_to_be_one():
+def test_an_uninformative_tip_has_a_large_sd():
     # Cramer-Rao gives 15 deg here: most fits end far from the truth, and none may pass for usable (of 600
     # none did).
     of_one = draws(0.6, 0.2, 30, seed=5)
@@ -147,7 +147,7 @@ def test_a_fit_takes_less_than_30_ms(reference):
     assert (time.thread_time() - start) / 5 < 0.03
 
 
-def test_missing_frames_are_no_obstacle():
+def test_missing_frames_do_not_bias_the_fit():
     tip, angle = free_part(1.05, 0.02, np.random.default_rng(5))
     kept = np.ones(len(angle.theta), dtype=bool)
     kept[20:27] = False

@@ -14,8 +14,8 @@ FAR = 12.7
 """chi^2 of two that is 3 sd as one"""
 
 
-def seen(rng, energy=1.1, phi=PHI, k=K, kick=0.0):
-    """Theta(t) until 25 deg past phi, by another integrator; `kick` [rad/s] after 0.2 s."""
+def seen(rng, energy=1.1, phi=PHI, k=K, speed_jump=0.0):
+    """Theta(t) until 25 deg past phi, by another integrator; `speed_jump` [rad/s] after 0.2 s."""
 
     def rate(_, y):
         return [y[1], -k * np.sin(phi - y[0])]
@@ -23,7 +23,7 @@ def seen(rng, energy=1.1, phi=PHI, k=K, kick=0.0):
     start = [0.02, np.sqrt(2 * k * (energy * (1 - np.cos(phi)) + np.cos(phi) - np.cos(0.02 - phi)))]
     time = np.arange(70) * FRAME_S
     first = _solved(rate, start, time[:24])
-    second = _solved(rate, [first[0, -1], first[1, -1] + kick], time[: len(time) - 23])
+    second = _solved(rate, [first[0, -1], first[1, -1] + speed_jump], time[: len(time) - 23])
     theta = np.concatenate([first[0], second[0, 1:]])
     over = np.flatnonzero(theta > phi + np.radians(25))
     theta = theta[: over[0] if len(over) else 60]
@@ -59,7 +59,7 @@ def test_the_true_phi_and_k_predict_theta_to_its_noise_and_the_error_of_the_star
         sure = np.linalg.cholesky(OTHERS) @ rng.standard_normal(2)
         motion = predicted_motion("s", angle, fit, predicted(fit, PHI + sure[0], K * np.exp(sure[1])))
         outside.append(motion.outside)
-        squared.append(motion.squared)
+        squared.append(motion.chi2)
         last.append(motion.offset[-1] / motion.sd[-1])
     assert np.mean(outside) == pytest.approx(0.05, abs=0.03)
     assert np.mean(squared) == pytest.approx(2.0, abs=0.5)
@@ -85,26 +85,26 @@ def test_the_start_comes_from_the_first_tenth_of_a_second_alone():
 
 
 @pytest.mark.parametrize(("phi", "k"), [(np.radians(1.0), 0.0), (0.0, 0.15)])
-def test_what_is_off_by_more_than_it_should_be_is_told(phi, k):
+def test_a_wrong_phi_or_k_is_reported(phi, k):
     angle, fit = seen(np.random.default_rng(3), phi=PHI + phi, k=K * (1 + k))
     motion = predicted_motion("s", angle, fit, predicted(fit))
     worst = motion.worst
-    assert motion.squared > 40
+    assert motion.chi2 > 40
     assert abs(motion.offset[worst]) > 3 * motion.sd[worst]
     # Where it balances later it falls later, and stays behind; the same where it falls more slowly before.
     assert np.sign(motion.offset[worst]) == -1
 
 
 def test_a_second_impact_shows_even_where_phi_and_k_are_as_predicted():
-    angle, fit = seen(np.random.default_rng(6), kick=0.4)
+    angle, fit = seen(np.random.default_rng(6), speed_jump=0.4)
     motion = predicted_motion("s", angle, fit, predicted(fit))
     # Its own fit absorbs most of the impact, and leaves the frames noisier for it: no frame alone is far off
     # its band, all together are.
-    assert motion.squared > FAR
+    assert motion.chi2 > FAR
     assert np.degrees(motion.offset[-1]) > 2, "it falls before its time"
 
 
-def test_it_ends_where_the_band_says_nothing_more():
+def test_the_prediction_ends_where_its_sd_is_too_large():
     angle, fit = seen(np.random.default_rng(4), energy=1.002)
     motion = predicted_motion("s", angle, fit, predicted(fit, covariance=100 * OTHERS))
     assert motion.time[-1] < motion.seconds

@@ -15,9 +15,9 @@ from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
-from analyze.motion.support_function import circle, support_of_outline
+from analyze.motion.support_function import circular_support, support_of_outline
 from analyze.types import TipAngle
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.rolling import G, RollingBody, as_tracked, draw_rolling, section_of_body, seen_roll
 from tests.analyze.motion.tipping import planned
 
@@ -47,7 +47,7 @@ def test_the_flank_of_24_facets_is_the_ellipse(a, b):
     assert np.all(radius >= 0)
 
 
-def test_a_box_has_corners_and_a_bevel_is_told_from_a_curve():
+def test_a_box_has_corners_and_a_bevel_is_distinguished_from_a_curve():
     box = np.array([[-0.05, 0.0], [0.0, 0.0], [0.0, 0.2], [-0.05, 0.2]])
     rounded = support_of_outline(box, np.array([-0.002, 0.002]), 0.002)
     height, ahead, radius = rounded.evaluate(np.radians(np.linspace(1, 80, 50)))
@@ -71,9 +71,9 @@ def test_without_noise_phi_and_k_are_exact(a, b, energy):
     assert fit.rolling.energy_ratio == pytest.approx(energy, abs=1e-3)
 
 
-def test_of_a_circle_the_radius_is_all_that_must_be_known():
+def test_on_a_circle_only_the_radius_matters():
     seen = strike(0.015, 0.015, 1.5, 1e-4)
-    fit = rolling_fit(seen.angle, seen.window, circle(0.015))
+    fit = rolling_fit(seen.angle, seen.window, circular_support(0.015))
     assert math.degrees(abs(fit.phi - seen.body.phi)) < 0.001
     assert abs(fit.k / seen.body.k - 1) < 1e-4
 

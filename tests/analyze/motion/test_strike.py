@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.motion.strike import analyse_strike, placement_of, rest_end
+from analyze.motion.strike import analyse_strike, end_of_rest_ns, placement_of
 from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import tip_angle
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.tipping import camera, marker, planned, simulate, track_of
 
 ANCHOR = 10**18
@@ -68,7 +68,7 @@ def test_every_energy_over_the_top_is_good(energy):
 
 
 @pytest.mark.parametrize("energy", [0.6, 0.9, 0.98])
-def test_rocking_back_is_data(energy):
+def test_rocking_back_gives_phi(energy):
     tip = simulate(energy)
     motion = analyse(tip)
     assert motion.verdict is Verdict.ROCKED_BACK
@@ -76,7 +76,7 @@ def test_rocking_back_is_data(energy):
     assert motion.energy_ratio == pytest.approx(energy, abs=0.05)
 
 
-def test_the_contact_time_is_a_help_not_a_need():
+def test_a_strike_is_analysed_without_a_contact_time():
     tip = simulate(1.05)
     motion = analyse(tip, contact_known=False)
     assert motion.verdict is Verdict.GOOD
@@ -123,14 +123,14 @@ def test_a_small_wobble_leaves_phi_alone():
 
 
 def test_struck_twice_and_what_follows_is_still_fitted():
-    tip = simulate(1.0, kick=(0.12, 1.3))
+    tip = simulate(1.0, speed_change=(0.12, 1.3))
     motion = analyse(tip)
     assert motion.verdict is Verdict.STRUCK_TWICE
     assert abs(np.degrees(motion.fit.phi - tip.phi)) < 0.05
 
 
 def test_a_light_second_contact_right_after_the_first_leaves_a_good_strike():
-    tip = simulate(1.05, kick=(0.045, 1.05))
+    tip = simulate(1.05, speed_change=(0.045, 1.05))
     motion = analyse(tip)
     assert motion.verdict is Verdict.GOOD
     assert abs(np.degrees(motion.fit.phi - tip.phi)) < 0.02
@@ -170,7 +170,7 @@ def test_marker_lost_in_the_tip():
     assert "15 frames" in motion.reason
 
 
-def test_frames_that_a_camera_left_out_are_no_lost_marker():
+def test_frames_not_taken_do_not_count_as_a_lost_marker():
     """A third of the frames were never taken, as by a phone in poor light."""
     tip = simulate(1.05)
     track = track_of(tip, np.random.default_rng(1))
@@ -208,19 +208,19 @@ def test_no_marker_at_all():
     assert motion.angle is None
 
 
-def test_two_markers_know_the_angle_better_than_one():
+def test_two_markers_give_a_smaller_sd_than_one():
     tip = simulate(1.05)
     rng = np.random.default_rng(4)
     marks = [marker(3, 0.0, 0.03), marker(4, 0.0, -0.03)]
     tracks = [track_of(tip, rng, mark=mark) for mark in marks]
-    end = rest_end(tracks, int(tip.contact * 1e9) + ANCHOR)
+    end = end_of_rest_ns(tracks, int(tip.contact * 1e9) + ANCHOR)
     one = tip_angle(tracks[:1], marks, camera(), placement_of(planned()), end)
     both = tip_angle(tracks, marks, camera(), placement_of(planned()), end)
     assert np.median(both.angle.sd) < 0.6 * np.median(one.angle.sd)
     assert np.std(both.angle.theta[:29]) < np.std(one.angle.theta[:29])
 
 
-def test_a_marker_whose_place_is_unknown_serves_too():
+def test_a_marker_of_unknown_place_gives_the_angle():
     tip = simulate(1.05)
     bare = type(marker())(3, marker().size, None)
     motion = analyse(tip, markers=[bare])

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from analyze.motion.rolling_choice import is_curved, rolls_on
+from analyze.motion.rolling_choice import is_curved, rolling_curve
 from analyze.motion.rolling_fit import rolling_fit
-from analyze.motion.support_function import circle, support_of_outline
+from analyze.motion.support_function import circular_support, support_of_outline
 from tests.analyze.motion.rolling import RollingBody, draw_rolling, seen_roll
 from tests.analyze.motion.tipping import planned
 
@@ -61,7 +61,7 @@ def test_rounded_to_float32_millimetres_it_stays_smooth(a, b):
 
 
 @FLANKS
-def test_a_scans_flank_is_as_rough_as_it_says(a, b):
+def test_the_roughness_of_a_scan_matches_its_radius_error(a, b):
     z = []
     for seed in range(8):
         rng = np.random.default_rng([seed, 20])
@@ -75,7 +75,7 @@ def test_a_scans_flank_is_as_rough_as_it_says(a, b):
     assert np.all(np.median(z, axis=0) > 0.2)
 
 
-def test_a_scanned_flank_still_tells_where_c_is_and_what_the_moment_is():
+def test_a_scanned_flank_gives_c_and_the_moment_of_inertia():
     """Without smoothing the moments were up to 37 % off here, and the planes five of their sd."""
     aside, moment = [], []
     for seed in range(6):
@@ -108,7 +108,7 @@ def test_a_scanned_boxs_edge_is_no_flank():
     points = np.concatenate([start + side * (end - start) for start, end in ways])
     for noise in (2e-5, 5e-5) * 20:
         section = support_of_outline(points + rng.normal(0, noise, points.shape), np.zeros(2))
-        assert rolls_on(section, planned(0.001, 0.3))[0] is None
+        assert rolling_curve(section, planned(0.001, 0.3))[0] is None
 
 
 def test_a_wall_beside_fine_facets_is_flat_however_they_are_cut():
@@ -129,7 +129,7 @@ def test_a_circle_is_no_curve_of_the_shapes_own():
     rng = np.random.default_rng(3)
     while seen is None:
         seen = seen_roll(draw_rolling(rng, 0.015, 0.015), 1.2, math.radians(0.02), rng)
-    fit = rolling_fit(seen.angle, seen.window, circle(0.015))
+    fit = rolling_fit(seen.angle, seen.window, circular_support(0.015))
     assert fit.rolling is not None
     assert not fit.rolling.of_shape
     assert fit.rolling.radius_sd == 0.0

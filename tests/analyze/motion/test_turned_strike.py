@@ -8,7 +8,7 @@ from analyze.motion.rest_pose import placement_error
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
 from analyze.types import Marker
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.tipping import SIZE, D, camera, planned, simulate, track_of
 
 
@@ -19,7 +19,7 @@ def on_the_back():
     return Marker(3, SIZE, T)
 
 
-def test_it_is_followed_and_fitted_like_any_other():
+def test_a_turned_strike_is_tracked_and_fitted():
     """The object really tips towards W's -x and shows the camera its other side: yawed by half a turn against
     the station."""
     tip = simulate(energy=1.08)

@@ -11,13 +11,13 @@ from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.motion.verdict import judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
 from analyze.types import MotionFit, TipAngle
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.tipping import planned
 
 LIMITS = VerdictLimits()
 N = 60
 FRAME_NS = 8_333_333
-COURSE = Course(moved=10, released=13, top=N - 1, ended=N, came_back=False)
+COURSE = Course(moved_frame=10, released_frame=13, top_frame=N - 1, end_frame=N, came_back=False)
 
 
 def motion(theta_max=1.2, slip=0.0, lift=0.0, off_axis=0.0):
@@ -54,7 +54,7 @@ def without_frames(whole, dropped):
         angle=TipAngle(
             angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept]
         ),
-    ), replace(COURSE, top=len(kept) - 1, ended=len(kept))
+    ), replace(COURSE, top_frame=len(kept) - 1, end_frame=len(kept))
 
 
 def test_a_tip_has_no_verdict_by_its_raw_motion(task):
@@ -62,7 +62,7 @@ def test_a_tip_has_no_verdict_by_its_raw_motion(task):
 
 
 def test_an_object_that_did_not_turn_has_not_moved_or_slid(task):
-    still = Course(moved=None, released=None, top=None, ended=N, came_back=False)
+    still = Course(moved_frame=None, released_frame=None, top_frame=None, end_frame=N, came_back=False)
     assert judge_motion(motion(theta_max=0.0), still, task, LIMITS).code is Verdict.NOT_MOVED
     assert judge_motion(motion(theta_max=0.0, slip=0.01), still, task, LIMITS).code is Verdict.SLID
 

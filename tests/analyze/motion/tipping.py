@@ -33,9 +33,9 @@ class Tip:
 
 @cache
 def simulate(
-    energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, length=1.2, kick=None, phase=0.3
+    energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, length=1.2, speed_change=None, phase=0.3
 ):
-    """com: (x behind the virtual corner, z over the table). kick: (seconds after contact, factor on
+    """com: (x behind the virtual corner, z over the table). speed_change: (seconds after contact, factor on
     omega)."""
     a, b = com[0] - rho, com[1] - rho
     R, phi = np.hypot(a, b), np.arctan2(a, b)
@@ -67,10 +67,12 @@ def simulate(
 
     landed.terminal = back.terminal = True
     start, y0, stop_value = 0.0, [0.0, omega], None
-    pieces = [(start, length)] if kick is None else [(0.0, kick[0]), (kick[0], length)]
+    pieces = (
+        [(start, length)] if speed_change is None else [(0.0, speed_change[0]), (speed_change[0], length)]
+    )
     for begin, end in pieces:
         if begin:
-            y0[1] *= kick[1]
+            y0[1] *= speed_change[1]
         out = solve_ivp(
             rate_of, (begin, end), y0, rtol=1e-10, atol=1e-12, dense_output=True, events=[landed, back]
         )

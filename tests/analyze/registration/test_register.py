@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.motion.support_function import circle
+from analyze.motion.support_function import circular_support
 from analyze.registration.register import register
 from analyze.registration.table import UNKNOWN_TABLE
 from tests.analyze.registration.tagged_boxes import about, draw_box, errors, facing, plan_of, seen_strikes
@@ -57,7 +57,7 @@ def test_the_table_is_found_where_no_board_was_seen():
     assert np.degrees(np.arccos(min(1.0, table.T_world_camera[2, :3] @ up[2]))) < 0.6
 
 
-def test_a_marker_seen_only_at_rest_is_said_to_be_undetermined(case):
+def test_a_marker_seen_only_at_rest_is_reported_undetermined(case):
     box, views = case
     resting = [replace(v, ideal=v.ideal[:1], sd=v.sd[:1], theta=v.theta[:1]) for v in views]
     place = found(box, resting[:1]).markers[0]
@@ -83,7 +83,7 @@ def test_a_tip_over_a_curved_flank_is_left_out():
     rng = np.random.default_rng(11)
     box = draw_box(rng, edges=1)
     believed = {}
-    for section in (None, circle(8e-3)):
+    for section in (None, circular_support(8e-3)):
         views = seen_strikes(box, np.random.default_rng(5), strikes=2, section=section)
         assert all((len(view.theta) == 1) == (section is not None) for view in views)
         views = [
@@ -125,7 +125,7 @@ def test_two_strikes_that_contradict_each_other_are_named():
         found(box, [one, turned])
 
 
-def test_nothing_seen_is_one_line():
+def test_no_visible_marker_is_one_error_line():
     box = draw_box(np.random.default_rng(1))
     with pytest.raises(EstimationError, match="no strike shows a marker at rest"):
         found(box, [])

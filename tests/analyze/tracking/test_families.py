@@ -20,7 +20,7 @@ FRAME_NS = 8_333_333
 LEFT, RIGHT = np.array([-0.04, 0.0, 0.55]), np.array([0.04, 0.0, 0.55])
 
 
-def film(camera, rng, tags, count=3):
+def video_frames(camera, rng, tags, count=3):
     return [
         ImageFrame(i * FRAME_NS, i, render(camera, [(n, SIZE, FACING, p) for n, p in tags], rng))
         for i in range(count)
@@ -30,7 +30,7 @@ def film(camera, rng, tags, count=3):
 @pytest.mark.parametrize("family", TagFamily)
 def test_a_tag_of_any_family_is_read_and_known_by_its_code(camera, rng, family):
     name = marker_name(family, family.size - 1)
-    (frame,) = film(camera, rng, [(name, LEFT)], 1)
+    (frame,) = video_frames(camera, rng, [(name, LEFT)], 1)
     (sighting,) = detect(frame.image, (family,))
     assert sighting.marker_id == name
     truth = project(camera, corners_of(SIZE) @ FACING.T + LEFT)
@@ -83,7 +83,7 @@ def test_corners_are_as_good_as_the_usual_familys(camera, family, px):
 
 
 def test_one_number_in_two_families_is_two_markers(camera, rng):
-    frames = film(camera, rng, [(7, LEFT), ("25h9-7", RIGHT)])
+    frames = video_frames(camera, rng, [(7, LEFT), ("25h9-7", RIGHT)])
     report = track_markers(frames, camera, [Marker("25h9-7", SIZE, None), Marker(7, SIZE, None)])
     assert {track.marker_id: np.sign(track.p_camera_marker[0, 0]) for track in report.tracks} == {
         7: -1,
@@ -94,7 +94,7 @@ def test_one_number_in_two_families_is_two_markers(camera, rng):
 
 
 def test_a_family_that_the_object_does_not_name_is_not_searched_for(camera, rng):
-    frames = film(camera, rng, [(7, LEFT), ("25h9-7", RIGHT)])
+    frames = video_frames(camera, rng, [(7, LEFT), ("25h9-7", RIGHT)])
     assert track_markers(frames, camera, [Marker(7, SIZE, None)]).unknown_ids == ()
     assert set(read_scene(frames[0], camera).corners) == {7}
     assert set(read_scene(frames[0], camera, families_of([7, "25h9-3"])).corners) == {7, "25h9-7"}
@@ -105,7 +105,7 @@ def test_a_family_that_the_object_does_not_name_is_not_searched_for(camera, rng)
 @pytest.mark.parametrize("printed", [("36h11", 7), ("25h9", 7), ("4x4_50", 7), ("5x5_100", 7)])
 def test_tags_of_another_family_than_the_file_says_are_named(camera, rng, printed):
     family, tag_id = printed
-    frames = film(camera, rng, [(marker_name(TagFamily(family), tag_id), LEFT)])
+    frames = video_frames(camera, rng, [(marker_name(TagFamily(family), tag_id), LEFT)])
     with pytest.raises(
         TrackingError,
         match=f"marker 7 of {family} seems to be in view, the object carries 6x6_250-7: correct the",

@@ -40,7 +40,7 @@ def test_distort_undoes_undistort_over_the_whole_image(lens):
     assert np.abs(distort(lens, ideal) - np.stack([columns, rows], -1)).max() < 1e-8
 
 
-def test_what_lies_too_far_out_has_no_ideal_place():
+def test_points_beyond_the_fisheye_range_have_no_ideal_pixel():
     wide = CameraModel(
         656,
         492,
@@ -100,7 +100,7 @@ def test_a_tip_is_seen_through_it(lens):
     assert np.sqrt(np.mean((error / np.hypot(motion.angle.sd, motion.angle.zero_sd)) ** 2)) < 2.0
 
 
-def test_a_calibration_says_which_lens_it_is_of():
+def test_a_calibration_states_its_lens_model():
     data = {"width": 656, "height": 492, "K": K.tolist(), "T_world_camera": np.eye(4).tolist()}
     assert camera_from_spec(validate(CameraCalibrationSpec, data, "x")).model is LensModel.PINHOLE
     assert (

@@ -21,7 +21,7 @@ def at(x, y=0.0, turned=0.0):
     return cv2.Rodrigues(np.array([0.0, 0.0, turned]))[0] @ FACING, np.array([x, y, 0.55])
 
 
-def film(camera, rng, places):
+def video_frames(camera, rng, places):
     """places: for each frame a list of (name, R, p); one that is the same list again is drawn once."""
     drawn = {id(each): paint(camera, [(name, SIZE, R, p) for name, R, p in each], Look()) for each in places}
     return [
@@ -66,7 +66,7 @@ def searches(monkeypatch):
 
 
 def test_a_tag_behind_an_arm_for_ten_frames_is_found_where_it_has_gone(camera, rng, searches):
-    frames = film(camera, rng, [[(7, *at(-0.04 + 0.0015 * i))] for i in range(40)])
+    frames = video_frames(camera, rng, [[(7, *at(-0.04 + 0.0015 * i))] for i in range(40)])
     middle = [frame if not 10 <= i < 20 else covered(frame, 180, 400) for i, frame in enumerate(frames)]
     report = track_markers(middle, camera, [Marker(7, SIZE, None)], [7])
     (seen,) = report.tracks
@@ -85,21 +85,23 @@ def test_a_tag_behind_an_arm_for_ten_frames_is_found_where_it_has_gone(camera, r
 
 
 def test_a_tag_that_jumps_is_found_in_the_next_frame(camera, rng):
-    frames = film(camera, rng, [[(7, *at(-0.05 if i < 8 else 0.05))] for i in range(14)])
+    frames = video_frames(camera, rng, [[(7, *at(-0.05 if i < 8 else 0.05))] for i in range(14)])
     (seen,) = track_markers(frames, camera, [Marker(7, SIZE, None)], [7]).tracks
     assert len(seen.time_ns) >= 13
     assert seen.p_camera_marker[seen.time_ns >= 9 * FRAME_NS, 0] == pytest.approx(0.05, abs=1e-4)
 
 
 def test_full_frames_are_searched_only_at_first_where_all_is_seen(camera, rng, searches):
-    frames = film(camera, rng, [[(7, *at(-0.04)), ("25h9-3", *at(0.04))]] * 30)
+    frames = video_frames(camera, rng, [[(7, *at(-0.04)), ("25h9-3", *at(0.04))]] * 30)
     report = track_markers(frames, camera, [Marker(7, SIZE, None), Marker("25h9-3", SIZE, None)])
     assert [len(seen.time_ns) for seen in report.tracks] == [30, 30]
     assert len(searches) == 2
 
 
 def test_both_tags_are_followed_while_one_is_hidden(camera, rng):
-    frames = film(camera, rng, [[(7, *at(-0.04, 0.001 * i)), (8, *at(0.04, 0.001 * i))] for i in range(20)])
+    frames = video_frames(
+        camera, rng, [[(7, *at(-0.04, 0.001 * i)), (8, *at(0.04, 0.001 * i))] for i in range(20)]
+    )
     frames = [frame if not 6 <= i < 12 else covered(frame, 360, 520) for i, frame in enumerate(frames)]
     report = track_markers(frames, camera, [Marker(7, SIZE, None), Marker(8, SIZE, None)], [7, 8])
     assert {seen.marker_id: len(seen.time_ns) for seen in report.tracks} == {7: 20, 8: 14}
@@ -123,7 +125,7 @@ def test_a_resting_tags_errors_are_as_independent_as_the_noise(camera):
 
 
 @pytest.mark.parametrize("noise", [1.0, pytest.param(4.0, marks=pytest.mark.slow), 8.0])
-def test_the_covariance_is_what_the_errors_show(camera, noise):
+def test_the_covariance_matches_the_errors(camera, noise):
     """Normalised by each corner's own 2 x 2 covariance: 1 within 0.1, over 200 draws of noise at 10
     places."""
     rng, pixels, squares = np.random.default_rng(int(noise)), pixel_map(camera), []

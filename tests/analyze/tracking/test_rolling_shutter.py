@@ -19,7 +19,7 @@ from analyze.tracking.camera_model import distort, project_ideal, undistort, wor
 from analyze.tracking.rolling_shutter import corners_at_one_time
 from analyze.tracking.track import track_markers
 from analyze.types import ImageFrame
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.tipping import SIZE, camera, marker, planned, simulate
 from tests.analyze.tracking.rendering import corners_of, project, render
 
@@ -116,10 +116,10 @@ def test_phi_and_k(tipping, rolled):
     assert track.frame_ns.tolist() == [frame.time_ns for frame in rolled]
 
 
-def test_a_line_time_that_is_none_of_these_frames_is_named(tipping, rolled):
+def test_a_line_time_too_long_for_the_frame_rate_is_refused(tipping, rolled):
     with pytest.raises(
         TrackingError,
-        match=r"by line_time_s an image is read in 49\.2 ms, but one comes every 16\.7 ms: correct",
+        match=r"read-out of an image takes 49\.2 ms, but images are 16\.7 ms apart: correct line_time_s",
     ):
         analysed(tipping, rolled[:5], 1e-4)
 
@@ -152,7 +152,7 @@ def fitted(tipping, frame_s, size, line_s):
 @pytest.mark.parametrize(
     ("energy", "size", "rate"), [(1.05, 0.03, 60.0), (3.0, 0.04, 60.0), (1.3, 0.03, 30.0)]
 )
-def test_corners_are_where_they_were(energy, size, rate):
+def test_corrected_corners_match_the_true_ones(energy, size, rate):
     """At rest, through the impact and after it, except for the frame of the impact."""
     tipping, cam = Tipping(energy), camera()
     frame_s = np.arange(0.1, min(0.6, tipping.tip.time[np.argmax(tipping.tip.theta > 1.0)] or 1), 1 / rate)
@@ -177,7 +177,7 @@ def test_corners_are_where_they_were(energy, size, rate):
 
 
 def test_the_rows_may_be_read_upwards(tipping):
-    """As in a film that was turned by half a turn."""
+    """As in a video that was rotated by 180 degrees."""
     frame_s = np.arange(0.3, 0.5, 1 / RATE)
     seen = [fitted(tipping, each, SIZE, -LINE_S) for each in frame_s]
     late_s = -LINE_S * (np.array([row for _, row in seen]) - MIDDLE)

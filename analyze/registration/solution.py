@@ -1,0 +1,40 @@
+"""Result of the registration's least-squares problem: marker poses, placements and tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from analyze.types import Array
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Best fit of all markers, placements and tables.
+
+    Rotations of a marker are small turns in O, applied before its position.
+    """
+
+    T_object_marker: Mapping[int | str, Array]
+    """(4, 4) pose of M in O per marker"""
+    covariance: Mapping[int | str, Array]
+    """(6, 6) per marker, of its turn in O [rad] and its centre in O [m]"""
+    placements: Mapping[str, Array]
+    """per strike (3,): heading [rad], x, y [m] in W, relative to the plan"""
+    placement_sd: Mapping[str, Array]
+    """per strike (3,) standard deviations of the placement"""
+    table: Mapping[int, Array]
+    """per recording (3,) E: tilts about W's x and y [rad], and the height [m]"""
+    table_covariance: Mapping[int, Array]
+    """per recording (3, 3)"""
+    misfit: Mapping[str, float]
+    """per strike: chi^2 per degree of freedom"""
+    rms_px: Mapping[int | str, float]
+    """per marker: rms residual of its corners [px]"""
+    scale: float
+    """factor on all standard deviations, by the residuals"""
+    converged: bool
+    """False if it still moved along a direction that is hardly determined"""

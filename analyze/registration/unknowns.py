@@ -1,0 +1,72 @@
+"""Unknowns of the registration's least-squares problem, their layout in a step, and their priors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.geometry.rotations import matrix_from_vector
+
+if TYPE_CHECKING:
+    from analyze.types import Array
+
+PER_STRIKE, PER_EDGE, PER_TABLE, PER_FRAME = 5, 2, 3, 5
+"""number of unknowns of each strike, edge, table and tipping frame"""
+HEADING_SD, PLACE_SD = math.radians(6.0), 0.02
+"""prior sd of a placement by hand [rad, m]; wide, so that the hand gives no information beyond the start"""
+IMPACT_TURN_SD, TWISTED_SD, DRIFT_SD = math.radians(0.05), math.radians(3.0), math.radians(0.1)
+"""sd of the turn about the vertical by the impact [rad], by one that clearly missed the body's middle [rad],
+and while it tips [rad per rad]"""
+FRAME_SD = np.array([np.inf, math.radians(0.05), 0.02, 2e-4, 3e-5])
+"""sd of theta, heading, slip along x and along y, and lift in one frame of a tip [rad, m]"""
+MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
+"""prior sd of a marker's pose [rad, m]: no information, but it keeps undetermined directions finite"""
+
+
+@dataclass
+class Unknowns:
+    """Values of all unknowns of the registration."""
+
+    R: list[Array]
+    """(3, 3) rotation from M to O per marker"""
+    t: list[Array]
+    """(3,) centre in O per marker [m]"""
+    strike: Array
+    """(s, 5) psi, x, y, kappa, tau [rad, m, m, rad, 1]"""
+    edge: Array
+    """(e, 2) displacement of each edge's centre line across itself [m]"""
+    table: Array
+    """(recordings, 3) tilts about W's x and y [rad], and height [m]"""
+    frames: list[Array]
+    """per strike (f - 1, 5): theta, heading, x, y, z [rad, rad, m, m, m]"""
+
+    def after_step(self, shared: Array, frames: list[Array]) -> Unknowns:
+        """Unknowns after a step of the shared ones (n,) and of the frames' own."""
+        many, strikes, edges = len(self.R), len(self.strike), len(self.edge)
+        markers = shared[: 6 * many].reshape(many, 6)
+        at = 6 * many
+        strike = shared[at : at + PER_STRIKE * strikes].reshape(strikes, PER_STRIKE)
+        at += PER_STRIKE * strikes
+        edge = shared[at : at + 2 * edges].reshape(edges, 2)
+        return Unknowns(
+            [matrix_from_vector(step[:3]) @ R for step, R in zip(markers, self.R, strict=True)],
+            [t + step[3:] for step, t in zip(markers, self.t, strict=True)],
+            self.strike + strike,
+            self.edge + edge,
+            self.table + shared[-self.table.size :].reshape(self.table.shape),
+            [frame + step for frame, step in zip(self.frames, frames, strict=True)],
+        )
+
+
+def heading_by_frame(strike: Array, frame: Array) -> Array:
+    """Heading (f,) of the object in every frame of a strike [rad]; frame 0 is at rest.
+
+    Args:
+        strike: (5,) psi, x, y, kappa, tau of the strike.
+        frame: (f, 5) theta, heading, x, y, z of every frame.
+    """
+    psi, _, _, kappa, tau = strike
+    return psi + kappa * (np.arange(len(frame)) > 0) + tau * frame[:, 0] + frame[:, 1]
