@@ -18,11 +18,14 @@ from acquire.cli import main as acquire
 from acquire.daemon.client import DaemonClient
 from acquire.errors import StrikerStopped
 from tests.acquire.striker.lateness import Lateness
+from tests.loopback import loopback
 from tests.system.fault_rig import OTHER_ADDRESS, Daemon, FaultRig, fault_rig, wait_until
 from tests.system.test_striker_faults import STATES, reach
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
 ANSWER_S, MOTION_S = 0.5, 0.2
+OWN_ADDRESS = loopback(126)
+"""the cameras of the module's two rigs hold the addresses of fault_rig"""
 MANUAL_STATES = ("disarmed", "homed", "armed", "settled", "released")
 
 
@@ -134,7 +137,10 @@ def test_a_hung_capture_process_does_not_delay_a_stop(servo_rig: tuple[FaultRig,
 
 def test_closing_the_terminal_ends_the_daemon_properly() -> None:
     with fault_rig() as rig:
-        _, daemon, client = rig.recording_daemon()
+        rig.camera(OWN_ADDRESS)
+        daemon = rig.daemon(rig.rig_file(address=OWN_ADDRESS))
+        client = rig.client(daemon)
+        rig.open_recording(client)
         reach(rig, daemon, client, "settled")
         daemon.process.send_signal(signal.SIGHUP)
         assert daemon.process.wait(20) == 0, daemon.complaints
