@@ -129,7 +129,10 @@ def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
 
 
 def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int) -> FallWindow | None:
-    """Stretch extended frame by frame along its own curve, without its two end frames; None if no fall."""
+    """Stretch extended frame by frame along its own curve; None if it is no fall.
+
+    Its two end frames are left out: a hand or the ground may still have touched the tag there.
+    """
     noise = max(1.0, _Curve(number[start:stop], scaled[start:stop]).rms)
     while stop < len(number) and _continues(number, scaled, sd, (start, stop), stop, noise):
         stop += 1
