@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analyze.api.tables import data_frame, html_table, text_table
-from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+from analyze.pipeline.evidence import Evidence
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.types import PHASE_NAMES
 
 if TYPE_CHECKING:

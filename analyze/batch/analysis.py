@@ -30,7 +30,8 @@ from analyze.errors import (
     TrackingError,
 )
 from analyze.pipeline.estimate import EstimateOptions
-from analyze.pipeline.evidence import RecordingHead, read_evidence, read_head
+from analyze.pipeline.evidence import RecordingHead
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.verify import refuse_changed_content
 from analyze.result.answer import answer_evidence
 

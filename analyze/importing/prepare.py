@@ -23,7 +23,7 @@ from analyze.importing.camera_pose import (
 from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.spool import Spool
 from analyze.importing.windows import Clip, StrikeWindow, one_window_per_clip, split_clip, window_around
-from analyze.pipeline.evidence import placed_markers
+from analyze.pipeline.read_evidence import placed_markers
 from analyze.progress import Progress, no_progress
 from analyze.reading.annex_b import VideoFormat
 from analyze.reading.object_file import ObjectFiles, read_object_files

@@ -20,25 +20,17 @@ from analyze.estimation.agreement import (
 )
 from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
 from analyze.estimation.checks import Checks, check_solution
-from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
-from analyze.estimation.paper import (
-    PaperCentre,
-    PaperRegions,
-    paper_axis_inertia,
-    paper_centre_of_mass,
-    paper_regions,
-)
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
-from analyze.estimation.priors import ComPrior, Scale, SystematicErrors, TiltPrior
+from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.geometry.voxels import voxelise
-from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.filling import estimate_filling, filling_label
 from analyze.pipeline.frame_rate import (
     FrameRate,
@@ -49,30 +41,29 @@ from analyze.pipeline.frame_rate import (
 )
 from analyze.pipeline.merge import (
     by_start_time,
-    levelling_indices,
     merge_evidence,
     paths_text,
     refuse_unmergeable,
     resolve_exclusions,
 )
 from analyze.pipeline.prediction import StrikePrediction, predict_strikes
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.too_few import too_few_text
 from analyze.types import (
-    Array,
     CentreOfMass,
     EquiPlane,
     InertialParameters,
     MassDistribution,
-    MotionFit,
     TipMotion,
 )
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.progress import Progress
-    from schemas.session_manifest import SessionManifest
-    from schemas.strike_plan import PlannedStrike
+
+from analyze.pipeline.equiplanes import equiplanes, systematic_errors
+from analyze.pipeline.paper import PaperEstimate, paper_estimate
 
 CELLS = 4000
 """approximate number of cells that the body's volume is divided into"""
@@ -107,16 +98,6 @@ class Agreements:
     """difference between the paper's centre of mass and ours"""
     estimators: tuple[EstimatorDisagreement, ...]
     """strikes whose estimators disagree; empty if none do"""
-
-
-@dataclass(frozen=True)
-class PaperEstimate:
-    """The paper's own estimates from the same strikes (VISAPP 2013, sections 3.2 and 3.3)."""
-
-    com: PaperCentre
-    """centre of mass, markers subtracted"""
-    regions: PaperRegions | None
-    """region masses; None where no set of three axes gives positive masses"""
 
 
 @dataclass(frozen=True)
@@ -245,7 +226,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     )
     inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
     recording_of = [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes]
-    paper, struck_paper_planes = _paper_estimate(evidence, used, cells, scale)
+    paper, struck_paper_planes = paper_estimate(evidence, used, cells, scale)
     centres = centre_difference(paper.com, struck_paper_planes, struck.com, prior)
     return Estimate(
         evidence=evidence,
@@ -313,104 +294,3 @@ def _labelled_parts(
         parts = parts_of_cells(labels, cells, spec.name)
     names, solids = [name for name, _ in parts], [solid for _, solid in parts]
     return part_masses(measured_moments(inertial), names, solids, np.random.default_rng(options.seed))
-
-
-def equiplanes(
-    evidence: Evidence, motions: Sequence[TipMotion], estimator: str | None = None
-) -> tuple[EquiPlane, ...]:
-    """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
-
-    Args:
-        evidence: plan and recordings of the motions.
-        motions: fitted motions.
-        estimator: estimator whose phi and k are used where a motion has them; None for the one chosen for
-            each motion.
-    """
-    levels = levelling_indices(evidence.recordings)
-    found: list[EquiPlane] = []
-    for motion in motions:
-        plane = _equiplane(evidence.planned(motion), motion, estimator)
-        index = evidence.recorded_in.get(motion.strike_id, 0)
-        gravity_ratio = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
-        k = None if plane.k is None else plane.k * gravity_ratio
-        sd_k = None if plane.sd_k is None else plane.sd_k * gravity_ratio
-        found.append(
-            replace(plane, k=k, sd_k=sd_k, cov_phi_k=plane.cov_phi_k * gravity_ratio, level=levels[index])
-        )
-    return tuple(found)
-
-
-def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Errors shared by strikes: scale and edge radius of the object, tilt of gravity per levelling."""
-    levels = levelling_indices(evidence.recordings)
-    tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
-    return SystematicErrors(
-        gravity_tilt_sd=tilts[0].gravity_tilt_sd_rad,
-        scale_sd=evidence.spec.shape.scale_sd,
-        edge_radius_sd=evidence.spec.edge_radius_sd_m,
-        other_tilt_sds=tuple(tilts[level].gravity_tilt_sd_rad for level in range(1, len(tilts))),
-        readings=tuple(_level_prior(tilts[level]) for level in range(len(tilts))),
-    )
-
-
-def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
-    read = manifest.level
-    if read is None:
-        return None
-    sideways = manifest.gravity_tilt_sd_rad if read.towards_y_sd_rad is None else read.towards_y_sd_rad
-    return TiltPrior((read.towards_x_rad, read.towards_y_rad), (read.towards_x_sd_rad, sideways))
-
-
-def _equiplane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
-    if estimator is None or (motion.fit is not None and motion.fit.estimator == estimator):
-        return equiplane(motion.strike_id, planned, motion)
-    chosen = next((fit for fit in motion.alternatives if fit.estimator == estimator), None)
-    return (
-        equiplane(motion.strike_id, planned, motion)
-        if chosen is None
-        else equiplane_from_fit(motion.strike_id, planned, chosen)
-    )
-
-
-def _paper_estimate(
-    evidence: Evidence, used: Sequence[TipMotion], cells: Cells, scale: Scale
-) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
-    """The paper's centre of mass and region masses, markers included, with their equi-planes."""
-    # The sign change exists only where c passes over the balance; strikes that rocked back are used only if
-    # too few others exist.
-    tipped_over = [motion for motion in used if motion.verdict is Verdict.GOOD]
-    chosen = tipped_over if len(tipped_over) >= MIN_STRIKES else list(used)
-    planes = tuple(_paper_equiplane(evidence.planned(motion), motion) for motion in chosen)
-    com = paper_centre_of_mass(planes, cells)
-    return PaperEstimate(com, _paper_regions(planes, chosen, com.position, scale, cells)), planes
-
-
-def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane by the paper's sign change, or by the fit in use where none was found."""
-    found = _sign_change(motion)
-    return (
-        equiplane(motion.strike_id, planned, motion)
-        if found is None
-        else equiplane_from_fit(motion.strike_id, planned, found)
-    )
-
-
-def _sign_change(motion: TipMotion) -> MotionFit | None:
-    return next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
-
-
-def _paper_regions(
-    planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
-) -> PaperRegions | None:
-    """Region masses from the paper's angles, centre of mass and mean moment per axis."""
-    moments: dict[str, list[float]] = {}
-    for plane, motion in zip(planes, motions, strict=True):
-        fit = _sign_change(motion) or motion.fit
-        found = (
-            None if fit is None else paper_axis_inertia(plane, motion, fit, com, scale.mass * scale.gravity)
-        )
-        if found is not None:
-            moments.setdefault(plane.axis_id, []).append(found.i_edge)
-    one_per_axis = {plane.axis_id: plane for plane in planes}
-    about_edges = {axis_id: float(np.mean(each)) for axis_id, each in moments.items()}
-    return paper_regions(list(one_per_axis.values()), com, about_edges, scale.mass, cells)

@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 
 from analyze.reading.planned_strikes import planned_strikes
 from analyze.types import TipMotion
-from schemas.result import Verdict
 from schemas.strike_plan import StrikePlan
+from schemas.strike_result import Verdict
 
 
 def too_few_text(

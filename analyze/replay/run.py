@@ -186,7 +186,7 @@ def _send_live(
 
 
 def _finish(recording: Recording, show: _RunningReplay, target: Target, progress: Progress) -> ReplayResult:
-    from analyze.pipeline.evidence import read_open_head
+    from analyze.pipeline.read_evidence import read_open_head
 
     count = len(recording.strikes)
     progress("estimating", count, count + 1)

@@ -92,7 +92,7 @@ class Sender:
     def shown_moment_s(self) -> float:
         """Time since contact [s] at which the page in front shows a tipping object."""
         from analyze.replay.views import balance_moment
-        from schemas.result import Verdict
+        from schemas.strike_result import Verdict
 
         motions = [reading.motion for reading in self._readings]
         requested = [motion for motion in motions if motion.strike_id == self._options.page]
@@ -118,7 +118,7 @@ class Sender:
 
     def analyse_strike(self, source: StrikeSource, record: pb.StrikeRecord, *, more: bool) -> None:
         """Measure a strike's motion and send it. The first call imports the numerical modules."""
-        from analyze.pipeline.evidence import read_strike
+        from analyze.pipeline.read_evidence import read_strike
         from analyze.replay.strike_scene import send_strike
 
         struck, body = self._object(source)
@@ -152,7 +152,7 @@ class Sender:
     def _object(self, source: StrikeSource) -> tuple[StruckObject | None, SceneInputs | None]:
         if not self._object_requested:
             self._object_requested = True
-            from analyze.pipeline.evidence import placed_markers, struck_object
+            from analyze.pipeline.read_evidence import placed_markers, struck_object
             from analyze.replay.body import SceneInputs, log_shape
             from analyze.tracking.camera_model import camera_from_spec
 
@@ -173,8 +173,8 @@ class Sender:
     def send_answer(self, head: RecordingHead) -> None:
         """Send the joint estimate, or the reason why there is none, and put the answer in front."""
         from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
-        from analyze.pipeline.evidence import evidence_from_readings
         from analyze.pipeline.merge import resolve_exclusions
+        from analyze.pipeline.read_evidence import evidence_from_readings
 
         try:
             if self._struck is None or self._body is None or self.no_answer:

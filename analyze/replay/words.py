@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.types import TipMotion
-    from schemas.result import Quantity, Result
+    from schemas.quantity import Quantity
+    from schemas.result import Result
 
 
 def answer_text(name: str, result: Result) -> str:

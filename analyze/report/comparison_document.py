@@ -15,7 +15,9 @@ from analyze.report.report_document import report_recording
 from analyze.result.comparison import chi_squared_p_value
 from analyze.result.document import rounded
 from schemas.comparison import Comparison, QuantityPrecision, SessionAnswer, SessionsAgreement, SessionValue
-from schemas.result import Quantity, RegionResult, Verdict
+from schemas.quantity import Quantity
+from schemas.result import RegionResult
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.estimation.agreement import Agreement

@@ -16,7 +16,7 @@ from analyze.report.summary import DEGREES, GRAM_CM2, open_interval, with_interv
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from schemas.result import Quantity
+    from schemas.quantity import Quantity
 
 
 @cache

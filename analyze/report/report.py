@@ -25,7 +25,8 @@ from analyze.report.voxel_map import voxel_figure, voxel_map_text
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.tilt import tilt_lines
 from schemas.output_file import write_text
-from schemas.result import Quantity, StrikeResult, Verdict
+from schemas.quantity import Quantity
+from schemas.strike_result import StrikeResult, Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate

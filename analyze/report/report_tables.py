@@ -9,7 +9,8 @@ import numpy as np
 from analyze.report.csv_table import Cell, CsvTable
 from analyze.report.sensitivity_plot import source_rows
 from analyze.types import PHASE_NAMES
-from schemas.result import Quantity, Result
+from schemas.quantity import Quantity
+from schemas.result import Result
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -12,7 +12,8 @@ from rich.table import Table
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.tilt import tilt_lines
-from schemas.result import Filling, Parts, Quantity, Result
+from schemas.quantity import Quantity
+from schemas.result import Filling, Parts, Result
 
 if TYPE_CHECKING:
     from analyze.result.answer import Answer

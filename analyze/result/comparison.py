@@ -13,14 +13,9 @@ from scipy.special import chdtrc
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.priors import ComPrior
-from analyze.pipeline.estimate import (
-    Estimate,
-    EstimateOptions,
-    equiplanes,
-    estimate_evidence,
-    systematic_errors,
-)
-from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+from analyze.pipeline.equiplanes import equiplanes, systematic_errors
+from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence
+from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
     by_start_time,
     merge_evidence,
@@ -28,6 +23,7 @@ from analyze.pipeline.merge import (
     refuse_unmergeable,
     resolve_exclusions,
 )
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.result.answer import Answer, answer_evidence
 from schemas.document import canonical_json
 

@@ -17,21 +17,18 @@ from analyze.result.frame_times import frame_times_documents
 from analyze.result.tilt import table_tilts
 from analyze.result.warnings import result_warnings
 from schemas.document import Document, canonical_json, sha256_text
+from schemas.quantity import Quantity
 from schemas.result import (
-    AlternativeFit,
     AxisMoment,
     JoinedRecording,
     PartResult,
     Parts,
-    PredictionResult,
-    Quantity,
     RegionResult,
     Regions,
     Result,
     ResultInputs,
-    StrikeResult,
-    Verdict,
 )
+from schemas.strike_result import AlternativeFit, PredictionResult, StrikeResult, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from schemas.result import Filling, Quantity, ResultWarning, WarningCode
+from schemas.quantity import Quantity
+from schemas.result import Filling, ResultWarning, WarningCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from analyze.least_squares.intervals import SIGMAS_95
-from schemas.result import FrameTimes, Quantity
+from schemas.quantity import Quantity
+from schemas.result import FrameTimes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

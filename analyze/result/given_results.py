@@ -13,8 +13,9 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.edge_line import EdgeLine
-from analyze.pipeline.evidence import RecordingHead, read_head
+from analyze.pipeline.evidence import RecordingHead
 from analyze.pipeline.merge import edge_line
+from analyze.pipeline.read_evidence import read_head
 from analyze.planning.earlier_results import EarlierResult, StrikeMade, merge_results
 from analyze.planning.striker_update import Touch
 from analyze.result.answer import Answer, answer_recordings

@@ -8,7 +8,8 @@ import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.merge import levelling_indices
-from schemas.result import Quantity, Result, TableTilt
+from schemas.quantity import Quantity
+from schemas.result import Result, TableTilt
 
 if TYPE_CHECKING:
     from analyze.pipeline.evidence import Evidence

@@ -15,8 +15,9 @@ from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_t
 from analyze.result.frame_times import unchecked_text, wrong_text
 from analyze.result.tilt import TILT_REMEDY, assumed_tilt
 from analyze.types import tensor_entry_name
-from schemas.result import FrameTimes, ResultWarning, Verdict, WarningCode
+from schemas.result import FrameTimes, ResultWarning, WarningCode
 from schemas.session_manifest import TimeSource
+from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -14,7 +14,7 @@ from tests.places import RECORDINGS
 def samples_are_tracked_once() -> Iterator[None]:
     """Many tests look at the committed sample: a strike of it is tracked once for the same markers and
     object. A copy is another file."""
-    from analyze.pipeline import evidence
+    from analyze.pipeline import read_evidence as evidence
 
     track, known = evidence._strike, {}
 

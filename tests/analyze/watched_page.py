@@ -25,9 +25,12 @@ LEAST_INK = 0.004
 
 OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')].filter(each => {
     const box = each.getBoundingClientRect();
-    return box.width > 0 && box.right > document.documentElement.clientWidth + 1 && !(scrolls && each.closest('.scroll, .views'));
-}).map(each => `${each.tagName} ${each.className.baseVal ?? each.className} reaches ${Math.round(each.getBoundingClientRect().right)}`)"""
-CUT_TEXT = """() => [...document.querySelectorAll('.card, .big')].filter(each => each.scrollWidth > each.clientWidth + 1)
+    const beyond = box.width > 0 && box.right > document.documentElement.clientWidth + 1;
+    return beyond && !(scrolls && each.closest('.scroll, .views'));
+}).map(each => `${each.tagName} ${each.className.baseVal ?? each.className} reaches ` +
+    `${Math.round(each.getBoundingClientRect().right)}`)"""
+CUT_TEXT = """() => [...document.querySelectorAll('.card, .big')]
+    .filter(each => each.scrollWidth > each.clientWidth + 1)
     .map(each => each.textContent.trim())"""
 PLOTS = """() => [...document.querySelectorAll('main svg, main img, canvas')].map(each => {
     const box = each.getBoundingClientRect();
@@ -38,7 +41,7 @@ PLOTS = """() => [...document.querySelectorAll('main svg, main img, canvas')].ma
 
 @dataclass
 class WatchedPage:
-    """The page, and its problems so far: errors on the console, exceptions, requests that failed or went where they should not."""
+    """A page with its problems so far: console errors, exceptions, requests that failed or left the disk."""
 
     page: Page
     problems: list[str] = field(default_factory=list)
@@ -118,9 +121,11 @@ def watched_viewer(browser: Browser, size: tuple[int, int], elsewhere: set[str])
 
     with _page(browser, size) as found:
         found.page.context.route(lambda url: not url.startswith((*HERE, "blob:", "http://127.0.0.1:")), shut)
-        found.page.expose_function("problem", lambda text: found.problems.append(text))  # noqa: PLW0108 - no built-in is taken
+        # The browser does not take a built-in function.
+        found.page.expose_function("problem", lambda text: found.problems.append(text))  # noqa: PLW0108
         found.page.add_init_script(
-            "console.debug = console.info = console.log = () => {}; console.error = (...told) => problem(`console: ${told}`)"
+            "console.debug = console.info = console.log = () => {};"
+            "console.error = (...text) => problem(`console: ${text}`)"
         )
         yield found
 

@@ -20,7 +20,8 @@ from analyze.errors import EstimationError
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.evidence import Evidence
 from analyze.result.document import result_document
-from schemas.result import Verdict, WarningCode
+from schemas.result import WarningCode
+from schemas.strike_result import Verdict
 from tests.benchmarks.simulated_tips import session
 
 SEEDS = (11, 12, 13)

@@ -31,8 +31,8 @@ from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from analyze.sources.open_source import SourceOptions
 from analyze.types import ImageFrame
-from schemas.result import Verdict
 from schemas.session_manifest import OBJECT_ATTACHMENT, PLAN_ATTACHMENT, RIG_ATTACHMENT
+from schemas.strike_result import Verdict
 from tests.benchmarks.imported_topics import foxglove_file, ros_colour_bag, ros_jpeg_bag
 
 MICROSECONDS = Fraction(1, 1_000_000)

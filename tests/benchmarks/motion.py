@@ -25,7 +25,7 @@ from analyze.motion.pendulum import trajectory
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.sign_change import sign_change
 from analyze.types import MotionFit
-from schemas.result import Verdict
+from schemas.strike_result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, Strike, draw, draw_free
 from tests.benchmarks.fit_error import MAX_BOUND, NOISES, Error
 

@@ -96,7 +96,7 @@ def recorded(paths: tuple[Path, ...]) -> Found:
             text=True,
             check=True,
         )
-        from analyze.pipeline.evidence import read_head
+        from analyze.pipeline.read_evidence import read_head
 
         truth = {m.name: np.array(m.T_object_marker) for m in read_head(path).manifest.object.marker}
         for entry in json.loads(done.stdout)["markers"]:

@@ -28,8 +28,8 @@ from analyze.pipeline.sections import next_face_angle, rolling_outline
 from analyze.planning.impact import StrikerModel
 from analyze.types import TipMotion
 from schemas.object_spec import MarkerSpec, ObjectSpec, Shape, object_sha256
-from schemas.result import Verdict
 from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.strike_result import Verdict
 from tests.analyze.geometry.shapes import stl
 from tests.analyze.motion.drawn_strikes import T0, seen
 from tests.analyze.motion.sliding import Body, push_for, simulate

@@ -28,7 +28,7 @@ from rich.table import Table
 from scipy.spatial.transform import Rotation
 
 from analyze.motion.tip_angle import Placement, tip_angle
-from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.recording import open_recording
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.pose import marker_corners

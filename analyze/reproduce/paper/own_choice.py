@@ -12,7 +12,7 @@ from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_centre_of_mass
 from analyze.estimation.priors import ComPrior
-from analyze.pipeline.estimate import systematic_errors
+from analyze.pipeline.equiplanes import systematic_errors
 from analyze.planning.design import MIN_NORMAL_SPREAD
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel

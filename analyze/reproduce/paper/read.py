@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.truth import read_truth
 from analyze.reproduce.paper.record import SessionRecord, ThetaSource
 from analyze.reproduce.paper.session import session_record

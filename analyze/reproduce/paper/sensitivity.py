@@ -14,7 +14,7 @@ from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.paper import paper_centre_of_mass
 from analyze.estimation.priors import ComPrior
 from analyze.estimation.regions import mass_distribution
-from analyze.pipeline.estimate import systematic_errors
+from analyze.pipeline.equiplanes import systematic_errors
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity
 from analyze.result.score import tip_truth

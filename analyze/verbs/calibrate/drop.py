@@ -12,7 +12,7 @@ from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError, RecordingForeign
 from analyze.motion.fall_window import MIN_FALL_M, fall_windows
 from analyze.motion.free_fall import Fall, FallSetup, TrueTime, settled_fall, true_time
-from analyze.pipeline.evidence import read_head
+from analyze.pipeline.read_evidence import read_head
 from analyze.progress import Progress, no_progress
 from analyze.reading.recording import open_recording
 from analyze.sources.open_source import SourceOptions, open_source

@@ -21,7 +21,7 @@ from analyze.calibration.plumb import (
 from analyze.cameras.board_images import RECORDING, Image, read_images, resolve_inputs
 from analyze.cameras.rig_file import PLUMB_LINE, read_rig
 from analyze.errors import CalibrationError
-from analyze.pipeline.evidence import read_head
+from analyze.pipeline.read_evidence import read_head
 from analyze.progress import Progress, no_progress
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array, CameraModel

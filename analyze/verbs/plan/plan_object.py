@@ -132,8 +132,8 @@ def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
 
     recordings = [path for path in options.given if path.suffix == RECORDING_SUFFIX]
     if options.rig_path is None and recordings:
-        from analyze.pipeline.evidence import read_head  # slow to import, and only such plans need it
         from analyze.pipeline.merge import by_start_time
+        from analyze.pipeline.read_evidence import read_head
 
         latest = by_start_time([read_head(path) for path in recordings])[-1]
         if latest.rig_toml is not None:

@@ -10,13 +10,7 @@ import numpy as np
 
 from analyze.cameras.rig_file import PLUMB_LINE, read_rig
 from analyze.errors import CalibrationError, EstimationError
-from analyze.pipeline.evidence import (
-    Evidence,
-    RecordingHead,
-    read_evidence,
-    read_head,
-    unplaced_markers,
-)
+from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.pipeline.merge import (
     by_start_time,
     merge_evidence,
@@ -24,6 +18,7 @@ from analyze.pipeline.merge import (
     refuse_unmergeable,
     resolve_exclusions,
 )
+from analyze.pipeline.read_evidence import read_evidence, read_head, unplaced_markers
 from analyze.pipeline.sections import rolling_outline
 from analyze.progress import Progress
 from analyze.reading.recording import open_recording

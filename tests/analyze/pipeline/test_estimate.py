@@ -12,7 +12,8 @@ from analyze.result.answer import answer_evidence
 from analyze.result.score import score_answer, tip_truth
 from analyze.types import RollingContact, TipMotion
 from schemas.proto import percuss_pb2 as pb
-from schemas.result import Result, Verdict, WarningCode
+from schemas.result import Result, WarningCode
+from schemas.strike_result import Verdict
 from tests.analyze.estimation.bodies import tip
 from tests.analyze.simulated_session import carton, session
 

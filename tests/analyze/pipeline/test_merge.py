@@ -17,14 +17,16 @@ from analyze.errors import EstimationError, MergeError
 from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.priors import ComPrior
-from analyze.pipeline.estimate import EstimateOptions, equiplanes, systematic_errors
+from analyze.pipeline.equiplanes import equiplanes, systematic_errors
+from analyze.pipeline.estimate import EstimateOptions
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import by_start_time, levelling_indices, merge_evidence, resolve_exclusions
 from analyze.report.report import render_report
 from analyze.result.answer import Answer, answer_evidence
 from analyze.types import CentreOfMass, TipMotion
 from schemas.document import canonical_json, sha256_text
-from schemas.result import Result, Verdict, WarningCode
+from schemas.result import Result, WarningCode
+from schemas.strike_result import Verdict
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 from tests.analyze.simulated_session import carton, session
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analyze.pipeline.evidence import placed_markers, read_strike, struck_object
+from analyze.pipeline.read_evidence import placed_markers, read_strike, struck_object
 from analyze.reading.recording import open_recording
 from analyze.replay import overlay, views
 from analyze.replay.timelines import contact_of

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 
 from acquire.recorder.writer import McapWriter
 from analyze.cli import main
-from analyze.pipeline.evidence import read_strike
+from analyze.pipeline.read_evidence import read_strike
 from analyze.reading.recording import open_recording
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.recording_file import find_recording
@@ -95,7 +95,7 @@ def sample(read, tmp_path_factory):
         return read[record.strike_id]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.evidence.read_strike", remembering)
+        patch.setattr("analyze.pipeline.read_evidence.read_strike", remembering)
         return replay(FIRST_SAMPLE, tmp_path_factory.mktemp("replay") / "sample.rrd")
 
 
@@ -107,7 +107,7 @@ def read_before(sample, read, monkeypatch):
         assert list(source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
         return read[record.strike_id]
 
-    monkeypatch.setattr("analyze.pipeline.evidence.read_strike", known)
+    monkeypatch.setattr("analyze.pipeline.read_evidence.read_strike", known)
 
 
 def test_every_strike_has_images_curves_phases_and_pose(sample):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from analyze.pipeline.estimate import systematic_errors
+from analyze.pipeline.equiplanes import systematic_errors
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import levelling_indices
 from analyze.report.summary import render_summary

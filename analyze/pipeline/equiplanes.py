@@ -1,0 +1,79 @@
+"""Equi-planes of fitted motions, and the errors that strikes share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from analyze.estimation.equiplane import equiplane, equiplane_from_fit
+from analyze.estimation.priors import SystematicErrors, TiltPrior
+from analyze.pipeline.evidence import Evidence
+from analyze.pipeline.merge import (
+    levelling_indices,
+)
+from analyze.types import (
+    EquiPlane,
+    TipMotion,
+)
+
+if TYPE_CHECKING:
+    from schemas.session_manifest import SessionManifest
+    from schemas.strike_plan import PlannedStrike
+
+
+def equiplanes(
+    evidence: Evidence, motions: Sequence[TipMotion], estimator: str | None = None
+) -> tuple[EquiPlane, ...]:
+    """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
+
+    Args:
+        evidence: plan and recordings of the motions.
+        motions: fitted motions.
+        estimator: estimator whose phi and k are used where a motion has them; None for the one chosen for
+            each motion.
+    """
+    levels = levelling_indices(evidence.recordings)
+    found: list[EquiPlane] = []
+    for motion in motions:
+        plane = _equiplane(evidence.planned(motion), motion, estimator)
+        index = evidence.recorded_in.get(motion.strike_id, 0)
+        gravity_ratio = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
+        k = None if plane.k is None else plane.k * gravity_ratio
+        sd_k = None if plane.sd_k is None else plane.sd_k * gravity_ratio
+        found.append(
+            replace(plane, k=k, sd_k=sd_k, cov_phi_k=plane.cov_phi_k * gravity_ratio, level=levels[index])
+        )
+    return tuple(found)
+
+
+def systematic_errors(evidence: Evidence) -> SystematicErrors:
+    """Errors shared by strikes: scale and edge radius of the object, tilt of gravity per levelling."""
+    levels = levelling_indices(evidence.recordings)
+    tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
+    return SystematicErrors(
+        gravity_tilt_sd=tilts[0].gravity_tilt_sd_rad,
+        scale_sd=evidence.spec.shape.scale_sd,
+        edge_radius_sd=evidence.spec.edge_radius_sd_m,
+        other_tilt_sds=tuple(tilts[level].gravity_tilt_sd_rad for level in range(1, len(tilts))),
+        readings=tuple(_level_prior(tilts[level]) for level in range(len(tilts))),
+    )
+
+
+def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
+    read = manifest.level
+    if read is None:
+        return None
+    sideways = manifest.gravity_tilt_sd_rad if read.towards_y_sd_rad is None else read.towards_y_sd_rad
+    return TiltPrior((read.towards_x_rad, read.towards_y_rad), (read.towards_x_sd_rad, sideways))
+
+
+def _equiplane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
+    if estimator is None or (motion.fit is not None and motion.fit.estimator == estimator):
+        return equiplane(motion.strike_id, planned, motion)
+    chosen = next((fit for fit in motion.alternatives if fit.estimator == estimator), None)
+    return (
+        equiplane(motion.strike_id, planned, motion)
+        if chosen is None
+        else equiplane_from_fit(motion.strike_id, planned, chosen)
+    )

@@ -1,0 +1,89 @@
+"""The paper's centre of mass and region masses from the same strikes (VISAPP 2013, 3.2 and 3.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.estimation.cells import Cells
+from analyze.estimation.equiplane import equiplane, equiplane_from_fit
+from analyze.estimation.paper import (
+    PaperCentre,
+    PaperRegions,
+    paper_axis_inertia,
+    paper_centre_of_mass,
+    paper_regions,
+)
+from analyze.estimation.priors import Scale
+from analyze.pipeline.evidence import Evidence
+from analyze.types import (
+    Array,
+    EquiPlane,
+    MotionFit,
+    TipMotion,
+)
+from schemas.strike_result import Verdict
+
+if TYPE_CHECKING:
+    from schemas.strike_plan import PlannedStrike
+
+
+MIN_TIPS = 3
+"""strikes over the balance below which strikes that rocked back count too"""
+
+
+@dataclass(frozen=True)
+class PaperEstimate:
+    """The paper's own estimates from the same strikes (VISAPP 2013, sections 3.2 and 3.3)."""
+
+    com: PaperCentre
+    """centre of mass, markers subtracted"""
+    regions: PaperRegions | None
+    """region masses; None where no set of three axes gives positive masses"""
+
+
+def paper_estimate(
+    evidence: Evidence, used: Sequence[TipMotion], cells: Cells, scale: Scale
+) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
+    """The paper's centre of mass and region masses, markers included, with their equi-planes."""
+    # The sign change exists only where c passes over the balance; strikes that rocked back are used only if
+    # too few others exist.
+    tipped_over = [motion for motion in used if motion.verdict is Verdict.GOOD]
+    chosen = tipped_over if len(tipped_over) >= MIN_TIPS else list(used)
+    planes = tuple(_paper_equiplane(evidence.planned(motion), motion) for motion in chosen)
+    com = paper_centre_of_mass(planes, cells)
+    return PaperEstimate(com, _paper_regions(planes, chosen, com.position, scale, cells)), planes
+
+
+def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
+    """Equi-plane by the paper's sign change, or by the fit in use where none was found."""
+    found = _sign_change(motion)
+    return (
+        equiplane(motion.strike_id, planned, motion)
+        if found is None
+        else equiplane_from_fit(motion.strike_id, planned, found)
+    )
+
+
+def _sign_change(motion: TipMotion) -> MotionFit | None:
+    return next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
+
+
+def _paper_regions(
+    planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
+) -> PaperRegions | None:
+    """Region masses from the paper's angles, centre of mass and mean moment per axis."""
+    moments: dict[str, list[float]] = {}
+    for plane, motion in zip(planes, motions, strict=True):
+        fit = _sign_change(motion) or motion.fit
+        found = (
+            None if fit is None else paper_axis_inertia(plane, motion, fit, com, scale.mass * scale.gravity)
+        )
+        if found is not None:
+            moments.setdefault(plane.axis_id, []).append(found.i_edge)
+    one_per_axis = {plane.axis_id: plane for plane in planes}
+    about_edges = {axis_id: float(np.mean(each)) for axis_id, each in moments.items()}
+    return paper_regions(list(one_per_axis.values()), com, about_edges, scale.mass, cells)

@@ -1,0 +1,308 @@
+"""Read the evidence of a recording: track markers and fit motions. Never reads /truth/."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from analyze.errors import PlanError, TrackingError
+from analyze.geometry.bodies import bodies_of
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.geometry.station import turned_camera
+from analyze.motion.slow_motion import slow_motion_ratio, slow_motion_text
+from analyze.motion.strike import analyse_strike
+from analyze.motion.strike_task import StrikeTask
+from analyze.pipeline.evidence import (
+    Evidence,
+    ImpactMeasurement,
+    RecordingHead,
+    StrikeReading,
+    StrikeSource,
+    StruckObject,
+)
+from analyze.pipeline.sections import next_face_angle, rolling_outline
+from analyze.planning.corrected import corrected_plan
+from analyze.progress import Progress
+from analyze.reading.object_file import read_object_files
+from analyze.reading.recording import Recording, open_recording
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.track import TrackingReport, track_markers
+from analyze.types import Marker, TipMotion
+from schemas.object_spec import ObjectSpec, object_sha256
+from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import RIG_ATTACHMENT, TimeSource
+from schemas.software import software_version
+from schemas.strike_plan import PlannedStrike
+from schemas.strike_result import Verdict
+
+MAX_EDGE_SHIFT = 0.05
+"""fraction of the longest edge by which an object file given afterwards may move the planned edges"""
+
+
+def read_head(path: Path) -> RecordingHead:
+    """Read identity and contents of a recording.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    with open_recording(path) as recording:
+        return read_open_head(recording)
+
+
+def read_open_head(recording: Recording) -> RecordingHead:
+    """Identity and contents of an open recording."""
+    shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
+    return RecordingHead(
+        recording.path,
+        recording.manifest,
+        recording.content_id or "",
+        tuple(record.strike_id for record in recording.strikes),
+        "" if shape is None else hashlib.sha256(shape).hexdigest(),
+        tuple(part.path.name for part in recording.parts),
+        recording.missing_parts,
+        None if rig is None else rig.decode(errors="replace"),
+    )
+
+
+def placed_markers(spec: ObjectSpec) -> list[Marker]:
+    """Markers of the object, with poses where its file gives them."""
+    return [
+        Marker(
+            marker.name,
+            marker.size_m,
+            None if marker.T_object_marker is None else np.array(marker.T_object_marker),
+        )
+        for marker in spec.marker
+    ]
+
+
+def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
+    """Markers of the object without their poses."""
+    return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
+
+
+def read_evidence(
+    head: RecordingHead,
+    object_path: Path | None = None,
+    progress: Progress | None = None,
+    markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
+) -> Evidence:
+    """Track the markers and fit the motion of every strike.
+
+    Args:
+        head: the recording.
+        object_path: use this object file instead of the recording's.
+        progress: called with (text, done, total) before each strike.
+        markers_of: markers to track, from the object file.
+
+    Raises:
+        RecordingError: the file cannot be read.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+        TrackingError: no marker of any strike can be tracked.
+    """
+    with open_recording(head.path) as recording:
+        struck = struck_object(recording, object_path)
+        markers = markers_of(struck.spec)
+        readings: list[StrikeReading] = []
+        for done, record in enumerate(recording.strikes):
+            if progress is not None:
+                progress(f"strike {record.strike_id}", done, len(head.strike_ids))
+            readings.append(read_strike(recording, struck, markers, record))
+        return evidence_from_readings(head, struck, readings)
+
+
+def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
+    """Load object, shape and plan of a recording.
+
+    Args:
+        recording: a recording whose plan is of its object.
+        object_path: use this object file instead of the recording's.
+
+    Raises:
+        RecordingError: the recording holds no plan.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+    """
+    spec, shape_bytes, shape_name = (
+        recording.object_spec,
+        recording.shape_bytes,
+        recording.object_spec.shape.file or str(recording.path),
+    )
+    _refuse_other_plan(recording)
+    if object_path is not None:
+        files = read_object_files(object_path)
+        spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
+    model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
+    if object_path is not None:
+        _refuse_other_shape(object_path, model, recording)
+        plan = corrected_plan(plan, recording.object_spec, spec, model)
+    own_hash = object_sha256(spec, shape_bytes)
+    bodies = (
+        tuple(bodies_of(spec, shape_bytes, shape_name))
+        if any(label.bodies for label in spec.labels or [])
+        else ()
+    )
+    return StruckObject(with_marker_masses(spec), model, plan, own_hash, bodies, object_path is not None)
+
+
+def read_strike(
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+) -> StrikeReading:
+    """Track the markers and fit the motion of one strike.
+
+    A strike without a trackable marker gives a reading with `problem`.
+
+    Raises:
+        RecordingError: the file is damaged there.
+        PlanError: the plan does not hold the strike.
+    """
+    problem, report = None, None
+    try:
+        motion, report = _strike(recording, struck, markers, record)
+    except TrackingError as error:
+        problem = error
+        motion = TipMotion(
+            record.strike_id,
+            record.plan_strike_id,
+            Verdict.UNREADABLE,
+            str(error),
+            None,
+            None,
+            None,
+            (),
+            None,
+        )
+    return StrikeReading(record, motion, report, problem, _frames_lost(recording, record))
+
+
+def evidence_from_readings(
+    head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]
+) -> Evidence:
+    """Evidence of one recording from the readings of its strikes.
+
+    Raises:
+        TrackingError: no marker of any strike can be tracked.
+    """
+    problems = [reading.problem for reading in readings if reading.problem is not None]
+    if problems and len(problems) == len(readings):
+        raise TrackingError(f"{head.path}: {problems[0]}")
+    records = [reading.record for reading in readings]
+    return Evidence(
+        (head,),
+        struck.spec,
+        struck.model,
+        struck.plan,
+        struck.sha256,
+        tuple(reading.motion for reading in readings),
+        {reading.record.strike_id: reading.report for reading in readings if reading.report is not None},
+        struck.overridden,
+        {reading.record.strike_id: reading.frames_lost for reading in readings},
+        {
+            record.strike_id: ImpactMeasurement(record.tip_speed_m_s, record.impact_height_m)
+            for record in records
+            if record.tip_speed_m_s > 0 and record.impact_height_m > 0
+        },
+        software_version(),
+        bodies=struck.bodies,
+    )
+
+
+def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
+    """Object file of the body that tips: markers' masses added where `mass_kg` was weighed without them."""
+    if spec.mass_includes_markers:
+        return spec
+    whole = spec.mass_kg + sum(marker.mass_kg for marker in spec.marker)
+    return spec.model_copy(update={"mass_kg": whole, "mass_includes_markers": True})
+
+
+def _frames_lost(recording: StrikeSource, record: pb.StrikeRecord) -> int:
+    """Frames lost between the first and the last frame of the strike's window."""
+    metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
+    return sum(meta.frames_lost_before for meta in metas)
+
+
+def _refuse_other_plan(recording: StrikeSource) -> None:
+    own = object_sha256(recording.object_spec, recording.shape_bytes)
+    if recording.plan.object_sha256 != own:
+        raise PlanError(
+            f"{recording.path}: its plan is of another object ({recording.plan.object_name},"
+            f" {recording.plan.object_sha256[:12]}, the object's is {own[:12]}): plan this object and record"
+            " again"
+        )
+
+
+def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
+    """Raise PlanError unless the plan's edges still lie on the corrected object."""
+    tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
+    strikes = recording.plan.strikes
+    off = np.abs(
+        model.depth(np.array([strike.pivot.point for strike in strikes]))
+        - [strike.pivot.radius_m for strike in strikes]
+    )
+    worst = int(np.argmax(off))
+    if off[worst] > tolerance:
+        raise PlanError(
+            f"{object_path}: is of another shape than {recording.path}: the edge of strike"
+            f" {strikes[worst].id} lies {1000 * off[worst]:.0f} mm off its surface, more than"
+            f" {1000 * tolerance:.0f} mm: give a corrected file of the object that was struck"
+        )
+
+
+def _strike(
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+) -> tuple[TipMotion, TrackingReport]:
+    planned = next((strike for strike in struck.plan.strikes if strike.id == record.plan_strike_id), None)
+    if planned is None:
+        raise PlanError(
+            f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r},"
+            " which its plan does not hold: record the strikes again with one plan"
+        )
+    camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
+    frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
+    report = track_markers(frames, camera, markers, planned.visible_markers)
+    section, landing_angle_rad = (
+        rolling_outline(struck.model, planned),
+        next_face_angle(struck.model, planned),
+    )
+    task = StrikeTask(
+        record.strike_id,
+        planned,
+        record.contact_time_ns,
+        report.images_end_ns,
+        section,
+        landing_angle_rad,
+        report.unmarked_ns,
+    )
+    motion = analyse_strike(report.tracks, markers, camera, task)
+    manifest = recording.manifest
+    if manifest.time_source is not TimeSource.CONTAINER_PTS:
+        return motion, report
+    rate_ratio = slow_motion_ratio(
+        motion, report.tracks, markers, camera, task, _rough_k(struck, planned, manifest.g_m_s2)
+    )
+    if rate_ratio is None:
+        return motion, report
+    text = slow_motion_text(rate_ratio, manifest.cameras[0].frame_rate_hz)
+    return (
+        replace(
+            motion,
+            verdict=Verdict.UNREADABLE,
+            reason=text,
+            fit=None,
+            alternatives=(),
+            frame_rate_ratio=rate_ratio,
+        ),
+        report,
+    )
+
+
+def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
+    """Rough k [rad/s²] from the planned I_edge, with the centre of mass in the middle of the shape."""
+    arm = struck.model.centroid - np.array(planned.pivot.point)
+    R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
+    return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2
