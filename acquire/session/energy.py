@@ -23,8 +23,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from acquire.session.energy_model import EnergyModel
-from schemas.result import Verdict
 from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import Any
 
 from acquire.session.energy import EnergyGoal, EnergyLearner
 from schemas.proto import percuss_pb2 as pb
-from schemas.result import Verdict
 from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
 State = pb.SessionState.State

@@ -15,7 +15,8 @@ import click
 import pytest
 
 from schemas.object_spec import ObjectSpec
-from schemas.result import RENAMED_CODES, RenamedDocument
+from schemas.quantity import RenamedDocument
+from schemas.result import RENAMED_CODES
 from schemas.rig import RigConfig
 from tests.places import ROOT
 

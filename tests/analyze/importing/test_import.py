@@ -17,15 +17,15 @@ from analyze.errors import ImportRefused
 from analyze.importing.onsets import OnsetFinder
 from analyze.importing.prepare import ImportOptions, prepare
 from analyze.importing.write_recording import write_recording
-from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.recording import Recording, open_recording
 from analyze.reading.verify import refuse_changed_content
 from analyze.sources.open_source import SourceOptions, open_source
 from analyze.sources.source import TimedImage
 from analyze.sources.video import VideoSource
 from schemas.output_file import OutputError
-from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
+from schemas.strike_result import Verdict
 from tests.analyze.importing.tip_videos import (
     PHI,
     RATE,

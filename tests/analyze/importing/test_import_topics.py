@@ -8,10 +8,10 @@ from click.testing import CliRunner
 from rosbags.rosbag2 import StoragePlugin
 
 from analyze.cli import main
-from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.recording import open_recording
-from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
+from schemas.strike_result import Verdict
 from tests.analyze.importing.foreign_files import START_NS, write_bag, write_foxglove
 from tests.analyze.importing.tip_videos import FOCAL, HEIGHT, PHI, RATE, WIDTH, K, setting, tip
 

@@ -15,8 +15,8 @@ from analyze.errors import RecordingError
 from analyze.types import ImageFrame
 from analyze.verbs.watch.follow import watch_recording
 from analyze.verbs.watch.observer import Observer
-from schemas.result import Verdict
 from schemas.strike_plan import StrikePlan
+from schemas.strike_result import Verdict
 from schemas.watch_lines import JudgeRequest, WatchEvent
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, planned, simulate
 from tests.analyze.tracking.rendering import render

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main as analyze
-from analyze.pipeline.evidence import read_head
+from analyze.pipeline.read_evidence import read_head
 from analyze.registration.register import register
 from analyze.registration.table import UNKNOWN_TABLE
 from analyze.verbs.register.marker_poses import RegisterAnswer, RegisterOptions, level_note, write_table
