@@ -60,11 +60,12 @@ class Plant:
     ) -> None:
         self.angle, self.omega = -0.52, 0.0  # gear friction holds it there
         self.theta, self.theta_dot = 0.0, 0.0
+        self._state_ns = 0
         self.gap = gap
         self.touches: list[Touch] = []
         self.history: list[tuple[int, float, float]] = []
         self.servo = DynamixelServo(
-            lambda: (self.angle, self.omega),
+            self._state_now,
             time.monotonic_ns,
             folder / "ttyDXL",
             seed=seed,
@@ -130,6 +131,12 @@ class Plant:
             while next_ns <= now:
                 self._step(next_ns, 0.001)
                 next_ns += 1_000_000
+            self._state_ns = next_ns
+
+    def _state_now(self) -> tuple[float, float]:
+        """Angle [rad] and speed [rad/s] of the arm now: a step computes the end of its millisecond in advance."""
+        ahead_s = max(0.0, (self._state_ns - time.monotonic_ns()) * 1e-9)
+        return self.angle - self.omega * ahead_s, self.omega
 
     def _serve(self, seconds: float) -> None:
         if not self._plugged:
