@@ -72,7 +72,13 @@ class DaemonClient:
             params: parameters of the method, as JSON values.
 
         Returns:
-            The daemon's answer.
+            `result` of the daemon's answer, a JSON value.
+
+        Raises:
+            DaemonSilent: no answer came in time.
+            DaemonNotRunning: the daemon went away.
+            DaemonError: the answer is invalid.
+            AcquireError: the daemon refused; the class is the daemon's own (e.g. StrikerRefused).
         """
         request_id, self._next_id = self._next_id, self._next_id + 1
         request = {"id": request_id, "method": method, "params": params}

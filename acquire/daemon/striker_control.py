@@ -65,7 +65,7 @@ class StrikerControl:
         return self._state()
 
     def arm(self) -> dict[str, Any]:
-        """Arm for one strike."""
+        """Arm for one strike; the answer holds the striker's state afterwards."""
         self._refuse_when_stopped()
         self._require_space()  # no strike without room to record it; waits for a restarting capture process
         with self._lock:
@@ -77,7 +77,7 @@ class StrikerControl:
         return self._state()
 
     def cock(self) -> dict[str, Any]:
-        """Draw the arm back."""
+        """Draw the arm back; the answer holds the striker's state afterwards."""
         with self._lock:
             self._refuse_when_stopped()
             self.striker.cock()

@@ -290,7 +290,13 @@ class EnergyLearner:
 
 
 def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Observations from one verdict; none if the marker was lost or the object was misplaced."""
+    """Observations of phi and of the energy ratio E from one verdict.
+
+    Returns:
+        phi and ln E as measured; without a fit a bound on ln E (above 0 if the object tipped over, below if
+        it fell back); ln E alone, with a larger sd, after a disturbed strike; none if the marker was lost or
+        the object was misplaced.
+    """
     code = verdict.code
     if code is Verdict.NOT_MOVED:
         return [

@@ -62,6 +62,9 @@ def strike_once(
         confirm: asks a person before anything moves.
         after_stop: True if this call may home the striker again after somebody stopped it.
 
+    Returns:
+        Measured contact time, tip speed, impulse and number of contacts; no contact time if nothing was hit.
+
     Raises:
         StrikerRefused: the answer was no, or an interlock refused.
         StrikerStopped: somebody stopped the striker after the question was asked.

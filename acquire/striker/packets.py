@@ -113,7 +113,12 @@ class StrictPacketHandler(Protocol2PacketHandler):
         """True if the last packet that requires an answer got none in time"""
 
     def txRxPacket(self, port: Any, txpacket: list[int]) -> tuple[Any, int, int]:  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride] - the SDK's name; it has no types
-        """Send a packet and wait for a status packet of the expected length; late answers are skipped."""
+        """Send a packet and wait for its status packet; late answers are skipped.
+
+        Returns:
+            Bytes of the status packet (None or empty without one), the SDK's result code (COMM_SUCCESS or an
+            error), and the servo's error byte (0 if none arrived).
+        """
         if self.unanswered and txpacket[_INSTRUCTION] != _PING:
             _, result, _ = self.ping(port, txpacket[_ID])
             if result != COMM_SUCCESS:

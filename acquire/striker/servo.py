@@ -353,7 +353,7 @@ class Servo:
         )
 
     def brake(self, angle: float, velocity: float) -> float:
-        """Brake an arm at an angle [rad] and velocity [rad/s] with full current; return its time [s].
+        """Brake an arm at an angle [rad] and velocity [rad/s] with full current; return the time to rest [s].
 
         Does not wait for an answer. A servo in this mode cannot brake harder: its current is limited by Goal
         Current, which is the current limit itself.

@@ -53,7 +53,7 @@ class Pose:
 
     @property
     def matrix(self) -> Array:
-        """Rotation (3, 3) from B to C."""
+        """Rotation (3, 3) from the board's frame B to the camera's frame C."""
         return np.asarray(cv2.Rodrigues(self.rotation)[0], dtype=float)
 
 

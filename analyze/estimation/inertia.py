@@ -1,4 +1,7 @@
-"""Moments of inertia and inertia tensor about c (docs/explanation/method.md, sections 5 and 7)."""
+"""Moments of inertia and inertia tensor about c (method 5 and 7).
+
+The paper's own moment (VISAPP 2013, eq. 5) is in paper.py.
+"""
 
 from __future__ import annotations
 

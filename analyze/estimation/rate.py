@@ -206,7 +206,11 @@ def _extremes(
 
 
 def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Bounds of the true over the stated rate from pairs of bounds on s; None if these exclude each other."""
+    """Bounds of the true over the stated frame rate r from bounds (low, high) on s = 1 / r^2 per strike.
+
+    Returns:
+        Smallest and largest r; None if there are no bounds, or if they exclude each other.
+    """
     if not each:
         return None
     least, most = max(low for low, _ in each), min(high for _, high in each)

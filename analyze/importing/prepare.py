@@ -308,7 +308,11 @@ class _Search(NamedTuple):
     progress: Progress
 
     def run(self, path: Path, source: FrameSource, spool: Spool | None) -> Clip:
-        """Find the onsets in a source, and store the images of its strikes."""
+        """Search a source to its end for onsets; keep the images of its strikes in `spool`, if given.
+
+        Raises:
+            ImportRefused: no tag of the object is seen, or a video's rate is not constant.
+        """
         frame_ns = 1e9 / source.rate_hz
         finder = OnsetFinder(self.markers, frame_ns, self.directions)
         onsets, times = list[Onset](), list[int]()

@@ -118,7 +118,8 @@ def balance_parameters(section: SupportFunction, body: Array, phi: Array) -> tup
 
     Args:
         section: support function of the section.
-        body: (c, 3) 1 / J, a / J, b / J of each body.
+        body: (c, 3) 1 / J, a / J, b / J of each body: c at (-b, a) from the pivot point, J = I_c / m + a^2 +
+            b^2 [m^2].
         phi: (c,) approximate balance angles [rad].
     """
     J = 1.0 / body[:, 0]

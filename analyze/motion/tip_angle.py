@@ -220,7 +220,11 @@ def _collect(
     placement: Placement,
     rest_end_ns: int,
 ) -> tuple[_Views, Array]:
-    """Corners of the markers that were seen at rest, and the pivot point in W (3,) [m]."""
+    """Corners [ideal px] in every frame of the markers seen at rest, and the pivot point in W (3,) [m].
+
+    Raises:
+        TrackingError: no marker is at rest in view before the strike.
+    """
     rested = [
         track
         for track in tracks

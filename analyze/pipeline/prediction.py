@@ -1,4 +1,7 @@
-"""Leave-one-out prediction of each strike's phi, k and theta(t) from all others."""
+"""Leave-one-out prediction of each recorded strike's phi, k and theta(t) from all others.
+
+A plan's prediction of strikes not yet made is in planning/pivots.py (phi) and planning/examine.py (its sd).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Message for too few usable strikes."""
+"""Text of the refusal (EstimationError) when fewer strikes can be used than an estimate needs.
+
+The warning that few strikes were used is in result/warnings.py.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Text of a placement card: how to put the object down for one strike, and where the striker meets it."""
+"""Text of a placement card: how to put the object down for one strike, and where the striker meets it.
+
+The printed page with its drawing is made in analyze/cards.
+"""
 
 from __future__ import annotations
 

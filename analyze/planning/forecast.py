@@ -1,4 +1,7 @@
-"""Predicted precision of a design: sd of results, sources of c's error, gain of more strikes."""
+"""Predicted precision of a design: sd of results, sources of c's error, gain of more strikes.
+
+The predicted phi of one strike is in pivots.py, its standard deviation in examine.py.
+"""
 
 from __future__ import annotations
 

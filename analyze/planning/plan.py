@@ -277,7 +277,10 @@ def _turned_strikes(
 
 
 def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, str, int, str]:
-    """Sort key: sure faces first, since their strikes show whether the object stands on the others."""
+    """Sort key: first faces on which the object stands for every c in Q.
+
+    Their strikes show whether it stands on the others.
+    """
     firm = (
         min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0
     )

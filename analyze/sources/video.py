@@ -94,17 +94,17 @@ class VideoSource:
 
     @property
     def holds_files(self) -> bool:
-        """See FrameSource."""
+        """True if each picture is a PNG or JPEG file that can be stored unchanged."""
         return self.codec in FILE_CODECS
 
     @property
     def is_coded(self) -> bool:
-        """See FrameSource."""
+        """True if images must be decoded: all codecs but raw video."""
         return self.codec != "rawvideo"
 
     @property
     def rate_hz(self) -> float:
-        """See FrameSource."""
+        """Frame rate [Hz], from the time stamps of the file."""
         return 1 / self.timing.interval_s
 
     @property

@@ -78,7 +78,7 @@ class RegisterAnswer:
 def register_recordings(
     paths: Sequence[Path], options: RegisterOptions, progress: Progress | None = None
 ) -> RegisterAnswer:
-    """Estimate the marker poses.
+    """Estimate the poses of the markers on the object, and of the table if asked; writes nothing.
 
     Args:
         paths: recordings (MCAP) of one object.
@@ -90,7 +90,7 @@ def register_recordings(
         MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
         EstimationError: strikes contradict each other, or determine no marker's pose.
-        CalibrationError: the result could not be written into the rig file.
+        CalibrationError: with a rig file, several recordings were given, or its T_world_camera is not theirs.
     """
     heads = by_start_time([read_head(path) for path in paths])
     if options.rig is not None:

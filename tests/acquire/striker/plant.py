@@ -134,7 +134,7 @@ class Plant:
             self._state_ns = next_ns
 
     def _state_now(self) -> tuple[float, float]:
-        """Angle [rad] and speed [rad/s] of the arm now: a step computes the end of its millisecond in advance."""
+        """Angle [rad] and speed [rad/s] of the arm now; a step computes its end in advance."""
         ahead_s = max(0.0, (self._state_ns - time.monotonic_ns()) * 1e-9)
         return self.angle - self.omega * ahead_s, self.omega
 
