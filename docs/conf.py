@@ -97,7 +97,7 @@ def _plain_docstring(
 def _keep_colons(_app: Any, kind: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
     """Keep the words before a colon in an attribute's first line, which Napoleon takes for its type."""
     if kind in {"attribute", "data", "property"}:
-        lines.insert(0, "")
+        lines[:0] = ["..", ""]  # an empty comment: Napoleon skips leading empty lines
 
 
 GENERATED = {

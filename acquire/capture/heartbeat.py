@@ -24,7 +24,7 @@ _POLL_S: Final = 0.1
 
 
 class Heartbeat:
-    """Sender of heartbeats on the pipe `fd`, as long as `is_healthy()` is true, until the process ends."""
+    """Sends a byte on the pipe `fd` every `BEAT_S` while `is_healthy()` is true, until `stop`."""
 
     def __init__(self, fd: int, is_healthy: Callable[[], bool]) -> None:
         self._fd = fd

@@ -129,7 +129,7 @@ class ApiServer:
         self._busy_reporter.start()
 
     def publish(self, event: str, data: Mapping[str, Any]) -> None:
-        """Send an event to every subscriber; a slow one never blocks the caller."""
+        """Queue an event for every subscriber, without waiting; the queue is unbounded."""
         with self._lock:
             subscribers = [c.events for c in self._connections if c.events is not None]
         for subscriber in subscribers:

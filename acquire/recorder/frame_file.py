@@ -44,7 +44,7 @@ class ImageSink(Protocol):
         ...
 
     def flush(self) -> None:
-        """Hand small topics to the file now."""
+        """Write the collected messages of the small topics (all but the images) to the file now."""
         ...
 
 

@@ -92,7 +92,7 @@ class Registers:
         self._values[name] = register.decode(encoded)
 
     def factory_reset(self, servo_id: int, baud_index: int) -> None:
-        """Reset all registers to their defaults, except servo id and baud rate."""
+        """Reset all registers to their defaults, and set servo id and baud rate to the given values."""
         for name in self._table:
             self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
         self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index

@@ -57,7 +57,7 @@ class Strike:
     verdict: str
     """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
     reason: str
-    """explanation of the verdict with its numbers; "" for a good strike"""
+    """explanation of the verdict with its numbers; with its numbers"""
     time: Array
     """(n,) times of the frames [s], from the strike's first frame"""
     theta: Array

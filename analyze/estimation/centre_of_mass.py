@@ -101,7 +101,7 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 
 
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
-    """Estimated tilt of the table of one levelling."""
+    """Estimated tilt of the table on levelling number `level` (pipeline `levelling_indices`)."""
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)
     return TableTilt(

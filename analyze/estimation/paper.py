@@ -255,7 +255,7 @@ class _Sweep:
 
 
 def _sweep(cells: Cells) -> _Sweep:
-    """Positions of the dividing plane along the principal directions at which no region is empty."""
+    """Candidate dividing planes, evenly spaced along each principal direction; no part empty."""
     normals: list[Array] = []
     offsets: list[float] = []
     for normal in cells.principal_directions():

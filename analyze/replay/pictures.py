@@ -42,7 +42,7 @@ class ImageChoice:
 
 
 def limit_frame_rate(frames: Iterable[ImageFrame], rate_hz: float) -> Iterator[ImageFrame]:
-    """Frames at a rate of at most `rate_hz`."""
+    """Frames thinned to about `rate_hz`: each at least 0.9 / rate_hz after the last one kept."""
     shown_ns: int | None = None
     for frame in frames:
         if shown_ns is None or frame.time_ns - shown_ns >= 0.9e9 / rate_hz:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from analyze.least_squares.intervals import SIGMAS_95
@@ -34,7 +35,9 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
         if len(recordings) == 1
         else f"{len(recordings)} recordings:"
     )
-    console.print(f"[bold]{estimate.evidence.spec.name}[/], {1e3 * estimate.inertial.mass:.1f} g, {which}")
+    console.print(
+        f"[bold]{escape(estimate.evidence.spec.name)}[/], {1e3 * estimate.inertial.mass:.1f} g, {which}"
+    )
     for number, recording in enumerate(recordings, 1):
         if len(recordings) > 1:
             console.print(f"  {number}: {', '.join(recording.files)}, begun {recording.manifest.created}")
@@ -42,7 +45,7 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
             console.print(f"in {len(recording.files)} files: {', '.join(recording.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
     for line in [*tilt_lines(result), *frame_time_lines(result.frame_times, len(recordings) > 1)]:
-        console.print(line)
+        console.print(escape(line))
     console.print()
     console.print(_strikes(result))
     console.print(_moments(result))
@@ -52,9 +55,9 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
     if result.filling is not None:
         console.print(_filling(result.filling))
     for sentence in result.verdict or []:
-        console.print(sentence)
+        console.print(escape(sentence))
     for warning in result.warnings:
-        console.print(f"[yellow]{warning.code.value}[/]: {warning.text}")
+        console.print(f"[yellow]{warning.code.value}[/]: {escape(warning.text)}")
 
 
 def com_text(com: Quantity) -> str:
@@ -85,7 +88,7 @@ def _strikes(result: Result) -> Table:
     table = Table(title="Strikes, 95 %", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("strike", "axis", "verdict"):
         table.add_column(name, no_wrap=True)
-    for name in ("φ\n(°)", "I_edge\n(g cm²)", "plane residual\n(mm)", "information"):
+    for name in ("φ\n(°)", "I_edge\n(g cm²)", "plane\n(mm)", "share"):
         table.add_column(name, justify="right", no_wrap=True)
     for strike in result.strikes:
         residual = strike.equiplane_residual_m

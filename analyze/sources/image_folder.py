@@ -47,7 +47,7 @@ class ImageFolder:
         self._csv = times or _only_csv(folder)
         self._images = _read_times(self._csv, folder)
         self.frame_count: int | None = len(self._images)
-        self.time_sd_ns = _step_ns(self._csv)
+        self.time_sd_ns = _rounding_sd_ns(self._csv)
         self.rate_hz = 1e9 / usual_interval([time_ns for time_ns, _ in self._images])
         self.is_coded = True
         self.holds_files = {path.suffix.lower() for _, path in self._images} <= FILE_SUFFIXES
@@ -205,8 +205,8 @@ def _seconds(text: str | None) -> Decimal | None:
     return value if value.is_finite() else None
 
 
-def _step_ns(path: Path) -> int:
-    """Standard deviation of the times [ns], from the number of digits they are written with."""
+def _rounding_sd_ns(path: Path) -> int:
+    """Standard deviation [ns] of rounding in the CSV's times: unit of the last decimal / sqrt(12)."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         digits = max(
             (len(row[_TIME].partition(".")[2]) for row in _rows(file) if "e" not in row[_TIME].lower()),

@@ -150,7 +150,7 @@ class VideoSource:
             self._note_count(decoded, last_ns)
 
     def coded(self, room: int = 0) -> Iterator[CodedPictures]:
-        """Coded pictures in decoding order, in groups.
+        """Pictures of the video still compressed, in decoding order, in groups; damaged ones are left out.
 
         Args:
             room: number of bytes left free before each picture, for the message's head in a recording.

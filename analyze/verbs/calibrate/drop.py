@@ -64,7 +64,7 @@ class DropOptions:
 
 @dataclass(frozen=True)
 class DropAnswer:
-    """Frame rate from one or more falls."""
+    """True frame rate of a camera, measured from one or more free falls of a tag."""
 
     options: DropOptions
     marker_id: int | str

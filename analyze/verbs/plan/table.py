@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
@@ -17,7 +18,7 @@ NOT_DETERMINED = "not determined"
 
 def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
     """Print the plan as tables."""
-    console = console or Console()
+    console = console or Console(markup=False)
     console.print(_strike_table(plan))
     if plan.prediction is not None:
         console.print(_prediction_table(plan, plan.prediction))
@@ -50,7 +51,7 @@ def _strike_table(plan: StrikePlan) -> Table:
     )
     table.add_column("strikes", no_wrap=True)
     table.add_column("axis", no_wrap=True)
-    for heading in ("tips at", "height", "speed", "E", "needs µ", "tag", "φ to", "I_edge to"):
+    for heading in ("tips at", "strike at", "speed", "E", "µ needed", "tag", "φ ±", "I_edge ±"):
         table.add_column(heading, justify="right", no_wrap=True)
     for _, group in groupby(plan.strikes, key=lambda strike: (strike.axis_id, strike.heading_rad)):
         same = list(group)
@@ -85,20 +86,17 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
     table = Table(title="expected accuracy (1 sigma)", title_justify="left", show_header=False)
     table.add_column()
     table.add_column()
-    each = " × ".join(f"±{1000 * sd:.2f}" for sd in prediction.com_sd_m)
-    table.add_row(
-        "centre of mass, x × y × z",
-        f"{each} mm; {1000 * prediction.com_rms_m:.2f} mm root mean square distance",
-    )
+    each = ", ".join(f"±{1000 * sd:.2f}" for sd in prediction.com_sd_m)
+    table.add_row("centre of mass x, y, z", f"{each} mm; rms distance {1000 * prediction.com_rms_m:.2f} mm")
     seen: set[str] = set()
     for moment in prediction.moments:
         strike = next(entry for entry in plan.strikes if entry.axis_id == moment.axis_id)
-        along = ", ".join(f"{abs(value):.2f}" for value in strike.pivot.direction)
+        along = _axis_text(strike.pivot.direction)
         if along in seen:
             continue
         seen.add(along)
         value = f"±{1e6 * moment.i_com_sd_kg_m2:.2f} kg mm²" if moment.determined else NOT_DETERMINED
-        table.add_row(f"moment about ({along}) through c", value)
+        table.add_row(f"moment about ({along}) in O, through c", value)
     tensor = np.array(prediction.inertia_determined)
     sd = np.array(prediction.inertia_sd_kg_m2)
     tensor_text = ", ".join(
@@ -114,6 +112,13 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
     curve = ", ".join(f"{step.strikes}: {1000 * step.com_rms_m:.2f}" for step in prediction.curve)
     table.add_row(
         "centre of mass by number of strikes [mm]",
-        f"{curve}; limit for many on these axes: {1000 * prediction.floor_m:.2f}",
+        f"{curve}; any number on the axes of this plan: {1000 * prediction.floor_m:.2f}",
     )
     return table
+
+
+def _axis_text(direction: Sequence[float]) -> str:
+    """Unit vector (3,) of an axis with two decimals, its first component that is not 0 positive."""
+    rounded = np.round(direction, 2) + 0.0
+    leading = rounded[np.flatnonzero(rounded)[0]] if rounded.any() else 1.0
+    return ", ".join(f"{value:.2f}" for value in rounded * np.sign(leading) + 0.0)

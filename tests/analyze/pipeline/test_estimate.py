@@ -224,6 +224,7 @@ def test_summary_shows_the_answer(estimate):
     assert "centre of mass (x, y, z)" in text
     assert "95 % interval" in text
     assert "shell" in text
+    assert "[level]" in " ".join(text.split()), "text in brackets is no markup"
 
 
 def _rolling_texts(evidence, options=None):

@@ -33,7 +33,7 @@ def test_plan_prints_expected_accuracy(tmp_path: Path):
     assert done.exit_code == 0, done.output
     for said in (
         "6 strikes",
-        "centre of mass, x × y × z",
+        "centre of mass x, y, z",
         "moment about",
         "not determined",
         "mass, shell",
@@ -154,3 +154,10 @@ def test_refusal_keeps_warnings_about_the_shape(tmp_path: Path):
     assert "is a ball" in lines[-2]
     assert "2 bodies" in lines[-1]
     assert lines[-1].startswith("note: ")
+
+
+def test_units_in_brackets_are_printed(tmp_path: Path):
+    """Rich takes [mm] for markup where it is not told otherwise."""
+    done = run(str(ROOT / "docs" / "examples" / "teabox.toml"), "-o", str(tmp_path / "plan.json"))
+    assert "[kg mm²]" in done.output
+    assert "[mm]" in done.output
