@@ -10,8 +10,10 @@ import ast
 import contextlib
 import io
 import json
+import re
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -19,6 +21,7 @@ from matplotlib.figure import Figure
 from tests.places import ROOT
 
 NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def code_cells() -> list[dict]:
@@ -45,6 +48,16 @@ def results():
         patch.chdir(NOTEBOOK.parent)
         names: dict = {}
         yield [(cell, *run("".join(cell["source"]), names)) for cell in code_cells()]
+
+
+def assert_same_text(committed: str, made: str) -> None:
+    """Fail unless the words are equal and the numbers agree to a tenth, or a tenth of their unit.
+
+    Intervals of region masses come from random draws, whose acceptance may depend on the last digit.
+    """
+    assert NUMBER.sub("#", committed) == NUMBER.sub("#", made), "run `make notebook`"
+    before, now = (np.array(NUMBER.findall(text), dtype=float) for text in (committed, made))
+    assert np.allclose(before, now, rtol=0.1, atol=0.1), "run `make notebook`"
 
 
 def test_only_the_public_interface_is_used():
@@ -77,4 +90,4 @@ def test_committed_outputs_are_up_to_date(results):
         if isinstance(value, Figure):
             assert "image/png" in shown[0]
         elif type(value).__module__.startswith("analyze."):
-            assert "".join(shown[0]["text/plain"]) == repr(value), "run `make notebook`"
+            assert_same_text("".join(shown[0]["text/plain"]), repr(value))
