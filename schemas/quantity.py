@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
 from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -14,19 +16,26 @@ def json_entries(data: object) -> dict[str, Any] | None:
     return cast("dict[str, Any]", data) if isinstance(data, dict) else None
 
 
+def _read_renamed() -> dict[str, dict[str, str]]:
+    renamed: dict[str, dict[str, str]] = {}
+    with Path(__file__).with_name("renamed_keys.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            renamed.setdefault(row["document"], {})[row["schema 1"]] = row["schema 2.0"]
+    return renamed
+
+
+RENAMED = _read_renamed()
+"""New name by old name, by the document or kind of name; renamed_keys.csv, which the documentation shows."""
+
+
 class RenamedDocument(Document):
     """Base of result documents whose keys were renamed: reads the old key, writes the new one."""
-
-    renamed: ClassVar[dict[str, str]] = {}
-    """New key by old key."""
 
     @model_validator(mode="before")
     @classmethod
     def _take_new_names(cls, data: Any) -> Any:
-        entries = json_entries(data)
-        return (
-            data if entries is None else {cls.renamed.get(key, key): value for key, value in entries.items()}
-        )
+        entries, renamed = json_entries(data), RENAMED[cls.__name__]
+        return data if entries is None else {renamed.get(key, key): value for key, value in entries.items()}
 
 
 class SparseDocument(Document):

@@ -12,16 +12,11 @@ from typing import Any, ClassVar
 from pydantic import Field, model_validator
 
 from schemas.document import Document, Vector3
-from schemas.quantity import Quantity, RenamedDocument, SparseDocument, json_entries
+from schemas.quantity import RENAMED, Quantity, RenamedDocument, SparseDocument, json_entries
 from schemas.strike_result import StrikeResult
 
 RESULT_VERSION = "2.0"
 """Schema version of results, reports and comparisons; recordings and plans have their own."""
-RENAMED_CODES = {
-    "strike_not_foretold": "strike_not_predicted",
-    "filling_turns_with_it": "filling_assumed_rigid",
-}
-"""Warning codes of version 2.0, by their codes in 1.x."""
 
 
 class WarningCode(enum.Enum):
@@ -89,9 +84,9 @@ class RegionResult(SparseDocument):
     @classmethod
     def _take_new_name(cls, data: Any) -> Any:
         entries = json_entries(data)
-        return (
-            {**entries, "name": "shell"} if entries is not None and entries.get("name") == "surface" else data
-        )
+        if entries is None or "name" not in entries:
+            return data
+        return {**entries, "name": RENAMED["RegionName"].get(entries["name"], entries["name"])}
 
 
 class Regions(RenamedDocument, SparseDocument):
@@ -102,11 +97,6 @@ class Regions(RenamedDocument, SparseDocument):
     middle of its longest direction.
     """
 
-    renamed: ClassVar[dict[str, str]] = {
-        "border_normal": "dividing_plane_normal",
-        "border_offset_m": "dividing_plane_offset_m",
-        "border_offset_interval95_m": "dividing_plane_offset_interval95_m",
-    }
     left_out_if_none: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")
 
     @model_validator(mode="before")
@@ -116,7 +106,7 @@ class Regions(RenamedDocument, SparseDocument):
         baselines = None if entries is None else json_entries(entries.get("baselines"))
         if entries is None or baselines is None:
             return data
-        renamed = {"surface": "shell", "surface_and_uniform": "shell_and_uniform"}
+        renamed = RENAMED["RegionName"]
         return {
             **entries,
             "baselines": {renamed.get(name, name): masses for name, masses in baselines.items()},
@@ -162,8 +152,6 @@ class Parts(Document):
 class Filling(RenamedDocument):
     """Filling of the object's interior up to an unknown level; 95 % intervals may be asymmetric."""
 
-    renamed: ClassVar[dict[str, str]] = {"wall": "shell"}
-
     name: str
     along: Vector3 = Field(description="unit direction that was up when the object was filled, in O")
     level: Quantity = Field(description="height of the filling's surface along `along` from O [m]")
@@ -180,7 +168,7 @@ class Filling(RenamedDocument):
 
 
 class TableTilt(Document):
-    """Tilt of the vertical from the table's normal towards W's x and y, where the table rises.
+    """Tilt of the vertical from the table's normal towards W's x and y, its higher side.
 
     `source` of each component: measured by the strikes, given by the rig file's level reading, or prior.
     """
@@ -309,7 +297,7 @@ class Result(SparseDocument):
     @model_validator(mode="before")
     @classmethod
     def _take_new_version(cls, data: Any) -> Any:
-        """Rewrite warning codes and the version of a document of 1.x; keys are rewritten by `renamed`."""
+        """Rewrite warning codes and version of a document of 1.x; keys are renamed where they stand."""
         entries = json_entries(data)
         if entries is None or not str(entries.get("schema_version", RESULT_VERSION)).startswith("1."):
             return data
@@ -319,6 +307,6 @@ class Result(SparseDocument):
 
 def _with_new_code(warning: Any) -> Any:
     entries = json_entries(warning)
-    if entries is None or entries.get("code") not in RENAMED_CODES:
+    if entries is None or entries.get("code") not in RENAMED["WarningCode"]:
         return warning
-    return {**entries, "code": RENAMED_CODES[entries["code"]]}
+    return {**entries, "code": RENAMED["WarningCode"][entries["code"]]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
@@ -42,8 +42,6 @@ class AlternativeFit(Document):
 class PredictionResult(RenamedDocument):
     """Leave-one-out prediction of one strike from all others, compared with its measurement."""
 
-    renamed: ClassVar[dict[str, str]] = {"foretold": "consistent"}
-
     phi: Quantity = Field(description="predicted balance angle; sd of the prediction")
     k: Quantity = Field(description="predicted k; sd of the prediction")
     sigmas: float = Field(
@@ -74,8 +72,6 @@ class PredictionResult(RenamedDocument):
 
 class StrikeResult(RenamedDocument):
     """Outcome of one strike."""
-
-    renamed: ClassVar[dict[str, str]] = {"weight": "information_share", "foretold": "prediction"}
 
     id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
     plan_strike_id: str = Field(description="id of the planned strike")

@@ -93,7 +93,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         stalled = plant is not None and plant.Plant.latest_ns > STALL_NS
         if not (stalled and any(report.failed for report in reports)) or attempt == ATTEMPTS:
             break
-        item._initrequest()  # pyright: ignore[reportAttributeAccessIssue] - new fixtures, as pytest-rerunfailures does it
+        # New fixtures, as pytest-rerunfailures makes them.
+        item._initrequest()  # pyright: ignore[reportAttributeAccessIssue]
     for report in reports:
         item.ihook.pytest_runtest_logreport(report=report)
     item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)

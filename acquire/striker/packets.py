@@ -112,7 +112,10 @@ class StrictPacketHandler(Protocol2PacketHandler):
         self.unanswered = False
         """True if the last packet that requires an answer got none in time"""
 
-    def txRxPacket(self, port: Any, txpacket: list[int]) -> tuple[Any, int, int]:  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride] - the SDK's name; it has no types
+    # The SDK's name; it has no types.
+    def txRxPacket(  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, port: Any, txpacket: list[int]
+    ) -> tuple[Any, int, int]:
         """Send a packet and wait for its status packet; late answers are skipped.
 
         Returns:

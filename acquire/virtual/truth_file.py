@@ -10,8 +10,9 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from google.protobuf.internal.decoder import _DecodeVarint32  # pyright: ignore[reportAttributeAccessIssue] - no public reader for streams
-from google.protobuf.internal.encoder import _VarintBytes  # pyright: ignore[reportAttributeAccessIssue] - no public writer for streams
+# protobuf has no public reader and writer for streams.
+from google.protobuf.internal.decoder import _DecodeVarint32  # pyright: ignore[reportAttributeAccessIssue]
+from google.protobuf.internal.encoder import _VarintBytes  # pyright: ignore[reportAttributeAccessIssue]
 
 from acquire.errors import AcquireError
 from schemas.proto import percuss_pb2 as pb

@@ -215,7 +215,8 @@ class ObjectEstimate:
         write_report(self._answer, output, score_if_virtual(paths, self._answer))
         return output
 
-    def export(self, output: str | Path, format: str = "urdf") -> tuple[Path, ...]:  # noqa: A002 - the option's name
+    # The parameter bears the command line option's name.
+    def export(self, output: str | Path, format: str = "urdf") -> tuple[Path, ...]:  # noqa: A002
         """Write the body for a simulator; the file is read back and compared before it is put in place.
 
         Args:

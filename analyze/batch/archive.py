@@ -167,7 +167,8 @@ def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place
         root = re.split(r"[*?\[]", pattern, maxsplit=1)[0].rpartition("/")[0]
         if not is_local:
             return _Place(system, root, [str(each) for each in system.glob(path)], is_local)
-        found = [str(Path(each).absolute()) for each in glob(pattern, recursive=True)]  # noqa: PTH207 - follows links
+        # Path.glob does not follow links.
+        found = [str(Path(each).absolute()) for each in glob(pattern, recursive=True)]  # noqa: PTH207
         return _Place(system, str(Path(root).absolute()), found, is_local)
     if not system.exists(path):
         raise ArchiveError(f"{place}: no such file or folder: check the path")

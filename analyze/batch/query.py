@@ -83,7 +83,7 @@ def connect(recordings: pa.Table) -> duckdb.DuckDBPyConnection:
     connection.execute("create table recordings as select * from recordings_given")
     for name in LIST_TABLES:
         connection.execute(
-            f"create view {name} as select recordings.key, object, url, created, "  # noqa: S608 - of LIST_TABLES
+            f"create view {name} as select recordings.key, object, url, created, "  # noqa: S608
             f"unnest({name}, recursive := true) from recordings"
         )
     connection.unregister("recordings_given")

@@ -199,11 +199,12 @@ def _row(
 def _component(vector: Quantity, i: int) -> Quantity:
     """One component of a vector quantity."""
     value, sd, ends = vector.value, vector.sd, vector.interval95
-    return Quantity(value=value[i], sd=sd[i], interval95=ends[i], unit=vector.unit, frame=vector.frame)  # type: ignore[index, arg-type] - vectors
+    value, sd, ends = (np.array(each)[i].tolist() for each in (value, sd, ends))
+    return Quantity(value=value, sd=sd, interval95=ends, unit=vector.unit, frame=vector.frame)
 
 
 def _ends(quantity: Quantity) -> list[float] | None:
-    return [float(end) for end in quantity.interval95] if quantity.interval95 else None  # type: ignore[arg-type] - a scalar's here
+    return list(quantity.interval_ends()) if quantity.interval95 else None
 
 
 def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision]) -> Iterator[str]:

@@ -104,7 +104,7 @@ def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
         for j in range(i, 3):
             n = 3 * i + j
             source = "measured" if measured[i][j] else "prior"
-            low, high = ends[n] if isinstance(ends, list) else (None, None)  # type: ignore[misc] - a pair per entry here
+            low, high = np.array(ends[n]).tolist() if isinstance(ends, list) else (None, None)
             spread = sd[n] if isinstance(sd, list) else None
             yield (
                 f"inertia_{'xyz'[i]}{'xyz'[j]}",
@@ -134,17 +134,18 @@ def _row(name: str, quantity: Quantity) -> Sequence[Cell]:
 
 
 def _each(name: str, axes: str, vector: Quantity) -> Iterator[Sequence[Cell]]:
-    for axis, value, sd, (low, high) in zip(axes, vector.value, vector.sd, vector.interval95, strict=True):  # type: ignore[arg-type, misc, str-unpack] - vectors here
-        yield f"{name}_{axis}", value, sd, low, high, vector.unit, vector.source, vector.observed  # type: ignore[misc]
+    columns = (np.array(each).tolist() for each in (vector.value, vector.sd, vector.interval95))
+    for axis, value, sd, (low, high) in zip(axes, *columns, strict=True):
+        yield f"{name}_{axis}", value, sd, low, high, vector.unit, vector.source, vector.observed
 
 
 def _scalar(quantity: Quantity | None) -> tuple[Cell, Cell, Cell, Cell]:
     """Value, sd and interval ends of a scalar; all empty where there is none."""
     if quantity is None or isinstance(quantity.value, list):
         return None, None, None, None
-    low, high = quantity.interval95 or (None, None)
+    low, high = quantity.interval_ends() if quantity.interval95 else (None, None)
     sd = quantity.sd
-    return quantity.value, None if isinstance(sd, list) else sd, low, high  # type: ignore[return-value] - a scalar's here
+    return quantity.value, None if isinstance(sd, list) else sd, low, high
 
 
 def _strikes(answer: Answer) -> CsvTable:

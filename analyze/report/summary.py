@@ -63,7 +63,8 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
 def com_text(com: Quantity) -> str:
     """Text of the centre of mass with half widths of its 95 % intervals, in mm."""
     half = SIGMAS_95 * 1e3 * np.array(com.sd)
-    values = [f"{1e3 * v:.1f} ± {h:.1f}" for v, h in zip(com.value or [], half, strict=True)]  # type: ignore[arg-type] - a vector here
+    millimetres = 1e3 * np.array(com.value)
+    values = [f"{v:.1f} ± {h:.1f}" for v, h in zip(millimetres, half, strict=True)]
     return f"({', '.join(values)}) mm, 95 % interval" + (
         "" if com.observed else ", one direction not observed"
     )

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from mcap.reader import SeekingReader
 from rosbags.interfaces import Connection
@@ -125,7 +125,8 @@ class McapFile:
 
     @staticmethod
     def _reader(stream: object) -> SeekingReader:
-        return SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES)  # pyright: ignore[reportArgumentType]
+        reader: Any = stream
+        return SeekingReader(reader, record_size_limit=MAX_RECORD_BYTES)
 
     @contextmanager
     def _named_damage(self) -> Iterator[None]:

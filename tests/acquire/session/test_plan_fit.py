@@ -104,7 +104,7 @@ def test_unsuitable_plan_is_refused_before_the_recording_is_opened(tmp_path: Pat
     path.write_text(made.model_dump_json())
     daemon = Daemon(limits(arm_length_m=0.05))
     with pytest.raises(SessionError) as caught:
-        SessionRunner(daemon, SessionInput(object_path, path), tmp_path / "r.mcap").run()  # type: ignore[arg-type]
+        SessionRunner(daemon, SessionInput(object_path, path), tmp_path / "r.mcap").run()
     line = str(caught.value)
     problem = "s1, s2, s3, s4 may need 0.1 to 1 m/s, the striker swings at 0.025 to 0.4 m/s"
     assert line.startswith(f"{path}: does not fit this rig's striker: {problem}")

@@ -1,3 +1,4 @@
+import io
 import json
 from dataclasses import replace
 
@@ -217,10 +218,9 @@ def test_score_has_the_documented_keys(estimate, monkeypatch, tmp_path):
 
 
 def test_summary_shows_the_answer(estimate):
-    console = Console(width=80, record=True, file=open("/dev/null", "w"), highlight=False)  # noqa: PTH123, SIM115 - closed below
+    console = Console(width=80, record=True, file=io.StringIO(), highlight=False)
     render_summary(estimate, console)
     text = console.export_text()
-    console.file.close()
     assert "centre of mass (x, y, z)" in text
     assert "95 % interval" in text
     assert "shell" in text
