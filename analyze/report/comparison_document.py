@@ -13,7 +13,7 @@ from scipy.special import chdtri
 from analyze.estimation.precision import MIN_GROUPS, mandel_h, mandel_h_limit, precision
 from analyze.report.report_document import report_recording
 from analyze.result.comparison import chi_squared_p_value
-from analyze.result.document import rounded
+from analyze.result.rounding import rounded
 from schemas.comparison import Comparison, QuantityPrecision, SessionAnswer, SessionsAgreement, SessionValue
 from schemas.quantity import Quantity
 from schemas.result import RegionResult

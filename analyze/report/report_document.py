@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from analyze.report.sensitivity_plot import source_rows, worst_direction
-from analyze.result.document import rounded
+from analyze.result.rounding import rounded
 from schemas.document import canonical_json
 from schemas.report import ErrorShare, InfluenceResult, Report, ReportRecording, SensitivityResult
 

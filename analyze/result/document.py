@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,9 +13,10 @@ from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.frame_times import frame_times_documents
+from analyze.result.rounding import rounded
 from analyze.result.tilt import table_tilts
 from analyze.result.warnings import result_warnings
-from schemas.document import Document, canonical_json, sha256_text
+from schemas.document import canonical_json, sha256_text
 from schemas.quantity import Quantity
 from schemas.result import (
     AxisMoment,
@@ -49,11 +49,6 @@ if TYPE_CHECKING:
         TipMotion,
     )
     from schemas.strike_plan import PlannedStrike
-
-D = TypeVar("D", bound=Document)
-SIGNIFICANT_DIGITS = 10
-"""significant digits of every number in a Result, so that it does not depend on the order of sums in the
-linear algebra library"""
 
 
 def result_document(estimate: Estimate) -> Result:
@@ -379,24 +374,9 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
     )
 
 
-def rounded(document: D) -> D:
-    """The same document with every number rounded to SIGNIFICANT_DIGITS."""
-    return type(document).model_validate(_round(json.loads(canonical_json(document))))
-
-
 def result_json(result: Result) -> str:
     """The document as one line of JSON with sorted keys; the same recording gives the same bytes."""
     return canonical_json(result)
-
-
-def _round(value: Any) -> Any:
-    if isinstance(value, float):
-        return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
-    if isinstance(value, dict):
-        return {key: _round(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_round(item) for item in value]
-    return value
 
 
 def _clean(matrix: Array, fraction: float = 1e-9) -> Array:
