@@ -64,6 +64,8 @@ class Plant:
         self.gap = gap
         self.touches: list[Touch] = []
         self.history: list[tuple[int, float, float]] = []
+        self.delays: list[tuple[int, int]] = []
+        """(time, delay) of each turn of the thread [ns]"""
         self.servo = DynamixelServo(
             self._state_now,
             time.monotonic_ns,
@@ -115,6 +117,10 @@ class Plant:
         self.gap, self.theta, self.theta_dot = gap, 0.0, 0.0
         self.touches.clear()
 
+    def delay_ms(self, time_ns: int) -> float:
+        """Longest delay [ms] of the arm within 10 ms of a time: reads may be as much too old."""
+        return 1e-6 * max((late for when, late in self.delays if abs(when - time_ns) < 10_000_000), default=0)
+
     def hold(self) -> None:
         """Hold the arm where it is from now on, as by hand."""
         self._held = True
@@ -128,6 +134,7 @@ class Plant:
                     self._serve((next_ns - now) * 1e-9)
                 continue
             Plant.latest_ns = max(Plant.latest_ns, now - next_ns)
+            self.delays.append((next_ns, now - next_ns))
             while next_ns <= now:
                 self._step(next_ns, 0.001)
                 next_ns += 1_000_000

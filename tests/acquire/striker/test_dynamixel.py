@@ -58,9 +58,10 @@ def test_strike_has_one_contact_at_the_commanded_speed_and_true_time(plant: Plan
                 assert outcome.impulse_n_s is not None
             if outcome.impulse_n_s is not None:
                 assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
-            allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS))
-        # Plant and striker share one interpreter here, which a busy host delays; `make bench-striker` runs
-        # them in two processes.
+            late_ms = plant.delay_ms(truth.time_ns)
+            allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS, late_ms))
+        # Plant and striker share one interpreter here, which a busy host delays: the delay is allowed for.
+        # `make bench-striker` runs them in two processes.
         assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(
             np.mean(np.square(allowed_ms))
         )  # 99.7 % of four
