@@ -49,7 +49,7 @@ def station(seed: int) -> Station:
 
 
 def calibration_sheet(seed: int) -> dict[str, Any]:
-    """Calibration of this station: a CameraCalibrationSpec under `camera`, the arm under `striker`."""
+    """Values of this station for its rig file: camera calibration, striker, g and least friction."""
     rig = station(seed)
     return {
         "camera": {

@@ -331,7 +331,7 @@ class World:
             self._contact.last_ns = now_ns
 
     def _contact_age_ns(self, distance: float) -> int:
-        """Time from first contact to the end of this step, from the penetration at the step's beginning.
+        """Time [ns] from first touch to the end of this step, at the present speed of the tip.
 
         `distance` is minus that penetration [m].
         """

@@ -87,7 +87,7 @@ class Bundle:
     """Huber loss with priors"""
 
     def scatter(self) -> float:
-        """Factor on the corners' own sd that the residuals require, at least 1."""
+        """Factor, at least 1, by which residuals exceed the corners' stated standard deviation."""
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
         return float(np.sqrt(max(1.0, chi2.sum() / max(freedom, 1))))

@@ -306,7 +306,7 @@ def estimated_rate(
 
 
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
-    """1 sigma of the unknown of ln g, with the moments themselves as unknowns.
+    """1 sigma of ln g over its prior sd, linearised with the moments themselves as unknowns.
 
     The solution's unknowns are logarithms of lengths, which would look well known near zero.
     """

@@ -195,7 +195,7 @@ class _Session:
         self._sequence = last
 
     def _video_chunk(self, chunk: OpenChunk, lost: dict[int, tuple[int, int]]) -> None:
-        """Write a chunk, with metadata of its first frame and of frames before which some are missing."""
+        """Write a chunk of video, with FrameMeta for its first frame and each frame that follows a gap."""
         if not chunk.size:
             return
         closed = chunk.closed()

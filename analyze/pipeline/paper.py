@@ -75,7 +75,7 @@ def _sign_change(motion: TipMotion) -> MotionFit | None:
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """Region masses from the paper's angles, centre of mass and mean moment per axis."""
+    """Region masses by the paper's method; None if no masses fit."""
     moments: dict[str, list[float]] = {}
     for plane, motion in zip(planes, motions, strict=True):
         fit = _sign_change(motion) or motion.fit

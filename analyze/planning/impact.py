@@ -162,7 +162,7 @@ def _clear_heights(
 
 
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
-    """Distance (n,) [m] to the surface along W's +x at y = 0, and angle (n,) [rad] of its normal to it.
+    """Rays along W's +x at y = 0: distance (n,) [m] to the surface, angle (n,) [rad] of its normal to them.
 
     Where nothing is met they are inf and pi. The faces that the plane y = 0 cuts become segments (x, z), of
     which each ray meets the foremost.

@@ -251,7 +251,7 @@ def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
 
 
 def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
-    """Corner contacts: stretches in which the cube stands on one corner; `edge` is its width [m]."""
+    """Stretches of frames in which one corner touches the table and all others are lifted."""
     corners = cube_corners(edge)
     found: list[Contact] = []
     for number, motion in enumerate(motions):

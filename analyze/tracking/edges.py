@@ -227,7 +227,7 @@ def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Ar
 def _band(
     shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float
 ) -> _Band | None:
-    """Pixels along the edges of a square; None if an edge leaves the image or is too short."""
+    """Pixels near each edge of a square; None if an edge is too short, too long, or too far outside."""
     taken = _pixels_along(shape, corners_raw)
     if taken is None:
         return None

@@ -98,6 +98,6 @@ def timestamp_field(time_ns: int) -> bytes:
 
 @lru_cache(maxsize=8)
 def _seconds_prefix(seconds: int, nanos_size: int) -> bytes:
-    """The field's bytes before its `nanos_size` bytes of nanoseconds."""
+    """Start of a Timestamp field: tags, length and seconds; the caller appends the nanoseconds."""
     body = b"\x08" + varint(seconds) + b"\x10"
     return _TIMESTAMP_TAG + (len(body) + nanos_size).to_bytes() + body

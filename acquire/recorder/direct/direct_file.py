@@ -171,7 +171,7 @@ class DirectFile:
                 self._change.notify_all()
 
     def release_reserve(self) -> None:
-        """See RecordingFile: allocated space stays allocated, and only images were denied the reserve."""
+        """Do nothing: the reserved space is allocated already, and is refused to images only."""
 
     def wait_until(self, size: int) -> None:
         """See RecordingFile."""
