@@ -91,7 +91,7 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
     seen: set[str] = set()
     for moment in prediction.moments:
         strike = next(entry for entry in plan.strikes if entry.axis_id == moment.axis_id)
-        along = _axis_text(strike.pivot.direction)
+        along = axis_text(strike.pivot.direction)
         if along in seen:
             continue
         seen.add(along)
@@ -117,7 +117,7 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
     return table
 
 
-def _axis_text(direction: Sequence[float]) -> str:
+def axis_text(direction: Sequence[float]) -> str:
     """Unit vector (3,) of an axis with two decimals, its first component that is not 0 positive."""
     rounded = np.round(direction, 2) + 0.0
     leading = rounded[np.flatnonzero(rounded)[0]] if rounded.any() else 1.0

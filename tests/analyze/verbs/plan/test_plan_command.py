@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main
+from analyze.verbs.plan.table import axis_text
 from tests.places import CARTON, ROOT
 
 
@@ -161,3 +162,8 @@ def test_units_in_brackets_are_printed(tmp_path: Path):
     done = run(str(ROOT / "docs" / "examples" / "teabox.toml"), "-o", str(tmp_path / "plan.json"))
     assert "[kg mm²]" in done.output
     assert "[mm]" in done.output
+
+
+def test_axes_that_differ_by_a_sign_have_names_of_their_own():
+    assert axis_text([0.7071, 0.7071, 0.0]) == axis_text([-0.7071, -0.7071, 0.0]) == "0.71, 0.71, 0.00"
+    assert axis_text([0.7071, -0.7071, 0.0]) == "0.71, -0.71, 0.00"
