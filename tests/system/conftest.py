@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.loopback import loopback
+from tests.system.fault_rig import FaultRig, fault_rig
 
 HANG_S = 210.0
 """a demo of four strikes takes 45 s on two idle cores, and strikes again what a busy machine spoilt"""
@@ -66,3 +67,9 @@ def nothing_left(tmp_path: Path) -> Iterator[None]:
     assert [
         path for path in tmp_path.rglob("*") if path.name.endswith(".part") or path.name.startswith(".")
     ] == []
+
+
+@pytest.fixture
+def rig() -> Iterator[FaultRig]:
+    with fault_rig() as rig:
+        yield rig

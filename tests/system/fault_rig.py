@@ -338,3 +338,11 @@ def works_again(rig: FaultRig, daemon: Daemon) -> None:
         assert client.call("window.close")["frames"] > 10
         client.call("recording.close")
     assert contact_event(path) is not None
+
+
+def wait_for_frames(client: DaemonClient, count: int = 20, timeout_s: float = 20.0) -> float:
+    """Wait until the camera is connected and sent `count` more frames; returns the time [s]."""
+    start = client.call("status")["frames"]
+    return wait_until(
+        lambda: (s := client.call("status"))["connected"] and s["frames"] >= start + count, timeout_s, 0.02
+    )

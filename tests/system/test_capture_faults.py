@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,21 +26,14 @@ from tests.system.fault_rig import (
     FaultRig,
     Frames,
     add_row,
-    fault_rig,
     messages,
     milliseconds,
+    wait_for_frames,
     wait_until,
     works_again,
 )
-from tests.system.test_faults import wait_for_frames
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
-
-
-@pytest.fixture
-def rig() -> Iterator[FaultRig]:
-    with fault_rig() as rig:
-        yield rig
 
 
 def second(rig: FaultRig) -> Path:

@@ -11,22 +11,15 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 
 from tests.places import ROOT
-from tests.system.fault_rig import FaultRig, Frames, add_row, alive, fault_rig, wait_until, works_again
+from tests.system.fault_rig import FaultRig, Frames, add_row, alive, wait_until, works_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
 PATIENCE_S = 2.0
 """after which the manager would end a daemon that says nothing"""
-
-
-@pytest.fixture
-def rig() -> Iterator[FaultRig]:
-    with fault_rig() as rig:
-        yield rig
 
 
 class Manager:

@@ -28,7 +28,6 @@ from tests.system.fault_rig import (
     Frames,
     add_row,
     alive,
-    fault_rig,
     messages,
     mid_swing,
     milliseconds,
@@ -37,12 +36,6 @@ from tests.system.fault_rig import (
 )
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
-
-
-@pytest.fixture
-def rig() -> Iterator[FaultRig]:
-    with fault_rig() as rig:
-        yield rig
 
 
 @pytest.mark.parametrize("with_capture", [False, True], ids=["daemon", "daemon and capture"])

@@ -7,92 +7,32 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.reader import make_reader
 
 from acquire.capture.link import CaptureProcess
-from acquire.clock.clock import SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import CameraNotFound, RecorderError
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import CameraCalibrationSpec, ManifestCamera, SessionManifest
-from tests import small_recording
-from tests.loopback import loopback
-from tests.places import PATTERN_CAMERA, ROOT
-
-COMMAND = (sys.executable, str(Path(__file__).parents[1] / "synthetic_camera.py"))
-CALIBRATION = CameraCalibrationSpec(
-    width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
+from schemas.session_manifest import SessionManifest
+from tests.acquire.capture.synthetic_rig import (
+    CALIBRATION,
+    COMMAND,
+    RATE,
+    check_times,
+    frame_number,
+    manifest_of_a_box,
+    read,
+    rig,
 )
-RATE = 120.0
-LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
-"""9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's
-buffers"""
-
-
-def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) -> RigConfig:
-    calibration = LARGE if large else CALIBRATION
-    camera = CameraConfig(
-        address=address,
-        width=calibration.width,
-        height=calibration.height,
-        frame_rate_hz=RATE,
-        calibration=calibration,
-    )
-    return RigConfig(
-        camera=camera, recorder=RecorderConfig.model_validate({"disk_reserve_bytes": 0, **recorder})
-    )
-
-
-def manifest_of_a_box() -> SessionManifest:
-    """Manifest of the small recording, with this camera and the current time."""
-    clock = SystemClock()
-    return small_recording.manifest(
-        recording_id="test",
-        wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns(),
-        cameras=[ManifestCamera(name="main", frame_rate_hz=RATE, exposure_us=1500, calibration=CALIBRATION)],
-    )
-
-
-@pytest.fixture
-def environment(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    yield monkeypatch
-    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("capture")] == []
-
-
-def read(path: Path) -> dict[str, list]:
-    found: dict[str, list] = {}
-    with path.open("rb") as file:
-        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
-            found.setdefault(channel.topic, []).append(message)
-    return found
-
-
-def _number(message) -> int:
-    """Frame number that the synthetic camera drew into an image."""
-    data = RawImage.FromString(message.data).data
-    assert data[4:8] != b"\xaa\xaa\xaa\xaa", "the image was read after its buffer was released"
-    return int(np.frombuffer(data[:4], np.uint32)[0])
-
-
-def check_times(messages: list[Any], anchor_ns: int) -> None:
-    for message in messages:
-        meta = pb.FrameMeta.FromString(message.data)
-        assert message.log_time == anchor_ns + meta.mid_exposure_host_ns
-        # The camera sends 2 ms after exposure began; mid-exposure was 1.25 ms before that.
-        assert meta.host_time_ns - meta.mid_exposure_host_ns > 1_000_000
-        assert 0 < meta.mapping_sd_ns < 1_000_000
+from tests.loopback import loopback
+from tests.places import PATTERN_CAMERA
 
 
 def test_a_window_holds_every_frame_from_before_it_opened(
@@ -133,7 +73,7 @@ def test_a_window_holds_every_frame_from_before_it_opened(
     inside = [m for m in images if report.start_ns <= m.log_time <= report.end_ns]
     assert len(inside) == report.frames
     assert report.lost == 0
-    assert np.all(np.diff([_number(m) for m in inside]) == 1)
+    assert np.all(np.diff([frame_number(m) for m in inside]) == 1)
     assert report.start_ns - start == pytest.approx(0, abs=1e9 / RATE)
     assert (report.end_ns - report.start_ns) * 1e-9 == pytest.approx(0.75, abs=0.06)
 
@@ -197,7 +137,7 @@ def test_a_continuous_recording_of_the_cameras_own_buffers(
         == list(range(metas[0].sequence, metas[-1].sequence + 1))
     )
     assert all(meta.image_recorded for meta in metas)
-    numbers = [_number(image) for image in images]
+    numbers = [frame_number(image) for image in images]
     runs = [later - earlier for earlier, later in pairwise(numbers)]
     assert sum(step not in {1, 2} for step in runs) == 1, (
         "numbers begin again once, where the camera came back"
@@ -251,7 +191,7 @@ def test_lost_frames_are_counted_where_they_were_lost(
         capture.stop()
     found = read(tmp_path / "a.mcap")
     images = [m for m in found["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns]
-    numbers = [_number(m) for m in images]
+    numbers = [frame_number(m) for m in images]
     assert report.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
     assert report.lost >= 3
     assert re.fullmatch(

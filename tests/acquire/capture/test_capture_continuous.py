@@ -18,11 +18,10 @@ from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.recorder.recover.recover import recover
 from acquire.virtual.pattern_source import noise, read_stamp, stamped
 from schemas.proto import percuss_pb2 as pb
-from tests.acquire.capture.test_capture import CALIBRATION, environment, manifest_of_a_box, read
+from tests.acquire.capture.synthetic_rig import CALIBRATION, manifest_of_a_box, read
 from tests.loopback import loopback
 from tests.places import PATTERN_CAMERA
 
-__all__ = ["environment"]
 
 WIDTH, HEIGHT, SEED = 656, 492, 7
 ADDRESS = loopback(42)

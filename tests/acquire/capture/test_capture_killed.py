@@ -10,9 +10,7 @@ import pytest
 from acquire.capture.link import CaptureProcess
 from acquire.errors import RecorderError
 from acquire.recorder.recover.recover import recover
-from tests.acquire.capture.test_capture import COMMAND, RATE, environment, manifest_of_a_box, read, rig
-
-__all__ = ["environment"]
+from tests.acquire.capture.synthetic_rig import COMMAND, RATE, manifest_of_a_box, read, rig
 
 
 def sleep_watching(seconds: float) -> float:

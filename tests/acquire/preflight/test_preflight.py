@@ -2,174 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import io
-import os
 import re
-import socket
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from acquire.config import RigConfig
 from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, StrikerNotFound
-from acquire.preflight.check import Check, Outcome, failed_by_error
-from acquire.preflight.computer import FolderState, LinuxComputer, PortState, ReceiveBuffer, Route
-from acquire.preflight.disk import RealDisk
+from acquire.preflight.check import Outcome, failed_by_error
+from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
 from acquire.preflight.picture import CheckPicture
 from acquire.preflight.servo import ServoState, check_held_servo
-from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
-from acquire.preflight.video import CheckVideo, VideoContent
+from acquire.preflight.session import LINES
+from acquire.preflight.video import VideoContent
 from schemas.rig import StrikerConfig
-from schemas.watch_lines import SeenMarker, WatchEvent
-from tests.rig_text import CALIBRATION
-
-RIG = (
-    """name = "bench"
-[camera]
-address = "192.168.10.2"
-"""
-    + CALIBRATION
-    + """[recorder]
-directory = "{folder}"
-[daemon]
-socket = "{folder}/run/daemon.sock"
-"""
+from schemas.watch_lines import SeenMarker
+from tests.acquire.preflight.bench import (
+    CONTENT,
+    EVENT,
+    FILM,
+    PIXELS_PER_S,
+    Bench,
+    FakeComputer,
+    FakeDisk,
+    FakeVideoSource,
+    square_corners,
 )
-PIXELS_PER_S = 656 * 492 * 120
-
-
-@dataclass
-class FakeComputer:
-    """Fake computer without any problem; models no device and no kernel."""
-
-    port_state: PortState = field(
-        default_factory=lambda: PortState(exists=True, usable=True, group="dialout", in_use=False)
-    )
-    folder: FolderState = field(
-        default_factory=lambda: FolderState(exists=False, owned=False, private=False, can_be_made=True)
-    )
-    buffer: ReceiveBuffer = field(default_factory=lambda: ReceiveBuffer(16 << 20, 16 << 20))
-    way: Route | OSError | None = field(default_factory=lambda: Route("enp3s0", 9000, loopback=False))
-    latency: int | None = 1
-
-    def port(self, path: str) -> PortState:
-        return self.port_state
-
-    def socket_folder(self, folder: Path) -> FolderState:
-        return self.folder
-
-    def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
-        return self.buffer
-
-    def route(self, address: str) -> Route | None:
-        if isinstance(self.way, OSError):
-            raise self.way
-        return self.way
-
-    def latency_timer_ms(self, port: str) -> int | None:
-        return self.latency
-
-
-@dataclass
-class FakeDisk:
-    """Fake disk of fixed speed; writes nothing."""
-
-    free: int = 100 << 30
-    speed: float = 500e6
-    fault: OSError | None = None
-
-    def free_bytes(self, folder: Path) -> int:
-        if self.fault is not None:
-            raise self.fault
-        return self.free
-
-    def write_speed(self, folder: Path, size_bytes: int) -> float:
-        return self.speed
-
-
-def _square(edge: float) -> list[list[float]]:
-    return [[100.0, 100.0 + edge], [100.0 + edge, 100.0 + edge], [100.0 + edge, 100.0], [100.0, 100.0]]
-
-
-EVENT = WatchEvent(
-    time_ns=1, markers=[SeenMarker(id=3, corners_px=_square(80.0))], at_rest=True, saturated_fraction=0.0
-)
-CONTENT = VideoContent(np.full((48, 64), 180, np.uint8), clock_samples=5, mapping_sd_ns=25_000)
-FILM = CheckVideo(seconds=1.0, frames=121, lost=0, content=CONTENT, event=EVENT)
-
-
-@dataclass
-class FakeVideoSource:
-    """Fake source of the test video that its fields describe; sends no packet."""
-
-    video: CheckVideo | Exception = FILM
-    refusal: Exception | None = None
-    closed: int = 0
-
-    def open(self) -> str:
-        if self.refusal is not None:
-            raise self.refusal
-        return "Maker Model (1)"
-
-    def record(self, folder: Path) -> CheckVideo:
-        if isinstance(self.video, Exception):
-            raise self.video
-        return self.video
-
-    def close(self) -> None:
-        self.closed += 1
-
-
-@dataclass
-class Bench:
-    """Rig file with fakes of everything that the checks read."""
-
-    rig_path: Path
-    computer: FakeComputer = field(default_factory=FakeComputer)
-    disk: FakeDisk = field(default_factory=FakeDisk)
-    servo: ServoState | Exception = field(default_factory=lambda: ServoState(1030, 12.1, 33, None))
-    source: FakeVideoSource = field(default_factory=FakeVideoSource)
-    status: dict | Exception | None = None
-
-    def lines(self) -> dict[str, Check]:
-        @contextlib.contextmanager
-        def daemon(_: RigConfig) -> Iterator[RunningDaemon | None]:
-            if isinstance(self.status, Exception):
-                raise self.status
-            yield None if self.status is None else RunningDaemon(self.status, self.source)
-
-        def servo(_: object) -> ServoState:
-            if isinstance(self.servo, Exception):
-                raise self.servo
-            return self.servo
-
-        found = list(
-            check_rig(self.rig_path, Probes(self.computer, self.disk, servo, lambda _: self.source, daemon))
-        )
-        names = [line.name for line in found]
-        assert len(names) == len(set(names))
-        assert set(names) <= set(LINES)
-        for line in found:
-            assert "\n" not in line.found + line.remedy
-            if line.outcome is Outcome.FAIL:
-                assert line.remedy
-        return {line.name: line for line in found}
-
-    def failures(self) -> set[str]:
-        return {name for name, line in self.lines().items() if line.outcome is Outcome.FAIL}
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Bench:
-    path = tmp_path / "rig.toml"
-    path.write_text(RIG.format(folder=tmp_path), encoding="utf-8")
-    return Bench(path)
 
 
 def test_working_rig_passes_every_check_in_order(bench: Bench) -> None:
@@ -315,7 +175,7 @@ def test_the_camera_and_its_video(bench: Bench) -> None:
     assert failures(event=None) == {"marker"}
     assert failures(event=EVENT.model_copy(update={"markers": []})) == {"marker"}
     assert failures(
-        event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=_square(35.0))]})
+        event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=square_corners(35.0))]})
     ) == {"marker"}
     assert failures(event=EVENT.model_copy(update={"at_rest": False})) == {"object at rest"}
     bench.source = FakeVideoSource(
@@ -403,77 +263,6 @@ def test_output_fits_the_terminal_and_ends_with_a_summary(bench: Bench, width: i
     good = CheckPicture(Console(file=output, width=width))
     good.verdict(1.0)
     assert "ready  (0 passed; 1 s)" in output.getvalue()
-
-
-# --- the real probes
-
-
-def test_disk_test_leaves_no_file(tmp_path: Path) -> None:
-    ticks = iter([0, 2_000_000_000])
-    assert RealDisk(lambda: next(ticks)).write_speed(tmp_path, 3 << 20) == pytest.approx((3 << 20) / 2.0)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_linux_computer_reads_the_system(tmp_path: Path) -> None:
-    timer = tmp_path / "sys/bus/usb-serial/devices/ttyUSB7/latency_timer"
-    timer.parent.mkdir(parents=True)
-    timer.write_text("16\n", encoding="ascii")
-    limit = tmp_path / "proc/sys/net/core/rmem_max"
-    limit.parent.mkdir(parents=True)
-    limit.write_text("212992\n", encoding="ascii")
-    computer = LinuxComputer(tmp_path / "sys", tmp_path / "proc", tmp_path)
-    assert computer.latency_timer_ms("/dev/ttyUSB7") == 16
-    assert computer.latency_timer_ms("/dev/ttyUSB8") is None
-    assert computer.receive_buffer(65_536) == ReceiveBuffer(65_536, 212_992)
-    route = computer.route("127.0.0.9")
-    assert route is not None
-    assert route.loopback
-    assert route.mtu_bytes == int(Path("/sys/class/net/lo/mtu").read_text(encoding="ascii"))
-    assert not computer.port("/dev/ttyNone").exists
-
-
-def test_port_in_use_is_detected_by_flock_and_lock_file(tmp_path: Path) -> None:
-    computer = LinuxComputer(lock=tmp_path)
-    master, slave = os.openpty()
-    try:
-        path = os.ttyname(slave)
-        state = computer.port(path)
-        assert (state.exists, state.usable, state.in_use) == (True, True, False)
-        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        assert computer.port(path).in_use
-        fcntl.flock(slave, fcntl.LOCK_UN)
-        lock_file = tmp_path / f"LCK..{Path(path).name}"
-        lock_file.write_text("         1\n", encoding="ascii")
-        assert computer.port(path).in_use
-        lock_file.write_text(" 999999999\n", encoding="ascii")
-        assert not computer.port(path).in_use
-    finally:
-        os.close(master)
-        os.close(slave)
-
-
-def test_state_of_the_socket_folder(tmp_path: Path) -> None:
-    computer = LinuxComputer()
-    tmp_path.chmod(0o700)
-    assert computer.socket_folder(tmp_path) == FolderState(
-        exists=True, owned=True, private=True, can_be_made=True
-    )
-    tmp_path.chmod(0o755)
-    assert not computer.socket_folder(tmp_path).private
-    assert computer.socket_folder(tmp_path / "a" / "b").can_be_made
-
-
-def test_unusable_socket_path_fails(bench: Bench, tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "daemon.sock").write_text("mine", encoding="utf-8")
-    assert bench.failures() == {"daemon socket"}
-    (tmp_path / "run" / "daemon.sock").unlink()
-    with socket.socket(socket.AF_UNIX) as stale:
-        stale.bind(str(tmp_path / "run" / "daemon.sock"))
-        assert bench.failures() == set()
-    long = RIG.format(folder=tmp_path).replace("daemon.sock", "d" * 100)
-    bench.rig_path.write_text(long, encoding="utf-8")
-    assert bench.failures() == {"daemon socket"}
 
 
 def test_striker_in_fault_fails_with_the_reason():

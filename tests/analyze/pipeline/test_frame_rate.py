@@ -17,7 +17,7 @@ from analyze.report.summary import render_summary
 from analyze.result.answer import answer_evidence
 from schemas.result import Result, WarningCode
 from schemas.session_manifest import TimeSource
-from tests.analyze.pipeline.test_merge import recording
+from tests.analyze.pipeline.merged_sessions import recording
 from tests.analyze.simulated_session import carton, session
 
 BODY = carton()

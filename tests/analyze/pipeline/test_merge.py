@@ -6,7 +6,6 @@ No strike counts twice, no shared error is averaged away, and the order of the f
 from __future__ import annotations
 
 import dataclasses
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,111 +13,19 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError, MergeError
-from analyze.estimation.agreement import Agreement, agreement
-from analyze.estimation.centre_of_mass import centre_of_mass
-from analyze.estimation.priors import ComPrior
 from analyze.pipeline.equiplanes import equiplanes, systematic_errors
 from analyze.pipeline.estimate import EstimateOptions
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import by_start_time, levelling_indices, merge_evidence, resolve_exclusions
 from analyze.report.report import render_report
-from analyze.result.answer import Answer, answer_evidence
-from analyze.types import CentreOfMass, TipMotion
+from analyze.result.answer import answer_evidence
 from schemas.document import canonical_json, sha256_text
-from schemas.result import Result, WarningCode
-from schemas.strike_result import Verdict
-from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
-from tests.analyze.simulated_session import carton, session
-
-BODY = carton()
-SD_PHI, SD_K = 4e-4, 2e-3
-CHI2_RUNS = 40
-CHI2_3 = (1.85, 4.35)
-"""limits of the mean of 40 values of chi squared with 3 degrees of freedom: 3 - 3 and 3 + 3.5 standard
-deviations (2.45 / sqrt 40 each), because its distribution is skew"""
-
-
-def recording(evidence: Evidence, name: str, **manifest: object) -> Evidence:
-    """Evidence with the same strikes, as a recording named `name` with these manifest entries."""
-    (head,) = evidence.recordings
-    entries = {"recording_id": name, "created": f"2026-01-0{1 + len(name) % 9}T00:00:00Z", **manifest}
-    ids = tuple(motion.strike_id for motion in evidence.motions)
-    return replace(
-        evidence,
-        recordings=(
-            replace(
-                head,
-                path=Path(f"{name}.mcap"),
-                content_id=sha256_text(name),
-                manifest=head.manifest.model_copy(update=entries),
-                strike_ids=ids,
-                files=(f"{name}.mcap",),
-            ),
-        ),
-    )
-
-
-def part(evidence: Evidence, start: int, stop: int, name: str, **manifest: object) -> Evidence:
-    """Evidence with the strikes `start` to `stop`, as a recording of its own."""
-    return recording(replace(evidence, motions=evidence.motions[start:stop]), name, **manifest)
-
-
-def session_without_frames(
-    rng: np.random.Generator,
-    tilt: float,
-    moved: dict[str, np.ndarray],
-    axes: tuple[tuple[int, int, int, int], ...],
-) -> Evidence:
-    """Session of two strikes per axis, with phi and k but no frames.
-
-    The table is tilted by `tilt` [rad]; the true edges are displaced by `moved` [m], by axis id.
-    """
-    plain = session_of(axes)
-    motions: list[TipMotion] = []
-    for strike in plain.plan.strikes:
-        phi, k = tip(BODY, strike, moved[strike.axis_id])
-        fit = fit_of(
-            phi + tilt + rng.normal(0, np.hypot(SD_PHI, 5e-4)),
-            k * (1 + rng.normal(0, SD_K)),
-            SD_PHI,
-            SD_K * k,
-        )
-        motions.append(TipMotion(f"{strike.id}.1", strike.id, Verdict.GOOD, "", None, None, fit, (), 1.1))
-    return replace(plain, motions=tuple(motions))
-
-
-def session_of(axes: tuple[tuple[int, int, int, int], ...]) -> Evidence:
-    strikes = [planned_strike(BODY, *axis, repeat) for axis in axes for repeat in range(2)]
-    return replace(BARE, plan=BARE.plan.model_copy(update={"strikes": strikes}))
-
-
-BARE = session(BODY, np.random.default_rng(0), repeats=1)
-
-
-def com_of(evidence: Evidence) -> CentreOfMass:
-    """Centre of mass without all else, which is quick."""
-    prior = ComPrior.from_bounds(*evidence.model.bounds)
-    return centre_of_mass(equiplanes(evidence, evidence.motions), systematic_errors(evidence), prior)
-
-
-@pytest.fixture(scope="module")
-def whole() -> Evidence:
-    return session(BODY, np.random.default_rng(3))
-
-
-@pytest.fixture(scope="module")
-def halves(whole) -> tuple[Evidence, Evidence]:
-    return part(whole, 0, 6, "a"), part(whole, 6, 12, "bb")
-
-
-@pytest.fixture(scope="module")
-def joint(halves) -> Answer:
-    return answer_evidence(merge_evidence(halves))
-
-
-@pytest.fixture(scope="module")
-def one(whole) -> Answer:
-    return answer_evidence(whole)
+from schemas.result import Result
+from tests.analyze.pipeline.merged_sessions import (
+    com_of,
+    part,
+    recording,
+)
 
 
 def test_two_halves_give_the_answer_of_the_whole(whole, one, joint):
@@ -346,94 +253,3 @@ def test_k_is_scaled_to_the_gravity_of_each_place(halves):
     moved = part(moved, 0, 6, "bb", g_m_s2=g)
     here, there = (answer_evidence(merge_evidence((one, each))).estimate.inertial for each in (other, moved))
     assert np.allclose(here.inertia, there.inertia, rtol=1e-9)
-
-
-def squared_mahalanobis(seed: int, *, tables: int) -> float:
-    """Squared Mahalanobis error of c from two merged sessions with errors drawn from their stated sd."""
-    rng = np.random.default_rng(seed)
-    sd_edge, sd_tilt = 2e-4, 1e-3
-    moved: dict[str, np.ndarray] = {}
-    for axis in SIX_AXES:
-        strike = planned_strike(BODY, *axis)
-        turned = np.array(strike.R_world_object)
-        moved[strike.axis_id] = turned[0] * rng.normal(0, sd_edge) + turned[2] * rng.normal(0, sd_edge)
-    radius = rng.normal(0, 1e-4)
-    for axis in SIX_AXES:
-        strike = planned_strike(BODY, *axis)
-        turned = np.array(strike.R_world_object)
-        moved[strike.axis_id] = moved[strike.axis_id] + (turned[2] - turned[0]) * radius
-    tilts = rng.normal(0, sd_tilt, 2)
-    if tables == 1:
-        tilts[1] = tilts[0]
-    slips = {axis: rng.normal(0, 2e-4) for axis in moved}
-    sessions = []
-    for i, axes in enumerate((SIX_AXES[:4], SIX_AXES[2:])):
-        found = session_without_frames(rng, tilts[i], moved, axes)
-        motions = [
-            replace(m, fit=dataclasses.replace(m.fit, phi=m.fit.phi + slips[found.planned(m).axis_id]))
-            for m in found.motions
-        ]
-        rig = {"name": f"bench {i if tables == 2 else 0}"}
-        sessions.append(
-            recording(
-                replace(found, motions=tuple(motions)),
-                "ab"[i] * (i + 1),
-                rig=rig,
-                gravity_tilt_sd_rad=sd_tilt,
-            )
-        )
-    com = com_of(merge_evidence(sessions))
-    off = com.position - BODY.com
-    return float(off @ np.linalg.solve(com.covariance, off))
-
-
-def refilled(evidence: Evidence, moved_kg: float) -> Evidence:
-    """Evidence of the same object with `moved_kg` of its upper part moved to the lower."""
-    body = box_body(
-        (0.08, 0.06, 0.15), (0.026, 0.014 - moved_kg, 0.004 + moved_kg), 0.005, (0.5, -0.35, 0.79)
-    )
-    other = session(body, np.random.default_rng(2))
-    return replace(evidence, motions=other.motions, plan=other.plan)
-
-
-def test_object_refilled_between_recordings_gives_a_warning(whole, halves, joint):
-    assert WarningCode.RECORDINGS_DISAGREE not in {warning.code for warning in joint.result.warnings}
-    found = answer_evidence(merge_evidence((halves[0], part(refilled(whole, 0.002), 6, 12, "bb"))))
-    text = next(
-        warning.text for warning in found.result.warnings if warning.code is WarningCode.RECORDINGS_DISAGREE
-    )
-    assert re.search(
-        r"centres of mass lie 2\.\d mm apart, more than their errors allow: was the object opened, refilled"
-        r" or exchanged",
-        text,
-    )
-
-
-def test_recordings_of_one_body_agree_and_of_two_bodies_disagree(whole):
-    def compared(*evidence: Evidence) -> Agreement:
-        both = merge_evidence(evidence)
-        planes = equiplanes(both, both.motions)
-        numbers = [both.recorded_in.get(plane.strike_id, 0) for plane in planes]
-        return agreement(
-            planes, numbers, com_of(both), systematic_errors(both), ComPrior.from_bounds(*both.model.bounds)
-        )
-
-    alone = compared(whole)
-    assert alone.holds
-    assert alone.chi_squared == 0
-    one = part(whole, 0, 12, "a")
-    same = compared(one, part(refilled(whole, 0.0), 0, 12, "bb"))
-    assert same.holds
-    assert same.largest_shift < 1e-4
-    other = compared(one, part(refilled(whole, 0.0005), 0, 12, "bb"))
-    assert not other.holds
-    # 0.5 g moved by 67 mm in 44 g
-    assert other.largest_shift == pytest.approx(7.7e-4, rel=0.1)
-
-
-@pytest.mark.parametrize("tables", [1, 2])
-def test_covariance_of_joint_sessions_matches_the_errors(tables):
-    found = np.array([squared_mahalanobis(seed, tables=tables) for seed in range(CHI2_RUNS)])
-    low, high = CHI2_3
-    assert low < found.mean() < high
-    assert np.mean(found < 7.81) > 0.86, "95 % regions hold the true value"

@@ -19,7 +19,7 @@ from analyze.result.comparison import SessionComparison, compare_evidence
 from schemas.comparison import Comparison
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.estimation.bodies import box_body
-from tests.analyze.pipeline.test_merge import recording
+from tests.analyze.pipeline.merged_sessions import recording
 from tests.analyze.simulated_session import carton, session
 
 OTHER = box_body((0.08, 0.06, 0.15), (0.026, 0.0125, 0.0055), 0.005, (0.5, -0.35, 0.79), 1e-3)

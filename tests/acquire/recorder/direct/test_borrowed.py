@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import struct
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from acquire.errors import RecorderError
 from acquire.frames.page_memory import PAGE_BYTES
-from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.borrowed_chunks import gap_before
-from acquire.recorder.direct.direct_file import RESERVE_BYTES, can_write_directly
+from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.messages import DiskBehind
 from acquire.recorder.recover.edit import append_topics, remove_topics
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
@@ -40,6 +33,15 @@ from schemas.mcap import records as container
 from schemas.mcap.walk import walk
 from schemas.proto import percuss_pb2 as pb
 from tests import small_recording as small
+from tests.acquire.recorder.direct.borrowed_recordings import (
+    HEIGHT,
+    IMAGE_TOPIC,
+    WIDTH,
+    check_images,
+    on_pages,
+    read_images,
+    write_recording,
+)
 from tests.acquire.recorder.direct.counting_buffer import (
     PERIOD_NS,
     T0,
@@ -47,68 +49,6 @@ from tests.acquire.recorder.direct.counting_buffer import (
     borrowed_image,
     image_of,
 )
-
-IMAGE_TOPIC = "/camera/main/image"
-WIDTH, HEIGHT = 331, 67
-"""22177 bytes: five pages and a piece"""
-
-
-@pytest.fixture
-def memory(tmp_path: Path) -> Iterator[BlockMemory]:
-    if not can_write_directly(tmp_path):
-        pytest.skip("this file system takes no O_DIRECT")
-    memory = BlockMemory(8 << 20, 64 << 20)
-    yield memory
-    assert memory.free == memory.blocks, "every block was given back"
-    assert memory.used_bytes == 0, "all that was borrowed too"
-
-
-def _write(
-    path: Path, memory: BlockMemory | None, batches: list[int], width: int, height: int, between: list[int]
-) -> list[CountingBuffer]:
-    """Write a recording with a small message of `between[n]` bytes after the nth batch of images."""
-    buffers: list[CountingBuffer] = []
-    with McapWriter(path, memory, flush_s=60.0) as writer:
-        images, small_topic = (
-            writer.add_topic(topics.raw_image("main")),
-            writer.add_topic(topics.STRIKER_SAMPLE),
-        )
-        for count, size in zip(batches, between, strict=True):
-            batch = [
-                CountingBuffer(image_of(width, height, number))
-                for number in range(len(buffers), len(buffers) + count)
-            ]
-            writer.write_borrowed(
-                images, [borrowed_image(buffer, number) for number, buffer in enumerate(batch, len(buffers))]
-            )
-            buffers += batch
-            writer.write(small_topic, T0 + len(buffers) * PERIOD_NS, bytes(size), sequence=len(buffers))
-            writer.flush()
-    return buffers
-
-
-def _images(path: Path) -> dict[int, np.ndarray]:
-    found: dict[int, np.ndarray] = {}
-    with path.open("rb") as file:
-        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(
-            topics=[IMAGE_TOPIC], log_time_order=False
-        ):
-            assert message.log_time == T0 + message.sequence * PERIOD_NS
-            raw = RawImage.FromString(message.data)
-            found[message.sequence] = np.frombuffer(raw.data, np.uint8).reshape(raw.height, raw.width)
-    return found
-
-
-def _check_images(found: dict[int, np.ndarray], count: int, width: int = WIDTH, height: int = HEIGHT) -> None:
-    assert list(found) == list(range(count))
-    for number, image in found.items():
-        np.testing.assert_array_equal(image, image_of(width, height, number))
-
-
-def _on_pages(path: Path, width: int, height: int, count: int) -> None:
-    data = path.read_bytes()
-    at = [data.find(image_of(width, height, number).tobytes()) for number in range(count)]
-    assert all(place > 0 and place % PAGE_BYTES == 0 for place in at)
 
 
 @given(at=st.integers(0, 1 << 40))
@@ -136,15 +76,15 @@ def test_any_message_sizes_read_back_unchanged(
     with tempfile.TemporaryDirectory(dir=Path.cwd()) as folder:
         path = Path(folder) / "a.mcap"
         memory = BlockMemory(8 << 20, 64 << 20) if direct and can_write_directly(path.parent) else None
-        buffers = _write(path, memory, batches, size, 1, between[: len(batches)])
+        buffers = write_recording(path, memory, batches, size, 1, between[: len(batches)])
         assert [(buffer.borrows, buffer.released) for buffer in buffers] == [(0, 1)] * sum(batches)
         assert memory is None or (memory.free, memory.used_bytes) == (memory.blocks, 0)
-        _check_images(_images(path), sum(batches), size, 1)
-        _on_pages(path, size, 1, sum(batches))
+        check_images(read_images(path), sum(batches), size, 1)
+        on_pages(path, size, 1, sum(batches))
 
 
 def test_content_is_the_same_as_when_it_is_copied(tmp_path: Path, memory: BlockMemory) -> None:
-    _write(tmp_path / "a.mcap", memory, [3, 1, 12], WIDTH, HEIGHT, [5, 70_000, 9])
+    write_recording(tmp_path / "a.mcap", memory, [3, 1, 12], WIDTH, HEIGHT, [5, 70_000, 9])
     encoder = RawImageEncoder("camera", WIDTH, HEIGHT)
     with McapWriter(tmp_path / "b.mcap", memory, flush_s=60.0) as writer:
         images, small_topic = (
@@ -202,17 +142,17 @@ def recording(tmp_path: Path, memory: BlockMemory) -> Path:
 
 
 def _check_small(found: dict[int, np.ndarray]) -> None:
-    _check_images(found, 8, small.WIDTH, small.HEIGHT)
+    check_images(found, 8, small.WIDTH, small.HEIGHT)
 
 
 def test_the_file_holds_padding(recording: Path) -> None:
     opcodes = [opcode for opcode, _, _ in walk(memoryview(recording.read_bytes()), len(container.MAGIC))]
     assert container.PADDING in opcodes
-    _on_pages(recording, small.WIDTH, small.HEIGHT, 8)
+    on_pages(recording, small.WIDTH, small.HEIGHT, 8)
 
 
 def test_mcaps_readers(recording: Path) -> None:
-    _check_small(_images(recording))
+    _check_small(read_images(recording))
     with recording.open("rb") as file:
         stream = [
             record for record in StreamReader(file, validate_crcs=True).records if isinstance(record, Message)
@@ -273,15 +213,15 @@ def test_the_growing_file_can_be_followed(tmp_path: Path, memory: BlockMemory) -
 
 def test_adding_and_removing_topics(recording: Path, tmp_path: Path) -> None:
     append_topics(recording, [(topics.TRUTH_POSE, T0, b"")])
-    _check_small(_images(recording))
+    _check_small(read_images(recording))
     remove_topics(recording, tmp_path / "b.mcap", "/truth/")
-    _check_small(_images(tmp_path / "b.mcap"))
+    _check_small(read_images(tmp_path / "b.mcap"))
 
 
 def test_recover_reads_a_complete_and_a_cut_file(recording: Path, tmp_path: Path) -> None:
     report = recover(recording, tmp_path / "b.mcap")
     assert not report.anything_lost
-    _check_small(_images(tmp_path / "b.mcap"))
+    _check_small(read_images(tmp_path / "b.mcap"))
     data = recording.read_bytes()
     chunks = [
         at for opcode, at, _ in walk(memoryview(data), len(container.MAGIC)) if opcode == container.CHUNK
@@ -314,113 +254,4 @@ def test_damaged_padding_costs_no_image(recording: Path, tmp_path: Path, damage:
     report = recover(tmp_path / "damaged.mcap", tmp_path / "b.mcap")
     assert report.topics[IMAGE_TOPIC] == 8
     assert report.skipped_bytes > 0
-    _check_small(_images(tmp_path / "b.mcap"))
-
-
-# --- ways out ---
-
-
-def _write_borrowed(writer: McapWriter, first: int, count: int) -> list[CountingBuffer]:
-    buffers = [CountingBuffer(image_of(WIDTH, HEIGHT, number)) for number in range(first, first + count)]
-    writer.write_borrowed(
-        writer.add_topic(topics.raw_image("main")),
-        [borrowed_image(each, first + n) for n, each in enumerate(buffers)],
-    )
-    return buffers
-
-
-def test_no_buffer_is_released_before_its_image_is_on_the_disk(
-    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    go, write_pages = threading.Event(), direct_file._write_pages
-
-    def stuck(fd: int, views: list[memoryview], offset: int) -> None:
-        assert go.wait(30)
-        write_pages(fd, views, offset)
-
-    with McapWriter(tmp_path / "a.mcap", memory) as writer:
-        writer.flush()
-        monkeypatch.setattr(direct_file, "_write_pages", stuck)
-        buffers = _write_borrowed(writer, 0, 5) + _write_borrowed(writer, 5, 7)
-        assert memory.used_bytes >= 12 * 5 * PAGE_BYTES
-        assert not any(buffer.released for buffer in buffers)
-        go.set()
-        writer.flush()
-        assert all(buffer.released == 1 for buffer in buffers)
-    assert all(buffer.released == 1 for buffer in buffers)
-    _check_images(_images(tmp_path / "a.mcap"), 12)
-
-
-def test_an_aborted_recording_releases_its_buffers(tmp_path: Path, memory: BlockMemory) -> None:
-    writer = McapWriter(tmp_path / "a.mcap", memory)
-    buffers = _write_borrowed(writer, 0, 9)
-    writer.abort()
-    assert all(buffer.released == 1 for buffer in buffers)
-    assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").topics == {IMAGE_TOPIC: 9}
-
-
-def test_a_failing_disk_releases_every_buffer(
-    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    writer = McapWriter(tmp_path / "a.mcap", memory)
-    buffers = _write_borrowed(writer, 0, 3)
-    writer.flush()
-
-    def broken(*_: object) -> None:
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    monkeypatch.setattr(direct_file, "_write_pages", broken)
-    buffers += _write_borrowed(writer, 3, 3)
-    with pytest.raises(RecorderError, match="Input/output error"):
-        writer.flush()  # comes back, and says that not all is on the disk
-    assert all(buffer.released == 1 for buffer in buffers), (
-        "the camera goes on, though nobody finished the recording yet"
-    )
-    late = CountingBuffer(image_of(WIDTH, HEIGHT, 6))
-    with pytest.raises(RecorderError, match="Input/output error"):
-        writer.write_borrowed(writer.add_topic(topics.raw_image("main")), [borrowed_image(late, 6)])
-    assert late.released == 0, "it was not taken"
-    with pytest.raises(RecorderError, match="Input/output error"):
-        writer.finish()
-    assert all(buffer.released == 1 for buffer in buffers)
-    assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").topics == {IMAGE_TOPIC: 3}
-
-
-def test_a_full_disk_refuses_all_of_a_batch_and_gives_a_whole_recording(
-    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    allocate, room = direct_file._allocate, RESERVE_BYTES + (1 << 20)
-
-    def small_disk(fd: int, offset: int, size: int) -> None:
-        if offset + size > room:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        allocate(fd, offset, size)
-
-    monkeypatch.setattr(direct_file, "_allocate", small_disk)
-    writer = McapWriter(tmp_path / "a.mcap", memory)
-    buffers = _write_borrowed(writer, 0, 40)
-    late = [CountingBuffer(image_of(WIDTH, HEIGHT, number)) for number in range(40, 50)]
-    with pytest.raises(RecorderError, match=r"cannot be written.*free space") as refused:
-        writer.write_borrowed(
-            writer.add_topic(topics.raw_image("main")),
-            [borrowed_image(each, 40 + n) for n, each in enumerate(late)],
-        )
-    assert not isinstance(refused.value, DiskBehind)
-    assert not any(buffer.released for buffer in late)
-    writer.finish()
-    assert all(buffer.released == 1 for buffer in buffers)
-    _check_images(_images(tmp_path / "a.mcap"), 40)
-
-
-def test_without_room_in_memory_the_disk_is_behind(tmp_path: Path, memory: BlockMemory) -> None:
-    with McapWriter(tmp_path / "a.mcap", memory) as writer:
-        writer.flush()
-        taken = [memory.take() for _ in range(memory.free)]
-        buffer = CountingBuffer(image_of(WIDTH, HEIGHT, 0))
-        with pytest.raises(DiskBehind):
-            writer.write_borrowed(
-                writer.add_topic(topics.raw_image("main")), [borrowed_image(buffer, 0)] * 100
-            )
-        assert buffer.released == 0
-        for block in taken:
-            memory.give_back(block)
+    _check_small(read_images(tmp_path / "b.mcap"))
