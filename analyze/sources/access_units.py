@@ -1,6 +1,7 @@
 """Converts packets of a video file to access units with start codes (Annex B), as recordings store them.
 
-The access unit of a key picture contains its parameter sets.
+An access unit is the coded data of one picture. That of a key picture, where a decoder can begin, contains
+the parameter sets that the decoder needs.
 """
 
 from __future__ import annotations
@@ -26,16 +27,19 @@ _FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toan
 
 
 def has_lengths(stream: av.VideoStream) -> bool:
-    """True if the file separates access units by lengths in place of start codes, as MP4 and Matroska do."""
+    """True if lengths, not start codes, separate the stream's coded units, as in MP4 and Matroska.
+
+    It is decided by the codec's extradata; False if there are none.
+    """
     head = bytes(stream.codec_context.extradata or b"")
     return bool(head) and not is_annex_b(head)
 
 
 class AccessUnits:
-    """Converter of one stream's packets to access units.
+    """Converter of one video stream's packets to access units (pictures as coded) with start codes.
 
     Args:
-        video: codec.
+        video: codec of the stream, H.264 or H.265.
         stream: video stream of the file.
         room: number of bytes left free before each access unit, for the message's head in a recording.
     """
@@ -48,9 +52,12 @@ class AccessUnits:
         self._filter = av.BitStreamFilterContext(_FILTER[video], stream)
 
     def convert(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
-        """Free bytes and access unit of each packet, as one writable buffer; None for a damaged packet.
+        """Convert each packet to one writable buffer: the free bytes (zeros), then its access unit.
 
-        The packets may be consumed.
+        The packets may be consumed and must not be used afterwards.
+
+        Returns:
+            One buffer per packet, in the same order; None for a packet that FFmpeg cannot convert.
         """
         if not self._has_long_lengths:
             return [self._one(packet) for packet in packets]

@@ -1,6 +1,6 @@
-"""Coded pictures in decoding order, numbered in the order of their times.
+"""Numbers the coded pictures of a video, which are in decoding order, in the order of their times.
 
-They are handled in groups, since a video may have 100 000.
+Pictures are handled in groups, since a video may have 100 000.
 """
 
 from __future__ import annotations
@@ -27,27 +27,36 @@ class CodedPictures(NamedTuple):
     keys: NDArray[np.bool_]
     """(n,) True where a decoder may begin"""
     data: list[memoryview]
-    """n access units with start codes, each after the requested number of free bytes.
+    """n buffers: the requested number of free bytes, then the picture as coded, with start codes (Annex B).
 
-    Key pictures contain their parameter sets.
+    Key pictures, where a decoder may begin, contain the parameter sets that it needs.
     """
 
 
 class NumberedPictures(NamedTuple):
-    """Coded pictures with their numbers in the stream."""
+    """Coded pictures (n) with their numbers in the stream, and the next times (m) of the stream."""
 
     pictures: CodedPictures
     numbers: IntArray
-    """(n,) number of each picture in the order of times"""
+    """(n,) position of each picture in the time order of the whole stream, from 0"""
     in_order_ns: IntArray
-    """(m,) times of the stream's next m pictures [ns], increasing"""
+    """(m,) times [ns] of the stream's next m pictures in time order; m may differ from n"""
 
 
 def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPictures]:
-    """Number a stream's pictures, holding back as many as may be reordered.
+    """Number a stream's pictures in time order, holding back up to `MAX_REORDERED` that may be reordered.
+
+    Args:
+        groups: all pictures of the stream, in groups in decoding order.
+        name: name of the file, for messages.
+
+    Yields:
+        The pictures that can be numbered after each group, and the rest after the last group; in decoding
+        order, possibly none.
 
     Raises:
-        ImportRefused: two pictures have the same time.
+        ImportRefused: two pictures have the same time, or more than `MAX_REORDERED` pictures precede an
+            earlier one.
     """
     none = np.empty(0, np.int64)
     waiting = CodedPictures(none, np.empty(0, np.bool_), [])
@@ -55,7 +64,11 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Move the `count` earliest times to `placed`; pictures still waiting, and pictures now numbered."""
+        """Move the `count` earliest times from `unplaced` to `placed`, and number the pictures they reach.
+
+        Returns:
+            The pictures that still wait, and the numbered ones.
+        """
         nonlocal unplaced, placed, first, last_ns
         ordered = np.sort(unplaced)
         newly, unplaced = ordered[:count], ordered[count:]

@@ -1,8 +1,8 @@
 """Reads lens calibrations of other programs: OpenCV (YAML, JSON), Kalibr, and ROS camera_info.
 
-Programs name the same numbers differently: names are compared without case, underscores and dashes. A matrix
-may be nested lists, or `data` with `rows` and `cols`. Nothing in such a file is executed: YAML is read with
-the safe constructors and OpenCV's one matrix type.
+Programs name the same numbers differently: names are compared without case, blanks, underscores and dashes. A
+matrix may be a list, nested lists, or a mapping with its numbers as `data`. Nothing in such a file is
+executed: YAML is read with the safe constructors and OpenCV's one matrix type.
 """
 
 from __future__ import annotations
@@ -59,14 +59,18 @@ _SIZE = ("resolution", "imagesize", "imgsize")
 
 
 def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
-    """Lens in another program's camera file, and True if the file has the camera's pose.
+    """Read the lens in another program's camera file, JSON for a name in .json, else YAML.
 
-    Beside the program's own entries the file may contain `T_world_camera` (4 x 4), the unit matrix by
-    default, and `line_time_s`.
+    Beside the program's own entries the file may contain `T_world_camera`, the pose of the camera in the
+    world frame (4 x 4, translation in m; the unit matrix by default), and `line_time_s`, the delay between
+    the readout of neighbouring rows [s].
+
+    Returns:
+        The calibration, and True if the file has `T_world_camera`.
 
     Raises:
-        CalibrationError: the file cannot be read, or contains no lens of a known model.
-        DocumentError: an entry cannot be used.
+        CalibrationError: the file cannot be read, contains several cameras, or no lens of a known model.
+        DocumentError: an entry has a value that is not allowed.
     """
     try:
         data = path.read_bytes()
@@ -78,12 +82,20 @@ def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
 
 
 def parse_calibration(data: bytes, name: str, *, as_json: bool = False) -> tuple[CameraCalibrationSpec, bool]:
-    """Lens in a file's content; see `read_calibration`.
+    """Parse the content of another program's camera file: OpenCV, Kalibr or ROS camera_info.
 
     Args:
-        data: content of the file.
+        data: content of the file, UTF-8, at most `MAX_BYTES`.
         name: name of the file, for messages.
         as_json: True if the content is JSON, False if it is YAML.
+
+    Returns:
+        The calibration, and True if the content has the camera's pose `T_world_camera`.
+
+    Raises:
+        CalibrationError: the content is too large, not valid, contains several cameras, or no lens of a known
+            model.
+        DocumentError: an entry has a value that is not allowed.
     """
     if len(data) > MAX_BYTES:
         raise CalibrationError(
@@ -113,11 +125,20 @@ def parse_calibration(data: bytes, name: str, *, as_json: bool = False) -> tuple
 
 
 def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibrationSpec, bool]:
-    """Calibration from one camera's entries under any known names, and True if they have the camera's pose.
+    """Convert one camera's entries, under any of the known names, to a calibration.
+
+    Args:
+        entries: camera matrix [px] and image size [px]; distortion, lens model, `T_world_camera` and
+            `line_time_s` may be missing (no distortion, pinhole, unit matrix, 0).
+        name: name of the file or topic, for messages.
+
+    Returns:
+        The calibration, and True if the entries have the camera's pose `T_world_camera`.
 
     Raises:
-        CalibrationError: they contain no lens of a known model.
-        DocumentError: an entry cannot be used.
+        CalibrationError: the entries contain no lens of a known model, or its principal point lies outside
+            the image.
+        DocumentError: an entry has a value that is not allowed.
     """
     K = _camera_matrix(entries, name)
     width, height = _size(entries, name)
@@ -148,7 +169,11 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
 
 
 def _camera_matrix(entries: Mapping[str, Any], name: str) -> Array:
-    """Camera matrix (3, 3), from nine numbers or from Kalibr's four: fx, fy, cx, cy."""
+    """Camera matrix (3, 3) [px] from nine numbers by row, or from Kalibr's four: fx, fy, cx, cy.
+
+    Raises:
+        CalibrationError: the matrix is missing, has skew, or is not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].
+    """
     found = _first(entries, _CAMERA_MATRIX)
     if found is None:
         raise CalibrationError(
@@ -203,9 +228,14 @@ def _whole(value: Any) -> int | None:
 
 
 def _model(entries: Mapping[str, Any], name: str) -> LensModel:
-    """Lens model from `distortion_model` (ROS, Kalibr), `model` (ours) or `fisheye_model` (OpenCV's sample).
+    """Lens model by the entry of the file that states it.
 
-    It is pinhole if the file states none.
+    The entries are tried in this order: `distortion_model` (ROS, Kalibr), `model` (this project's rig files),
+    `camera_model` (Kalibr), `fisheye_model` equal to 1 (OpenCV's sample). The model is pinhole if the file
+    states none, or "none" without distortion coefficients.
+
+    Raises:
+        CalibrationError: the stated camera model or distortion model is not supported.
     """
     camera = _first(entries, ("cameramodel",))
     if camera is not None and _plain(camera) not in _MODELS:
@@ -231,7 +261,14 @@ def _model(entries: Mapping[str, Any], name: str) -> LensModel:
 
 
 def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> list[float]:
-    """OpenCV's distortion k1, k2, p1, p2, k3 and perhaps k4, k5, k6; for its fisheye k1, k2, k3, k4."""
+    """OpenCV's distortion coefficients, filled up with zeros.
+
+    Returns:
+        Pinhole: k1, k2, p1, p2, k3, and k4, k5, k6 if any of these is not 0. Fisheye: k1, k2, k3, k4.
+
+    Raises:
+        CalibrationError: their number is none of OpenCV's, or one beyond those above is not 0.
+    """
     found = _first(entries, _DISTORTION)
     values: list[float] = (
         []
@@ -256,7 +293,13 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
 
 
 def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
-    """Entries of the only camera of a calibration file: under cam0 (Kalibr), or at the top level."""
+    """Entries of the only camera: under cam0 or cam1, … (Kalibr), `calibration`, or at the top level.
+
+    Top-level `T_world_camera` and `line_time_s` are added to the camera's own entries.
+
+    Raises:
+        CalibrationError: the content is no mapping, or contains several cameras.
+    """
     if not isinstance(found, dict):
         raise CalibrationError(
             f"{name}: contains no camera calibration: give one of OpenCV, Kalibr or ROS, or a rig file "
@@ -282,7 +325,7 @@ def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
 
 
 def _first(entries: Mapping[str, Any], names: tuple[str, ...]) -> Any:
-    """Value under the first of the names that exists; None if none does."""
+    """Value under the first of `names` (lower case, without blanks, `_` and `-`) that has one, else None."""
     plain = {_plain(key): value for key, value in entries.items()}
     return next((plain[name] for name in names if plain.get(name) is not None), None)
 
@@ -292,13 +335,23 @@ def _plain(text: Any) -> str:
 
 
 def _listed(value: Any) -> bool:
-    """True if the value contains any number."""
+    """True if an entry, or its `data` if it is a mapping, is neither missing (None) nor an empty list."""
     inner = value.get("data") if isinstance(value, dict) else value
     return inner is not None and inner != []
 
 
 def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array:
-    """Numbers (n,) of a list, nested lists, or a matrix with `data`; n must be one of `counts`."""
+    """Numbers (n,) of an entry: a list, a list of lists, or a mapping with either as `data`.
+
+    Args:
+        value: the entry.
+        name: name of the file, for messages.
+        what: name of the entry, for messages.
+        counts: allowed values of n.
+
+    Raises:
+        CalibrationError: an element is not a number below 1e12, or n is not allowed.
+    """
     inner = value.get("data") if isinstance(value, dict) else value
     flat: list[float] = []
     rows = inner if isinstance(inner, list) else []
@@ -314,7 +367,7 @@ def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array
 
 
 class _Constructor(SafeConstructor):
-    """Constructor of YAML's plain types, and of OpenCV's matrix as a mapping."""
+    """YAML constructor of plain types and, as a mapping, of OpenCV's matrix type."""
 
 
 def _matrix(constructor: SafeConstructor, node: Any) -> dict[Any, Any]:
@@ -327,7 +380,10 @@ _Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def _yaml(text: str) -> Any:
-    """First document of a YAML text; OpenCV's header `%YAML:1.0`, which is not valid YAML, is skipped."""
+    """Parse the first document of a YAML text; None if the text is empty.
+
+    OpenCV's first line `%YAML:1.0`, which is not valid YAML, is skipped.
+    """
     lines = text.splitlines()
     if lines and lines[0].startswith("%YAML"):
         lines = lines[1:]

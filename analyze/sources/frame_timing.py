@@ -23,16 +23,16 @@ RECENT_INTERVALS = 15
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Conversion of a stream's time stamps to capture times.
+    """Conversion of a stream's time stamps (whole steps of `unit`) to capture times.
 
     A slow-motion file may play at 30 frames a second what was captured at 240: `slowed` is then 8, and the
     times are divided by it.
     """
 
     first: int
-    """smallest stamp"""
+    """smallest stamp [steps]; its capture time is 0"""
     unit: Fraction
-    """step of the stamps as the file plays [s]"""
+    """duration of a step as the file plays [s]"""
     interval_s: float
     """interval between two frames as captured [s]"""
     slowed: Fraction = Fraction(1)
@@ -49,7 +49,11 @@ class FrameTiming:
         return 1.0 / (self.interval_s * float(self.slowed))
 
     def time_ns(self, stamp: int) -> int:
-        """Capture time since the first frame [ns]."""
+        """Capture time of a stamp since the first frame [ns].
+
+        At a constant rate with coarse stamps (`steady_s`) it is the nearest multiple of the frame interval,
+        if that is within one step of the stamp; otherwise it is the stamp's own time.
+        """
         steps = stamp - self.first
         if self.steady_s is not None:
             number = round(steps / self._steady_steps)
@@ -60,7 +64,7 @@ class FrameTiming:
         return (2 * steps * over + under) // (2 * under)
 
     def times_ns(self, stamps: Sequence[int]) -> NDArray[np.int64]:
-        """Capture times (n,) since the first frame [ns]."""
+        """Capture times (n,) of n stamps since the first frame [ns], by the rules of `time_ns`."""
         over, under = self._step_ns
         steps = np.asarray(stamps, dtype=np.int64) - self.first
         if self.steady_s is not None or 2 * over * (int(np.abs(steps).max(initial=0)) + 1) + under >= 1 << 62:
@@ -69,7 +73,7 @@ class FrameTiming:
 
     @cached_property
     def _step_ns(self) -> tuple[int, int]:
-        """Duration of a step [ns] as a fraction: whole numbers are fast, and it is used for every frame."""
+        """Capture duration of a step [ns] as numerator and denominator, since whole numbers are fast."""
         return (self.unit / self.slowed * 10**9).as_integer_ratio()
 
     @cached_property
@@ -77,12 +81,15 @@ class FrameTiming:
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
-        """Last stamp that is not after `time_ns`."""
+        """Last possible stamp [steps] not after `time_ns`, the capture time since the first frame (>= 0)."""
         return self.first + int(Fraction(time_ns, 10**9) * self.slowed / self.unit)
 
     @property
     def sd_ns(self) -> int:
-        """Standard deviation of a time [ns], from rounding stamps to whole steps."""
+        """Standard deviation of a capture time [ns], from rounding stamps to steps: step / sqrt(12).
+
+        It is at least 1 ns, and 1 ns where `steady_s` removes the rounding.
+        """
         if self.steady_s is not None:
             return 1
         return max(1, round(float(self.unit / self.slowed) * 1e9 / 12**0.5))
@@ -91,14 +98,14 @@ class FrameTiming:
 def frame_timing(
     stamps: Sequence[int], unit: Fraction, stated_hz: Fraction | None, capture_hz: float | None
 ) -> FrameTiming | None:
-    """Timing from the stamps of a stream's first frames; None for fewer than two.
+    """Timing from the stamps of a stream's first frames; None for fewer than two different stamps.
 
     Args:
-        stamps: time stamps in any order.
-        unit: duration of one step [s].
-        stated_hz: frame rate that the container states.
-        capture_hz: true frame rate if the container plays slower than was captured; None if the stamps are
-            true.
+        stamps: time stamps in any order [steps].
+        unit: duration of one step as the file plays [s].
+        stated_hz: frame rate that the container states [Hz]; None if it states none.
+        capture_hz: true frame rate [Hz] if the container plays slower than was captured; None if the stamps
+            are true.
     """
     rising = np.unique(np.asarray(stamps, dtype=np.int64))
     if len(rising) < 2:
@@ -121,9 +128,10 @@ def frame_timing(
 
 
 def usual_interval(times: Sequence[int]) -> float:
-    """Interval between consecutive frames, from two or more times in any order.
+    """Mean interval between consecutive frames, from two or more different times in any order.
 
-    Gaps of missing frames are ignored.
+    The unit is that of the times. Intervals that differ from the median by more than
+    `SAME_INTERVAL_FRACTION` of it (missing frames) are ignored.
     """
     gaps = np.diff(np.unique(np.asarray(times, dtype=np.int64)))
     middle = np.sort(gaps)[len(gaps) // 2]  # an interval that occurs, so that at least one is near it
@@ -131,19 +139,26 @@ def usual_interval(times: Sequence[int]) -> float:
 
 
 def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
-    """True if the steps are rounded multiples of an interval, mostly consecutive ones."""
+    """True if increasing stamps since the first are multiples of a constant frame interval.
+
+    Each may be off by one step, and the median distance is one interval.
+
+    Args:
+        steps: (n,) stamps since the first [steps].
+        interval: frame interval [steps].
+    """
     places = steps / float(interval)
     off = np.abs(steps - np.rint(places) * float(interval))
     return bool(off.max() <= 1.0 and np.median(np.diff(places)) < 1 + SAME_INTERVAL_FRACTION)
 
 
 def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
-    """Shortest and longest running median of the intervals between frames [ns].
+    """Shortest and longest running median of the intervals between frames [ns]; zeros for one frame or none.
 
-    Both are similar if the frame rate is constant.
+    Both are similar if the frame rate is constant. The median runs over `RECENT_INTERVALS` intervals.
 
     Args:
-        times_ns: (n,) times of all frames, increasing.
+        times_ns: (n,) times of all frames [ns], increasing.
     """
     gaps = np.diff(times_ns)
     if not len(gaps):
@@ -155,10 +170,13 @@ def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
 
 @dataclass
 class MissingFrames:
-    """Counter of missing frames; give `before` or `before_each` increasing times."""
+    """Counter of missing frames: gaps between the increasing times given to `before` or `before_each`.
+
+    A gap counts from `GAP_INTERVALS` times the median of the last `RECENT_INTERVALS` intervals on.
+    """
 
     interval_ns: float
-    """initial interval between two frames [ns]"""
+    """interval between two frames [ns], used until `RECENT_INTERVALS` intervals were seen"""
     frames: int = 0
     """number of missing frames so far"""
     places: int = 0
@@ -166,12 +184,16 @@ class MissingFrames:
     longest_ns: int = 0
     """longest gap [ns]"""
     longest_at_ns: int = 0
-    """time of the last frame before it [ns]"""
+    """time of the last frame before the longest gap [ns]"""
     _last_ns: int | None = None
     _recent: deque[int] = field(default_factory=lambda: deque(maxlen=RECENT_INTERVALS))
 
     def before(self, time_ns: int) -> int:
-        """Number of frames missing between the previous frame and this one."""
+        """Count the frames missing between the previous frame and the next one; 0 for the first frame.
+
+        Args:
+            time_ns: time of the next frame [ns].
+        """
         last, self._last_ns = self._last_ns, time_ns
         if last is None:
             return 0
@@ -191,7 +213,11 @@ class MissingFrames:
         return missing
 
     def before_each(self, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Number (n,) of frames missing before each of these frames."""
+        """Count the frames (n,) missing before each of the next n frames; 0 before the first of a sequence.
+
+        Args:
+            times_ns: (n,) times of the next frames [ns], increasing.
+        """
         if not len(times_ns):
             return np.zeros(0, np.int64)
         gaps = np.diff(times_ns, prepend=times_ns[0] if self._last_ns is None else self._last_ns)
@@ -208,11 +234,15 @@ class MissingFrames:
         return np.array([self.before(time_ns) for time_ns in times_ns.tolist()], dtype=np.int64)
 
     def restart(self) -> None:
-        """Begin a new sequence, which does not follow the previous one."""
+        """Begin a new sequence: the gap before its first frame is not counted; all counts are kept."""
         self._last_ns = None
 
     def remark(self, name: str) -> str | None:
-        """Line about the missing frames; None if there are none."""
+        """Sentence for the user about the missing frames; None if there are none.
+
+        Args:
+            name: name of the source, put before the sentence.
+        """
         if not self.frames:
             return None
         where = f"in {self.places} places, the longest" if self.places > 1 else "once:"

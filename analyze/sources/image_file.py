@@ -1,4 +1,4 @@
-"""Images as PNG or JPEG files: images that are such files already are stored unchanged."""
+"""Images as PNG or JPEG files for recordings: PNG and JPEG data are kept, other formats become PNG."""
 
 from __future__ import annotations
 
@@ -21,9 +21,13 @@ class ImageFile(NamedTuple):
     """Content of a PNG or JPEG file, as recordings store it."""
 
     format: str
+    """`JPEG` or `PNG`"""
     data: Buffer
+    """bytes of the file"""
     width: int
+    """image width [px]"""
     height: int
+    """image height [px]"""
 
 
 def is_image_file(data: Buffer) -> bool:
@@ -32,9 +36,10 @@ def is_image_file(data: Buffer) -> bool:
 
 
 def image_file(data: Buffer) -> ImageFile | None:
-    """The image as a PNG or JPEG file; None if it cannot be decoded.
+    """Convert an image file's bytes to a PNG or JPEG file; None if they are damaged or no image.
 
-    Bytes of such a file are kept; another format is decoded and stored as PNG.
+    Bytes of a complete PNG or JPEG file are kept (a JPEG without Huffman tables gets the standard ones);
+    another format is decoded and encoded as a grey PNG.
     """
     if (jpeg := jpeg_file(data)) is not None:
         return ImageFile(JPEG, *jpeg)

@@ -1,4 +1,4 @@
-"""A folder of images with a CSV of their times, as programs of high-speed cameras write it, as a source."""
+"""Image source: a folder of images with a CSV of their times, as programs of high-speed cameras write it."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ MIN_INTERVAL_S, MAX_INTERVAL_S = 1e-5, 0.5
 
 
 class ImageFolder:
-    """Images of a folder, in the order of their times.
+    """Source of the images in a folder, in the order of their times.
 
     Args:
         folder: folder with the images.
-        times: CSV with the columns `name` and `time_s`; None for the only one in the folder.
+        times: CSV with the columns `name` (path relative to the folder) and `time_s`; None for the only CSV
+            in the folder.
 
     Raises:
-        ImportRefused: the CSV is missing or not understood, or an image that it names does not exist.
+        ImportRefused: the CSV is missing, not understood or names fewer than two images, or its earliest
+            image cannot be read.
     """
 
     def __init__(self, folder: Path, times: Path | None = None) -> None:
@@ -56,7 +58,7 @@ class ImageFolder:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """See FrameSource."""
+        """Remark for the user about images that the CSV does not name; empty if it names all."""
         named = {path.resolve() for _, path in self._images}
         there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
         unnamed = sum(path not in named for path in there)
@@ -67,21 +69,37 @@ class ImageFolder:
         )
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """See FrameSource."""
+        """Yield the decoded grey images with their times since the first image, in increasing order.
+
+        Args:
+            start_ns: earliest time [ns], included; None for no limit.
+            end_ns: latest time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: an image cannot be read, or differs in size from the first.
+        """
         for time_ns, path in self._between(start_ns, end_ns):
             image = self._image(path)
             self._refuse_other_size(path, image.shape[1], image.shape[0])
             yield TimedImage(time_ns, image)
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """See FrameSource."""
+        """Yield the images as PNG or JPEG files with their times since the first image, in increasing order.
+
+        Args:
+            start_ns: earliest time [ns], included; None for no limit.
+            end_ns: latest time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: an image cannot be read, or differs in size from the first.
+        """
         for time_ns, path in self._between(start_ns, end_ns):
             file = self._file(path)
             self._refuse_other_size(path, file.width, file.height)
             yield TimedFile(time_ns, file)
 
     def close(self) -> None:
-        """Do nothing: no file is open between two readings."""
+        """Do nothing, since no file stays open between two readings."""
 
     def __enter__(self) -> Self:
         return self
@@ -139,7 +157,16 @@ def _only_csv(folder: Path) -> Path:
 
 
 def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
-    """Time since the first image [ns] and path of each image, in the order of the times."""
+    """Read the time since the first image [ns] and the path of each image, in the order of the times.
+
+    Args:
+        path: the CSV.
+        folder: folder that the CSV's names are relative to.
+
+    Raises:
+        ImportRefused: the CSV is not understood, names fewer than two images or one twice, two images have
+            the same time, or the median interval is outside `MIN_INTERVAL_S` to `MAX_INTERVAL_S`.
+    """
     found = _read_lines(path, folder)
     if len(found) < 2:
         raise ImportRefused(
@@ -163,7 +190,15 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
 
 
 def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
-    """Time [s] and path of each image that a CSV names, in the order of the times."""
+    """Read the time [s] and the path of each image that a CSV names, in the order of the times.
+
+    Args:
+        path: the CSV.
+        folder: folder that the CSV's names are relative to.
+
+    Raises:
+        ImportRefused: the CSV cannot be read, lacks a column, or a line has no name or no time.
+    """
     found: list[tuple[Decimal, Path]] = []
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -190,14 +225,14 @@ def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
 
 
 def _rows(file: TextIO) -> csv.DictReader[str]:
-    """Rows of a CSV by column name, without regard to case and surrounding blanks."""
+    """Reader of a CSV's rows by column name, the names in lower case and without surrounding blanks."""
     rows = csv.DictReader(file)
     rows.fieldnames = [name.strip().lower() for name in rows.fieldnames or ()]
     return rows
 
 
 def _seconds(text: str | None) -> Decimal | None:
-    """Time [s], exact to the nanosecond also for seconds since 1970; None if it is no number."""
+    """Parse a time [s] exactly, since seconds since 1970 need more digits than a float; None if no number."""
     try:
         value = Decimal((text or "").strip())
     except InvalidOperation:
@@ -206,7 +241,10 @@ def _seconds(text: str | None) -> Decimal | None:
 
 
 def _rounding_sd_ns(path: Path) -> int:
-    """Standard deviation [ns] of rounding in the CSV's times: unit of the last decimal / sqrt(12)."""
+    """Standard deviation [ns] of rounding in a CSV's times: unit of the last decimal / sqrt(12), at least 1.
+
+    The time with the most decimals counts; times in exponent notation are ignored.
+    """
     with path.open(encoding="utf-8-sig", newline="") as file:
         digits = max(
             (len(row[_TIME].partition(".")[2]) for row in _rows(file) if "e" not in row[_TIME].lower()),

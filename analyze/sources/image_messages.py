@@ -1,4 +1,4 @@
-"""Images and coded pictures as protobuf messages whose data are passed on without a copy.
+"""Encodes images and coded pictures as protobuf messages without copying their data.
 
 Protobuf fields may be in any order, and a message may be assembled from parts (protobuf.dev, "Encoding").
 """
@@ -43,7 +43,16 @@ MESSAGE_RECORD_HEAD = np.dtype(
 
 
 def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Buffer, ...]:
-    """Parts of a foxglove.CompressedImage message."""
+    """Encode a foxglove.CompressedImage message.
+
+    Args:
+        camera: name of the camera, the message's frame_id.
+        log_time_ns: time stamp of the message [ns].
+        file: PNG or JPEG file.
+
+    Returns:
+        Two buffers that form the message one after the other: all fields' heads, and the file's bytes.
+    """
     return timestamp_field(log_time_ns) + _file_head(camera, file.format) + _FILE_DATA + varint(
         len(file.data)
     ), file.data
@@ -55,7 +64,7 @@ def _file_head(camera: str, kind: str) -> bytes:
 
 
 class VideoMessages(NamedTuple):
-    """Times, sequence numbers and sizes of n coded pictures."""
+    """Times, sequence numbers and sizes of the messages of n coded pictures."""
 
     times_ns: NDArray[np.int64]
     """(n,) log times [ns]"""
@@ -66,7 +75,16 @@ class VideoMessages(NamedTuple):
 
 
 def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[Buffer, ...]:
-    """Parts of a foxglove.RawImage message, mono8, of `image` (height, width)."""
+    """Encode a foxglove.RawImage message in mono8.
+
+    Args:
+        camera: name of the camera, the message's frame_id.
+        log_time_ns: time stamp of the message [ns].
+        image: (height, width) grey values.
+
+    Returns:
+        Two buffers that form the message one after the other: all fields' heads, and the pixels row by row.
+    """
     height, width = image.shape
     pixels = np.ascontiguousarray(image)
     return timestamp_field(log_time_ns) + _raw_head(camera, width, height) + _RAW_DATA + varint(
@@ -87,23 +105,29 @@ def _video_head(camera: str, kind: VideoFormat) -> bytes:
 
 
 def video_room(camera: str, kind: VideoFormat) -> int:
-    """Number of bytes that precede each picture in the recording: record head and protobuf fields."""
+    """Number of bytes before each coded picture in a recording: MCAP message record head and protobuf fields.
+
+    Args:
+        camera: name of the camera, the message's frame_id.
+        kind: codec of the pictures.
+    """
     return _video_layout(camera, kind).itemsize
 
 
 def put_video_heads(
     camera: str, kind: VideoFormat, channel: int, messages: VideoMessages, data: Sequence[memoryview]
 ) -> None:
-    """Write the message record's head and the fields of foxglove.CompressedVideo before each picture.
+    """Write the head of an MCAP message record and foxglove.CompressedVideo's fields before each picture.
 
-    All heads are made at once, as columns: a gigabyte of video has 100 000 pictures.
+    The heads are written in place into the free bytes of `data`. All heads are made at once, as columns: a
+    gigabyte of video has 100 000 pictures.
 
     Args:
         camera: name of the camera.
         kind: codec of the pictures.
         channel: channel id of the topic.
         messages: times, sequence numbers and sizes of the n pictures.
-        data: n pictures, each after `video_room` bytes.
+        data: n writable buffers: `video_room` free bytes, then the picture.
     """
     heads = np.empty(len(data), _video_layout(camera, kind))
     room = heads.itemsize
@@ -145,7 +169,7 @@ def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
 
 
 def _varints(values: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Varints (n, VARINT_BYTES) of the values, padded with zeros, which the encoding allows."""
+    """Protobuf varints (n, VARINT_BYTES) of n values below 2^35, padded with zeros to one length."""
     table = (values[:, None] >> 7 * np.arange(VARINT_BYTES) & 127).astype(np.uint8)
     table[:, :-1] |= 128
     return table

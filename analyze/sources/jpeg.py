@@ -1,4 +1,4 @@
-"""Pictures of Motion JPEG as JPEG files (ITU-T T.81), stored as the camera coded them.
+"""Completes pictures of Motion JPEG to JPEG files (ITU-T T.81) without coding them anew.
 
 Streaming cameras omit the Huffman tables if they are those of the standard's annex K; some readers need them.
 """
@@ -20,7 +20,12 @@ FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {_TABLES, 0xC8, 0xCC}
 
 
 def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
-    """Complete JPEG file of a picture, its width and height; None if the picture is damaged."""
+    """Complete JPEG file of a coded picture, with annex K's Huffman tables added if it has none.
+
+    Returns:
+        The file (the picture's own buffer if nothing was added), its width and its height [px]; None if no
+        frame header or no scan was found: the picture is damaged or no JPEG.
+    """
     tables = size = scan = None
     for marker, at, length in _segments(picture):
         if marker in FRAME_MARKERS and length >= 7:
@@ -36,7 +41,10 @@ def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
 
 
 def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
-    """Marker, offset and length of each segment's content, up to the first scan."""
+    """Yield marker, offset and length [bytes] of each segment's content, up to the first scan header.
+
+    It ends early at a damaged segment, and yields nothing if the data are no JPEG.
+    """
     if bytes(picture[:2]) != JPEG_START:
         return
     at = 2
@@ -56,7 +64,7 @@ def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
 
 @cache
 def _standard_tables() -> bytes:
-    """Segments with annex K's Huffman tables, as an encoder with default settings writes them."""
+    """JPEG segments (DHT) with annex K's Huffman tables, taken from a picture that FFmpeg encodes."""
     encoder = av.CodecContext.create("mjpeg", "w")
     assert isinstance(encoder, av.VideoCodecContext)  # noqa: S101 - mjpeg is a video codec
     encoder.width, encoder.height, encoder.pix_fmt, encoder.time_base = 16, 16, "yuvj420p", Fraction(1)

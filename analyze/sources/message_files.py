@@ -1,4 +1,4 @@
-"""Message files of other programs: MCAP files and ROS 2 bags, with their topics and messages by time.
+"""Reads message files of other programs, MCAP files and ROS 2 bags: their topics, and messages by time.
 
 A bag is a folder with metadata.yaml, or a single .db3 file.
 """
@@ -26,26 +26,29 @@ MAX_RECORD_BYTES = 1 << 30
 
 @dataclass(frozen=True)
 class LoggedTopic:
-    """A topic of a file."""
+    """A topic of a message file, with one message type and encoding."""
 
     name: str
+    """name of the topic"""
     schema: str
     """name of the messages' type"""
     encoding: str
     """encoding of the messages: protobuf, json or cdr"""
     count: int | None
-    """number of messages; None if the file does not state it"""
+    """number of messages; None if the file does not state it (for a bag also if it states 0)"""
 
 
 class LoggedMessage(NamedTuple):
     """A message as stored in the file."""
 
     log_ns: int
+    """time at which the recorder received the message [ns]"""
     data: bytes
+    """the message, encoded"""
 
 
 class MessageFile(Protocol):
-    """Topics and messages of a file; every call opens the file anew.
+    """Interface of a file with topics and messages (MCAP or ROS 2 bag); every call opens the file anew.
 
     Raises (all methods):
         ImportRefused: the file is damaged, or of an unknown kind.
@@ -53,11 +56,11 @@ class MessageFile(Protocol):
 
     @property
     def path(self) -> Path:
-        """The file or folder."""
+        """Path of the file or folder."""
         ...
 
     def topics(self) -> list[LoggedTopic]:
-        """All topics, by name."""
+        """All topics, sorted by name, then by message type and encoding."""
         ...
 
     def messages(
@@ -68,18 +71,30 @@ class MessageFile(Protocol):
         *,
         as_written: bool = False,
     ) -> Iterator[LoggedMessage]:
-        """Messages of a topic by log time, both ends included; in an MCAP file's order if `as_written`."""
+        """Yield the messages of a topic by log time.
+
+        Args:
+            topic: topic, as returned by `topics`.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+            as_written: True for the order in an MCAP file; a bag ignores it.
+        """
         ...
 
 
 class McapFile:
-    """MCAP file with an index, of any program."""
+    """MCAP file with an index, written by any other program."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def topics(self) -> list[LoggedTopic]:
-        """See MessageFile."""
+        """Read the topics from the file's index, sorted by name, then by message type and encoding.
+
+        Raises:
+            ImportRefused: the file is damaged, without index or messages, or already one of this project's
+                recordings.
+        """
         with self._named_damage(), self.path.open("rb") as stream:
             summary = self._reader(stream).get_summary()
             if summary is None or not summary.channels:
@@ -110,7 +125,17 @@ class McapFile:
         *,
         as_written: bool = False,
     ) -> Iterator[LoggedMessage]:
-        """See MessageFile."""
+        """Yield the messages of a topic by log time, or in the file's order.
+
+        Args:
+            topic: topic, as returned by `topics`.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+            as_written: True for the file's order.
+
+        Raises:
+            ImportRefused: the file cannot be read or is damaged.
+        """
         with self._named_damage(), self.path.open("rb") as stream:
             until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
             found = self._reader(stream).iter_messages(
@@ -144,13 +169,17 @@ class McapFile:
 
 
 class BagFile:
-    """ROS 2 bag in either storage; a folder stands for all its files."""
+    """ROS 2 bag with SQLite or MCAP storage; a folder stands for all its files."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def topics(self) -> list[LoggedTopic]:
-        """See MessageFile."""
+        """Read the topics, sorted by name, then by message type and encoding.
+
+        Raises:
+            ImportRefused: the bag cannot be read.
+        """
         with self._opened() as reader:
             found: dict[tuple[str, str, str], int] = {}
             for connection in reader.connections:
@@ -166,7 +195,17 @@ class BagFile:
         *,
         as_written: bool = False,
     ) -> Iterator[LoggedMessage]:
-        """See MessageFile."""
+        """Yield the messages of a topic by log time.
+
+        Args:
+            topic: topic, as returned by `topics`.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+            as_written: ignored.
+
+        Raises:
+            ImportRefused: the bag cannot be read.
+        """
         del as_written
         with self._opened() as reader:
             meant = [
@@ -199,15 +238,15 @@ def _serialization(connection: Connection) -> str:
 
 
 def is_bag(path: Path) -> bool:
-    """True if the path is a ROS 2 bag: a folder with its metadata, or its database."""
+    """True if the path is a ROS 2 bag: a folder with metadata.yaml, or a name in .db3."""
     return (path / METADATA).is_file() or path.suffix.lower() == BAG_FILE
 
 
 def is_message_file(path: Path) -> bool:
-    """True if the path is a message file."""
+    """True if the path is an MCAP file by its name, or a ROS 2 bag."""
     return path.suffix.lower() == ".mcap" or is_bag(path)
 
 
 def open_message_file(path: Path) -> MessageFile:
-    """Message file at a path; bag or MCAP is decided by its name."""
+    """Reader for the message file at a path: a bag if it is one by `is_bag`, otherwise MCAP."""
     return BagFile(path) if is_bag(path) else McapFile(path)

@@ -15,21 +15,26 @@ from analyze.sources.video import VideoSource
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """Options that say how sources are read."""
+    """Options for reading a source; each applies to one kind of source."""
 
     capture_hz: float | None = None
-    """frame rate at which a slow-motion video was captured [Hz]"""
+    """frame rate at which a slow-motion video was captured [Hz]; None if by the file"""
     times: Path | None = None
-    """CSV with the times of a folder's images"""
+    """CSV with the times of a folder's images; None for the only one in the folder"""
     topic: str | None = None
     """topic of an MCAP file or bag; None for the only one with images"""
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSource:
-    """Open the source at `path`.
+    """Open a message file (MCAP, ROS 2 bag), a folder of images, or else a video.
+
+    Args:
+        path: file or folder.
+        options: how to read it.
 
     Raises:
-        ImportRefused: it cannot be read.
+        ImportRefused: the path does not exist or cannot be read, it is a ROS 1 bag, or a given option does
+            not apply to this kind of source.
     """
     if not path.exists():
         raise ImportRefused(f"{path}: no such file or folder: check the path")

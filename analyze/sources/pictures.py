@@ -1,6 +1,7 @@
 """Parses image messages of other programs to grey values, with the time stamps of their headers.
 
-Messages of Foxglove (protobuf, JSON) and ROS 2 (CDR) are supported, with raw, JPEG or PNG images.
+Messages of Foxglove (protobuf, JSON) and ROS 2 (CDR) are supported, with raw pixels or image files (such as
+JPEG and PNG), and Foxglove's video messages.
 """
 
 from __future__ import annotations
@@ -41,13 +42,17 @@ class RawPicture:
     stamp_ns: int
     """time stamp of the message's header [ns]; 0 if it has none"""
     width: int
+    """image width [px]"""
     height: int
+    """image height [px]"""
     encoding: str
+    """pixel format by its name in ROS, such as mono8 or bgr8"""
     step: int
     """bytes per row"""
     data: Image
     """(n,) bytes"""
     big_endian: bool = False
+    """True if the first byte of a 16-bit pixel is its high one"""
 
 
 @dataclass(frozen=True)
@@ -57,22 +62,29 @@ class CodedPicture:
     stamp_ns: int
     """time stamp of the message's header [ns]; 0 if it has none"""
     format: str
+    """format as the message states it: that of the image file, or the codec h264 or h265"""
     data: bytes
+    """image file, or coded picture"""
 
 
 Picture = RawPicture | CodedPicture
 
 
 def is_readable(message_encoding: str, schema: str) -> bool:
-    """True if messages of this encoding and schema are images that can be read."""
+    """True if messages of this encoding (protobuf, json, cdr) and type are images that can be read."""
     return (message_encoding, schema) in _PARSERS
 
 
 def parse_picture(message_encoding: str, schema: str, data: bytes) -> Picture:
-    """The image in a message.
+    """Parse a message to its image or coded picture, without decoding it.
+
+    Args:
+        message_encoding: protobuf, json or cdr.
+        schema: name of the message type.
+        data: the message.
 
     Raises:
-        ContainerError: the message is damaged.
+        ContainerError: the message is damaged, or not of a readable encoding and type.
     """
     try:
         return _PARSERS[message_encoding, schema](data)
@@ -91,10 +103,10 @@ def parse_picture(message_encoding: str, schema: str, data: bytes) -> Picture:
 
 
 def grey_values(picture: Picture) -> Image:
-    """Grey values (height, width) of an image.
+    """Grey values (height, width) uint8 of a still image; of 16-bit pixels the high byte.
 
     Raises:
-        ContainerError: the encoding is not supported, or the pixels are damaged.
+        ContainerError: the encoding is not supported, or the pixels or the image file are damaged.
     """
     if isinstance(picture, RawPicture):
         return _raw_grey_values(picture)
@@ -187,7 +199,11 @@ def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Call
 
 
 def _json(data: bytes) -> tuple[dict[str, Any], int, bytes]:
-    """Fields, stamp [ns] and content of a Foxglove message in JSON."""
+    """Parse a Foxglove message in JSON to its fields, time stamp [ns] and decoded base64 content.
+
+    Raises:
+        ValueError, KeyError, TypeError, AttributeError, RecursionError: the message is damaged.
+    """
     fields = json.loads(data)
     stamp = fields.get("timestamp") or {}
     return (
@@ -216,15 +232,19 @@ def _json_coded(data: bytes) -> Picture:
 
 @cache
 def ros_types() -> Typestore:
-    """ROS 2's own message types; those read here are the same in all distributions."""
+    """Store of ROS 2 Humble's message types; those read here are the same in all distributions."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def ros_message(data: bytes, kind: str) -> Any:
-    """A CDR message of one of ROS 2's own types.
+    """Deserialise a CDR message to an object with the message's fields.
+
+    Args:
+        data: the message.
+        kind: name of the message type, such as sensor_msgs/msg/Image.
 
     Raises:
-        SerdeError, ValueError: it is not one.
+        SerdeError, ValueError: the data are not a message of this type.
     """
     if len(data) < 4:
         raise ValueError("no CDR")
@@ -263,7 +283,15 @@ def _ros_coded(data: bytes) -> Picture:
 
 
 def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, Any]:
-    """Entries of a camera calibration message, as `calibration_of` takes them.
+    """Parse a camera calibration message to its entries by name, as `calibration_of` takes them.
+
+    Args:
+        message_encoding: protobuf, json or cdr.
+        schema: name of the message type.
+        data: the message.
+
+    Returns:
+        All entries of a JSON message; of others width, height, distortion_model, K (9) and D.
 
     Raises:
         ContainerError: the message is damaged.
@@ -290,7 +318,7 @@ def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, An
 
 
 def as_video(picture: CodedPicture) -> bytes:
-    """Coded picture as a foxglove.CompressedVideo message."""
+    """Encode a coded picture as a foxglove.CompressedVideo message, without time stamp and frame_id."""
     return CompressedVideo(format=picture.format, data=picture.data).SerializeToString()
 
 

@@ -26,23 +26,27 @@ class TimedFile(NamedTuple):
     """One image of a source as a file."""
 
     time_ns: int
-    """as in TimedImage [ns]"""
+    """capture time (mid-exposure) since the source's start, as the source states it [ns]"""
     file: ImageFile
+    """the image as a PNG or JPEG file"""
 
 
 class Frames(Protocol):
-    """Images in the order of their increasing times, which may be read several times."""
+    """Interface of images with increasing times, which may be read several times."""
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Images from `start_ns` to `end_ns` since the source's start, both included."""
+        """Yield the images from `start_ns` to `end_ns` since the source's start, both included.
+
+        None stands for no limit.
+        """
         ...
 
 
 class FrameSource(Frames, Protocol):
-    """Images of a file or folder, to be used in a `with` statement.
+    """Interface of the images of a file or folder, to be used in a `with` statement.
 
-    Raises (all methods):
-        ImportRefused: it cannot be read, or not with these options.
+    Raises (constructors and reading methods):
+        ImportRefused: the source cannot be read, or its images differ in size.
     """
 
     @property
@@ -62,7 +66,7 @@ class FrameSource(Frames, Protocol):
 
     @property
     def time_source(self) -> TimeSource:
-        """Origin of the times."""
+        """Clock of the times: time stamps in the imported file, or arrival at the host that recorded it."""
         ...
 
     @property
@@ -82,12 +86,15 @@ class FrameSource(Frames, Protocol):
 
     @property
     def frame_count(self) -> int | None:
-        """Number of frames, for progress; None if unknown before reading."""
+        """Number of frames that the source states, for progress; None if it states none."""
         ...
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks for the user: cut short, rotated, times assumed. Complete once all images were read."""
+        """Remarks for the user, such as: cut short, rotated, times assumed.
+
+        They are complete once all images were read.
+        """
         ...
 
     @property
@@ -101,19 +108,24 @@ class FrameSource(Frames, Protocol):
         ...
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """The images that `frames` yields, as files, not decoded."""
+        """Yield the images that `frames` yields as PNG or JPEG files, if `holds_files` without decoding.
+
+        Args:
+            start_ns: earliest time since the source's start [ns], included; None for no limit.
+            end_ns: latest time since the source's start [ns], included; None for no limit.
+        """
         ...
 
     def close(self) -> None:
-        """Release the file."""
+        """Release the source's files."""
         ...
 
     def __enter__(self) -> Self:
-        """The source itself."""
+        """Return the source itself."""
         ...
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close it."""
+        """Close the source."""
         ...

@@ -1,4 +1,4 @@
-"""A topic of images in a Foxglove MCAP file or a ROS 2 bag as a source.
+"""Image source: a topic of images in an MCAP file or a ROS 2 bag.
 
 Times are the headers' stamps, set by the camera's driver, if they are set and increase; else the log times,
 at which the recorder received the messages. Video is decoded in file order; if later pictures were coded
@@ -57,14 +57,15 @@ _Image = TypeVar("_Image", bound=_Timed)
 
 
 class TopicSource:
-    """Images of one topic.
+    """Source of the images of one topic.
 
     Args:
         path: an MCAP file, a bag's folder or its .db3 file.
         topic: name of the topic; None for the only one with images.
 
     Raises:
-        ImportRefused: the file cannot be read, has no such topic, or several and none is named.
+        ImportRefused: the file cannot be read, has no such topic, has several topics of images and none is
+            named, or the topic has fewer than two images or times, or video that cannot be decoded.
     """
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
@@ -102,27 +103,56 @@ class TopicSource:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """See FrameSource."""
+        """Remarks for the user: log times used, start left out, images left out. Complete after reading."""
         return tuple(self._remarks.values())
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """See FrameSource."""
+        """Yield the decoded grey images with increasing times since the topic's first image.
+
+        Images whose time is not after the previous one's are left out, with a remark.
+
+        Args:
+            start_ns: earliest time [ns], included; None for no limit.
+            end_ns: latest time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: the file is damaged, an image cannot be decoded or differs in size from the first,
+                or a video's times are not in display order.
+        """
         for frame in self._increasing(self._images(start_ns, end_ns)):
             height, width = frame.image.shape
             self._refuse_other_size(frame.time_ns, width, height)
             yield frame
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """See FrameSource."""
+        """Yield the images as PNG or JPEG files, with increasing times since the topic's first image.
+
+        Images whose time is not after the previous one's are left out, with a remark.
+
+        Args:
+            start_ns: earliest time [ns], included; None for no limit.
+            end_ns: latest time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: the file is damaged, an image is no image file (raw pixels), or it differs in size
+                from the first.
+        """
         for each in self._increasing(self._files(start_ns, end_ns)):
             self._refuse_other_size(each.time_ns, each.file.width, each.file.height)
             yield each
 
     def calibration(self) -> tuple[CameraCalibrationSpec, str] | None:
-        """Calibration of the topic's camera in the file, and the topic it is on; None if there is none.
+        """Read the calibration of the topic's camera from a calibration topic of the same file.
+
+        Topics in the image topic's namespace, or the namespace above it, come before others.
+
+        Returns:
+            The calibration and its topic's name; None if there is no such topic or message, or the choice is
+            not unique.
 
         Raises:
-            CalibrationError, DocumentError: the lens is of an unknown model.
+            CalibrationError, DocumentError: the message is damaged, or its lens cannot be used.
+            ImportRefused: the file is damaged.
         """
         namespace = self._topic.name.rsplit("/", 1)[0]
         stated = [topic for topic in self._all if (topic.encoding, topic.schema) in _CALIBRATIONS]
@@ -144,7 +174,7 @@ class TopicSource:
         return calibration_of(fields, where)[0], near[0].name
 
     def close(self) -> None:
-        """Do nothing: no file is open between two readings."""
+        """Do nothing, since no file stays open between two readings."""
 
     def __enter__(self) -> Self:
         return self
@@ -178,9 +208,10 @@ class TopicSource:
                 raise ImportRefused(f"{self.name}: {error}: the file is damaged") from None
 
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Picture]]:
-        """Time since the start [ns] and picture of the messages in a range.
+        """Yield time since the source's start [ns] and picture of the messages from `start_ns` to `end_ns`.
 
-        For video, all earlier messages too, which its decoder needs.
+        For video, all earlier messages (which the decoder needs) and some later ones are yielded, too. Both
+        ends are times since the source's start [ns], included; None stands for no limit.
         """
         margin = LOG_MARGIN_NS if self._by_header or self._is_video else 0
         log_from = None if start_ns is None or self._is_video else max(self._logged_ns + start_ns - margin, 0)
@@ -245,11 +276,20 @@ class TopicSource:
                 )
 
     def _time_ns(self, message: LoggedMessage, picture: Picture) -> int:
-        """Time since the source's start [ns]."""
+        """Time of a message since the source's start [ns], by header stamp or log time as decided."""
         return (picture.stamp_ns if self._by_header else message.log_ns) - self._start_ns
 
     def _examine(self) -> tuple[NDArray[np.uint8], list[int], list[int]]:
-        """First image, and header stamps and log times [ns] of the first messages."""
+        """Read the first image, and header stamps and log times of the first `EXAMINED_MESSAGES` messages.
+
+        Times are provisionally set to log times since the first message.
+
+        Returns:
+            The image (height, width), the stamps [ns] and the log times [ns], of video in display order.
+
+        Raises:
+            ImportRefused: there are fewer than two images, or video cannot be decoded or has wrong times.
+        """
         found = [
             (picture.stamp_ns, message.log_ns)
             for message, picture in islice(self._pictures(), EXAMINED_MESSAGES)
@@ -275,7 +315,15 @@ class TopicSource:
         return image, [stamp_ns for stamp_ns, _ in found], [log_ns for _, log_ns in found]
 
     def _decode_first(self, count: int) -> tuple[NDArray[np.uint8], list[int]]:
-        """First image of a video, and the numbers of its first `count` coded pictures in display order."""
+        """Decode the first `count` coded pictures of a video.
+
+        Returns:
+            The first image (height, width) uint8, and the pictures' numbers in the file in display order,
+            without those that do not decode.
+
+        Raises:
+            ImportRefused: less than `MIN_DECODED_FRACTION` of the pictures decode.
+        """
         first, shown = None, list[int]()
         number_pictures = (
             (number, picture) for number, (_, picture) in enumerate(islice(self._pictures(), count))
@@ -295,7 +343,11 @@ class TopicSource:
         return first, shown
 
     def _note_skipped_start(self, log_ns: int) -> None:
-        """Add a remark about pictures before the first that can be decoded."""
+        """Add a remark if pictures come before the first that can be decoded.
+
+        Args:
+            log_ns: log time of the first picture that can be decoded [ns].
+        """
         first_ns = next(self._messages(None, None))[0].log_ns
         if log_ns > first_ns:
             self._remarks["late"] = (
@@ -349,9 +401,10 @@ def _is_increasing(times: list[int]) -> bool:
 
 
 def _time_sd_ns(times: list[int]) -> int:
-    """Standard deviation of a time stamp [ns], from the unevenness of the frames' times.
+    """Standard deviation of a time stamp [ns], from the second differences of the frames' times [ns].
 
-    Lost frames do not affect it.
+    It is 1.4826 times their median absolute value over sqrt(6), so that lost frames hardly affect it, and at
+    least `MIN_TIME_SD_NS`.
     """
     second: Array = np.diff(np.array(times, dtype=np.int64), 2).astype(np.float64)
     if len(second) == 0:

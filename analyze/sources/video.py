@@ -1,8 +1,8 @@
-"""A video file as a source: grey values, time stamps, and for some codecs the pictures as coded.
+"""Image source: a video file, with grey values, time stamps, and for some codecs the pictures as coded.
 
 Any codec that FFmpeg reads is accepted. Images are in the sensor's orientation: a file's rotation tag is
 ignored, as in a calibration's images, since the lens belongs to the sensor, and the camera's orientation is
-part of its pose in W.
+part of its pose in the world frame.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ WITHOUT_PARSER = {"fflags": "noparse+nofillin"}
 
 
 class VideoSource:
-    """Images of a video file.
+    """Source of the images of a video file's first video stream.
 
     Args:
         path: video file.
@@ -62,7 +62,8 @@ class VideoSource:
             the file states, otherwise its time stamps are true.
 
     Raises:
-        ImportRefused: it is not a video, cannot be decoded, or has no time stamps.
+        ImportRefused: the file does not exist, is not a video, cannot be decoded, is interlaced, or has fewer
+            than two time stamps.
     """
 
     def __init__(self, path: Path, capture_hz: float | None = None) -> None:
@@ -104,7 +105,7 @@ class VideoSource:
 
     @property
     def rate_hz(self) -> float:
-        """Frame rate [Hz], from the time stamps of the file."""
+        """Frame rate as captured [Hz], from the time stamps of the file."""
         return 1 / self.timing.interval_s
 
     @property
@@ -114,11 +115,21 @@ class VideoSource:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """See FrameSource."""
+        """Remarks for the user: slow motion, rotation, damaged frames, cut short. Complete after reading."""
         return tuple(self._remarks.values())
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Decoded images from `start_ns` to `end_ns`; see FrameSource."""
+        """Yield the decoded grey images with increasing times since the first frame.
+
+        Frames that cannot be decoded or have no time stamp are left out, with a remark at the file's end.
+
+        Args:
+            start_ns: earliest time [ns], included; None for no limit.
+            end_ns: latest time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: times do not increase, or the image size changes.
+        """
         decoded, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
             stream = video_stream(container, self.path)
@@ -150,13 +161,15 @@ class VideoSource:
             self._note_count(decoded, last_ns)
 
     def coded(self, room: int = 0) -> Iterator[CodedPictures]:
-        """Pictures of the video still compressed, in decoding order, in groups; damaged ones are left out.
+        """Yield the video's pictures still compressed, in decoding order, in groups.
+
+        Damaged pictures are left out, with a remark.
 
         Args:
             room: number of bytes left free before each picture, for the message's head in a recording.
 
         Raises:
-            ImportRefused: a picture has no time stamp, or the codec cannot be stored.
+            ImportRefused: a picture has no time stamp, or `storable_format` is None.
         """
         if self.storable_format is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not stored as coded")
@@ -183,7 +196,17 @@ class VideoSource:
         self._note_count(seen, last_ns)
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """See FrameSource."""
+        """Yield the pictures as PNG or JPEG files, with increasing times since the first frame.
+
+        Pictures without a time stamp are left out; damaged ones too, with a remark at the file's end.
+
+        Args:
+            start_ns: earliest time [ns], included; None for no limit.
+            end_ns: latest time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: times do not increase, or the image size changes.
+        """
         seen, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
             stream = video_stream(container, self.path)
@@ -211,13 +234,14 @@ class VideoSource:
             self._note_count(seen, last_ns)
 
     def check_constant_rate(self, times_ns: NDArray[np.int64]) -> None:
-        """Add a remark if the frame rate changes within the video.
+        """Add a remark if the frame rate changes by a factor of `MIN_RATE_JUMP` within the video.
 
         Args:
-            times_ns: (n,) times of all its frames.
+            times_ns: (n,) times of all frames [ns], increasing.
 
         Raises:
-            ImportRefused: it is slow motion, which one capture rate then cannot correct.
+            ImportRefused: the rate changes and the video is slow motion, which one capture rate cannot
+                correct.
         """
         shortest, longest = interval_range(times_ns)
         if longest < MIN_RATE_JUMP * shortest or not shortest:
@@ -232,7 +256,7 @@ class VideoSource:
         self._remarks["interval_range"] = f"{self.name}: {what}: if a slow-motion effect was added, {remedy}"
 
     def close(self) -> None:
-        """Do nothing: no file is open between two readings."""
+        """Do nothing, since no file stays open between two readings."""
 
     def __enter__(self) -> Self:
         return self
@@ -262,7 +286,10 @@ class VideoSource:
             raise ImportRefused(f"{self.path}: not a readable video ({error.strerror}){cut}") from None
 
     def _packets(self, container: InputContainer, stream: av.VideoStream) -> Iterator[av.Packet]:
-        """Packets of the stream, up to the end of a file that is cut short."""
+        """Yield the stream's packets without corrupt ones; at a reading error, end.
+
+        Either fault adds the remark that the file is cut short.
+        """
         packets = container.demux(stream)
         while True:
             try:
@@ -301,7 +328,11 @@ class VideoSource:
     def _capture_rate(
         self, container: InputContainer, played: FrameTiming, given_hz: float | None
     ) -> float | None:
-        """Capture rate [Hz] from the user, else from the file; None if the video plays as captured."""
+        """Capture rate [Hz] from the user, else from the file; None if neither states one.
+
+        A rate that the file states counts as slow motion from `MIN_SLOW_FACTOR` times the playing rate on. A
+        remark is added if it is used, or if it differs from the user's.
+        """
         stated_hz = capture_rate_hz(container)
         if stated_hz is None or stated_hz * played.interval_s < MIN_SLOW_FACTOR:
             return given_hz
@@ -363,7 +394,10 @@ class VideoSource:
 
 
 def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:
-    """Packets in groups, without the empty one at the end."""
+    """Yield packets in groups of at most `GROUP_PICTURES`, each ended once it has `GROUP_BYTES` bytes.
+
+    The empty packet with which FFmpeg ends a stream is left out.
+    """
     group, size = list[av.Packet](), 0
     for packet in packets:
         if packet.pts is None and packet.dts is None and not packet.size:

@@ -1,4 +1,4 @@
-"""Properties that a video file's container states: stream, capture rate, duration and date."""
+"""Reads properties that a video file's container states: stream, capture rate, duration and date."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
 
 
 def begins_like_mp4(path: Path) -> bool:
-    """True if the file begins like an MP4 file, so that it may have been cut short."""
+    """True if the file begins with a box (unit) of the MP4 format."""
     with path.open("rb") as file:
         return file.read(8)[4:] in {b"ftyp", b"moov", b"mdat", b"wide", b"free"}
 
 
 def video_stream(container: InputContainer, path: Path) -> av.VideoStream:
-    """The file's first video stream.
+    """First video stream of an open file.
 
     Raises:
-        ImportRefused: it has none.
+        ImportRefused: the file has no video stream.
     """
     if not container.streams.video:
         raise ImportRefused(f"{path}: contains no video: name a file that does")
@@ -35,7 +35,7 @@ def video_stream(container: InputContainer, path: Path) -> av.VideoStream:
 
 
 def capture_rate_hz(container: InputContainer) -> float | None:
-    """Capture rate of slow motion that the file states [Hz]; None if it states none."""
+    """Capture rate that the file states under `CAPTURE_RATE_KEY` [Hz]; None if none, or not 1 to 1e6."""
     try:
         rate = float(container.metadata.get(CAPTURE_RATE_KEY) or "")
     except ValueError:
@@ -44,9 +44,9 @@ def capture_rate_hz(container: InputContainer) -> float | None:
 
 
 def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
-    """Earliest possible time [s] of the last frame of a complete file, from the duration that it states.
+    """Earliest plausible capture time [s] of a complete file's last frame, by the duration that it states.
 
-    None if it states none.
+    A last frame before it shows that the file is cut short. None if the file states no duration.
     """
     if container.duration is None:
         return None
@@ -56,7 +56,7 @@ def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None
 
 
 def wall_start_ns(container: InputContainer) -> int | None:
-    """Time of recording that the file states [ns since 1970]; None if it states none."""
+    """Time of recording that the file states, to the second [ns since 1970]; None if none or before 1970."""
     try:
         stated = datetime.fromisoformat(str(container.metadata.get("creation_time", "")))
     except ValueError:

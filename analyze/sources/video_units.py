@@ -19,13 +19,16 @@ Unit = tuple[LoggedMessage, CodedPicture]
 
 
 def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
-    """Whole pictures, from the first key picture with parameter sets on, where a decoder can begin.
+    """Yield whole coded pictures, from the first key picture with parameter sets on.
+
+    A decoder can begin at that picture; earlier ones are left out.
 
     Args:
-        messages: messages in the order in which they were written.
+        messages: messages in the order in which they were written, each with a picture or a part of one.
 
     Raises:
-        ContainerError: a message contains no picture, or several.
+        ContainerError: a message does not begin with a start code, contains several pictures, or is of an
+            unknown format.
     """
     begun = False
     for logged, picture in _assembled(messages):
@@ -36,9 +39,14 @@ def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
 
 
 def _assembled(messages: Iterable[Unit]) -> Iterator[Unit]:
-    """Whole pictures, assembled from messages that contain parts of them.
+    """Yield whole coded pictures, assembled from messages that contain parts of them.
 
-    Parameter sets belong to the next slice, further slices to the picture of the slice before.
+    Messages without a slice (parameter sets) are put before the next picture; slices that begin no picture
+    are appended to the previous picture.
+
+    Raises:
+        ContainerError: a message does not begin with a start code, contains several pictures, or is of an
+            unknown format.
     """
     ahead, whole = b"", None
     for logged, part in messages:
