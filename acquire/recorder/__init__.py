@@ -1,1 +1,1 @@
-"""Recording to MCAP: frame queues with a pre-trigger time, file writer, recovery."""
+"""Recording to MCAP files: frame queues with a pre-trigger time, file writer, recovery of cut files."""

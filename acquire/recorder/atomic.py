@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: write under another name, fsync, rename."""
+"""Files that appear complete or not at all: write under another name, fsync, rename."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ _IOV_MAX = 1024
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Raise RecorderError unless a file can be created at `path`; called before the work for it begins."""
+    """Raise RecorderError unless a file can be created at `path`; called before the work for it begins.
+
+    Raises:
+        RecorderError: `path` is a folder, or its folder is missing or not writable.
+    """
     if (reason := why_unwritable(path)) is not None:
         raise RecorderError(reason)
 
@@ -29,8 +33,11 @@ def refuse_taken(path: Path) -> None:
 def create_part(part_path: Path, flags: int = 0) -> int:
     """Create `part_path` for writing, with additional `flags` of open(2).
 
+    Returns:
+        The file descriptor.
+
     Raises:
-        RecorderError: it exists, or the folder cannot be written.
+        RecorderError: the file exists already, or cannot be created in its folder.
     """
     try:
         return os.open(part_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | flags, 0o644)
@@ -47,7 +54,7 @@ def reserve(folder: Path, size: int) -> int | None:
     """Reserve `size` bytes of the disk in a file without a name, until its descriptor is closed.
 
     Returns:
-        The descriptor. None if the file system cannot do it.
+        The descriptor; None if the disk has too little space or the file system cannot do it.
     """
     try:
         fd = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o600)
@@ -62,7 +69,10 @@ def reserve(folder: Path, size: int) -> int | None:
 
 
 def write_all(fd: int, buffers: Sequence[Buffer]) -> int:
-    """Write all bytes of `buffers` without joining them; returns their number.
+    """Write all bytes of `buffers` to the descriptor `fd` without joining them.
+
+    Returns:
+        Number of bytes written.
 
     Raises:
         OSError: the disk is full or failing; some bytes may be written.
@@ -78,7 +88,7 @@ def write_all(fd: int, buffers: Sequence[Buffer]) -> int:
 
 
 def remaining(buffers: Sequence[Buffer], taken: int) -> list[memoryview]:
-    """Rest of `buffers` after their first `taken` bytes."""
+    """Views of the bytes of `buffers` after the first `taken` ones; empty if none are left."""
     for number, buffer in enumerate(buffers):
         if taken < len(buffer):
             return [memoryview(buffer)[taken:], *map(memoryview, buffers[number + 1 :])]
@@ -87,10 +97,18 @@ def remaining(buffers: Sequence[Buffer], taken: int) -> list[memoryview]:
 
 
 def publish(part_path: Path, path: Path) -> None:
-    """Give a finished, fsynced file its final name, without ever replacing another file.
+    """Give a finished, fsynced file its final name, and make the rename survive a power cut.
+
+    Where the file system has hard links, another file at `path` is never replaced. Elsewhere (FAT, some
+    network file systems) a file that another program created at `path` meanwhile is replaced.
+
+    Args:
+        part_path: temporary name.
+        path: final name, in the same folder.
 
     Raises:
-        RecorderError: `path` was taken meanwhile.
+        RecorderError: `path` was taken meanwhile; the file keeps its temporary name.
+        OSError: the file cannot be renamed.
     """
     try:
         os.link(part_path, path)
@@ -100,14 +118,14 @@ def publish(part_path: Path, path: Path) -> None:
             f"{path}: another program created it meanwhile: the complete recording is {part_path}"
         ) from None
     except OSError:
-        # File systems without hard links (FAT, some network ones): the check and the rename are two steps
-        # there.
+        # File systems without hard links (FAT, some network ones): a rename there replaces a file created
+        # since `path` was last checked.
         part_path.rename(path)
     sync_folder(path.parent)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make renames in `folder` survive a power cut."""
+    """Make renames in `folder` survive a power cut: fsync the folder."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(fd)

@@ -1,8 +1,8 @@
 """CRC-32 (IEEE) of image messages, each pixel read once (libdeflate).
 
-A chunk's CRC covers the message head and the data, the CRC in the content id only the data. Both follow from
-the image's own CRC: a CRC is linear, so the CRC of A followed by B is the CRC of A, continued over as many
-zeros as B has bytes, XOR the CRC of B.
+A chunk's CRC covers the message head and the data; the content id (hash of a recording's messages) uses a CRC
+of the data alone. Both follow from the image's own CRC: a CRC is linear, so the CRC of A followed by B is the
+CRC of A, continued over as many zeros as B has bytes, XOR the CRC of B.
 
 libdeflate folds 128 or 256 bytes at a time with carry-less multiplication (Gopal et al., "Fast CRC
 computation for generic polynomials using PCLMULQDQ", Intel 2009), as wide as the processor supports. On the
@@ -31,11 +31,22 @@ class Checksums(NamedTuple):
     """CRC-32 of a chunk up to the end of a message, and of the message's data alone."""
 
     chunk: int
+    """of the chunk from its beginning"""
     data: int
+    """of the message's data"""
 
 
 def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
-    """Continue the CRC `chunk` over a message's `head` and the `parts` of its data."""
+    """CRCs after one more message of a chunk.
+
+    Args:
+        chunk: CRC of the chunk before this message; 0 at the chunk's beginning.
+        head: bytes of the message record before its data.
+        parts: data of the message, in consecutive pieces.
+
+    Returns:
+        `chunk` continued over head and data, and the CRC of the data alone.
+    """
     chunk, data = zlib.crc32(head, chunk), 0
     for part in parts:
         if (size := len(part)) < _LARGE_BYTES:
@@ -48,7 +59,17 @@ def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
 
 
 def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
-    """Checksums of a chunk of one image: `head`, `prefix`, `size` bytes of pixels with the CRC `pixels`."""
+    """CRCs of a chunk that holds one image, without reading its pixels again.
+
+    Args:
+        head: bytes of the message record before its data.
+        prefix: data of the message before the pixels.
+        pixels: CRC-32 of the pixels.
+        size: number of bytes of pixels.
+
+    Returns:
+        CRC of head, prefix and pixels, and CRC of prefix and pixels.
+    """
     zeros = _over_zeros(size)
     data = zlib.crc32(prefix)
     return Checksums(
@@ -57,13 +78,17 @@ def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Che
 
 
 def crc_of(pixels: Buffer) -> int:
-    """CRC-32 of `pixels`, computed without the GIL."""
+    """CRC-32 of `pixels`; the GIL is released during the computation."""
     return deflate.crc32(pixels)
 
 
 @lru_cache(maxsize=8)
 def _over_zeros(size: int) -> _ByteTables:
-    """Linear part of continuing a CRC over `size` zero bytes, as one table for each byte of the CRC."""
+    """Linear part of continuing a CRC over `size` zero bytes.
+
+    Returns:
+        One table of 256 entries for each byte of the CRC, lowest byte first; `_apply` XORs their entries.
+    """
     zeros = bytes(size)
     none = deflate.crc32(zeros, 0)
     bits = [deflate.crc32(zeros, 1 << bit) ^ none for bit in range(32)]

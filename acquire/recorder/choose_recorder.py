@@ -23,8 +23,14 @@ def choose_recorder(
         sink: file, or series of files. If it never waits for the disk, continuous raw frames are written
             directly from their borrowed buffers; else they are copied.
         frames: size and rate of the frames.
-        config: mode, image format, and times of a window.
-        wall_anchor_ns: log time minus host monotonic time.
+        config: mode, image format, and times of a window (time span of a strike).
+        wall_anchor_ns: log time minus host monotonic time [ns].
+
+    Returns:
+        ContinuousRecorder if `config.mode` is "continuous", else WindowRecorder; its thread runs.
+
+    Raises:
+        RecorderError: the topics cannot be written to `sink`.
     """
     raw = config.image_format == "raw"
     file = FrameFile(sink, frames, wall_anchor_ns, raw=raw)

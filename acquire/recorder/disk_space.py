@@ -1,6 +1,6 @@
-"""Check of the free disk space before a recording or window begins.
+"""Check of the free disk space before a recording or a window (time span of a strike) begins.
 
-The writer survives a disk that fills up later.
+A disk that fills up later ends the images of a recording, but its file is still completed (writer.py).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ def free_bytes(folder: Path) -> int:
     """Number of bytes that this user may still write on the disk of `folder`.
 
     Raises:
-        RecorderError: there is no such folder.
+        RecorderError: the folder does not exist or cannot be accessed.
     """
     try:
         disk = os.statvfs(folder)
@@ -28,14 +28,28 @@ def free_bytes(folder: Path) -> int:
 
 @dataclass(frozen=True)
 class DiskSpace:
-    """Disk of one folder, with `reserve_bytes` that images never get."""
+    """Check of the free space on the disk of one folder.
+
+    Attributes:
+        folder: existing folder on the disk.
+        reserve_bytes: space that must stay free when a recording or window begins [bytes].
+        probe: function that returns the free space of a folder's disk [bytes].
+    """
 
     folder: Path
     reserve_bytes: int
     probe: Callable[[Path], int] = free_bytes
 
     def require(self, needed_bytes: int, purpose: str) -> None:
-        """Raise RecorderError unless `needed_bytes` can be written without touching the reserve."""
+        """Raise RecorderError unless `needed_bytes` can be written without touching the reserve.
+
+        Args:
+            needed_bytes: size of the planned output [bytes].
+            purpose: name of the planned output in the error's text, for example "a window".
+
+        Raises:
+            RecorderError: too little space is free, or the folder cannot be accessed.
+        """
         free = self.probe(self.folder)
         if free - needed_bytes < self.reserve_bytes:
             raise RecorderError(

@@ -1,10 +1,11 @@
-"""A recording in one file or in a series of numbered files, with no message lost between two.
+"""A recording in one file or in a series of numbered files, with no message lost between two files.
 
 Each file is a recording by itself.
 
 The next file is open, with its head and topics, before the current one is finished: every message goes to one
 of the two. A thread of its own opens the new file and finishes the old one, because a busy disk delays both;
-meanwhile the old file keeps growing. An image and the meta written after it are in the same file.
+meanwhile the old file keeps growing. An image and the meta (FrameMeta message) written after it are in the
+same file.
 """
 
 from __future__ import annotations
@@ -36,12 +37,18 @@ class Rotation:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Path of file number `part` in the series that begins with `path`."""
+    """Path of file number `part` (from 1) in the series that begins with `path`.
+
+    Number 1 is `path` itself, number 2 `<stem>-0002<suffix>`.
+    """
     return path if part == 1 else path.with_name(f"{path.stem}-{part:04d}{path.suffix}")
 
 
 def newest_part(path: Path) -> int:
-    """Number of the newest file in the series that begins with `path`, complete or not."""
+    """Number of the newest file in the series that begins with `path`, complete or not.
+
+    1 if there is no numbered file.
+    """
     newest = 1
     for found in path.parent.glob(f"{path.stem}-????{path.suffix}*"):
         name = found.name.removesuffix(PART_SUFFIX)
@@ -75,9 +82,9 @@ class FileSeries:
         Args:
             path: first file of the series.
             write_head: writes manifest and attachments of a part, given its writer and number.
-            rotation: when the next file is begun.
-            disk: checked before each file.
-            memory: see McapWriter.
+            rotation: size at which the next file is begun, and number of files kept.
+            disk: checked for room before each file.
+            memory: blocks for direct I/O, shared by the files; None: write through the page cache.
             first_part: number of the first file; above 1 where an interrupted series continues.
         """
         self._path = path
@@ -107,57 +114,94 @@ class FileSeries:
 
     @property
     def parts(self) -> int:
-        """Number of the newest file."""
+        """Number of the newest file of the series, counted from 1."""
         return self._part
 
     @property
     def size(self) -> int:
-        """Number of bytes written so far, to all files."""
+        """Number of bytes written so far, to all files that this object opened and wrote."""
         return self._written + self._writer.size
 
     @property
     def never_waits(self) -> bool:
-        """True if `write_images` returns without waiting for the disk."""
+        """True if `write_images` and `write_borrowed` return without waiting for the disk."""
         return self._memory is not None
 
     def add_topic(self, topic: Topic) -> Channel:
-        """Make a channel; the same topic again gives the same channel, in every file."""
+        """Declare a topic, in the current file and all later ones, and return its handle.
+
+        The same topic again gives the same handle, which is valid in every file.
+
+        Raises:
+            RecorderError: the name is taken by a topic of another message type, or the disk refuses.
+        """
         with self._lock:
             self._topics.setdefault(topic.name, topic)
             return self._writer.add_topic(topic)
 
     def write(self, channel: Channel, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:
-        """Write one small message."""
+        """Write one message of a small topic (any topic but the images) to the current file.
+
+        Raises:
+            RecorderError: the disk is full or failing, the recording is finished, or the time is not
+                positive.
+        """
         with self._lock:
             self._writer.write(channel, log_time_ns, data, sequence)
 
     def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
-        """Write messages of a small topic."""
+        """Write messages of a small topic (any topic but the images) to the current file.
+
+        Raises:
+            RecorderError: the disk is full or failing, the recording is finished, or a time is not positive.
+        """
         with self._lock:
             self._writer.write_small(channel, messages)
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images together; to the next file if the current one is full and the next one ready."""
+        """Write images together; to the next file if the current one is full and the next one ready.
+
+        Raises:
+            DiskBehind: there is no memory for them now; only if `never_waits`.
+            RecorderError: the disk is full or failing, or the next file could not be opened or an earlier one
+                not finished. In each case no image was written.
+        """
         with self._lock:
             if 0 < self._rotation.rotate_bytes <= self._writer.size:
                 self._rotate()
             self._writer.write_images(channel, messages)
 
     def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
-        """Write images directly from borrowed buffers: see McapWriter."""
+        """Write at least one image directly from borrowed buffers, each in a chunk of its own.
+
+        They go to the next file if the current one is full and the next one ready. Each buffer is released
+        when its image is on the disk, or when the disk failed.
+
+        Raises:
+            DiskBehind: there is no room for them now.
+            RecorderError: the disk is full or failing, or the next file could not be opened or an earlier one
+                not finished. In each case no buffer is released.
+        """
         with self._lock:
             if 0 < self._rotation.rotate_bytes <= self._writer.size:
                 self._rotate()
             self._writer.write_borrowed(channel, images)
 
     def flush(self) -> None:
-        """Hand small topics to the file; on return others can read in it what was written before."""
+        """Hand small topics to the current file; on return others can read in it what was written before.
+
+        Raises:
+            RecorderError: the disk refused some of it.
+        """
         with self._lock:
             writer = self._writer
         writer.flush()
 
     def finish(self) -> Seal:
         """Finish the last file.
+
+        Returns:
+            Path, content id, message count and size of the last file.
 
         Raises:
             RecorderError: it, or an earlier one, could not be finished; `acquire recover` reads the `.part`
@@ -173,7 +217,7 @@ class FileSeries:
             return seal
 
     def abandon(self) -> None:
-        """Delete the current file."""
+        """Stop writing and delete the current file; files finished before stay."""
         self._join_rotation()
         with self._lock:
             _discard(self._next)
@@ -182,7 +226,11 @@ class FileSeries:
     # --- under the lock ---
 
     def _rotate(self) -> None:
-        """Change to the next file if it is ready; else start to open it, unless that is under way."""
+        """Change to the next file if it is ready; else start to open it, unless that is under way.
+
+        Raises:
+            RecorderError: the next file could not be opened, or an earlier one not finished.
+        """
         if (error := self._error or self._refused) is not None:
             raise error
         if self._next is not None:

@@ -1,4 +1,4 @@
-"""Image and meta topics of one camera in a recording."""
+"""Image and meta topics (FrameMeta: times, exposure, losses) of one camera in a recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ FRAME_ID: Final = "camera"
 
 
 class ImageSink(Protocol):
-    """Destination of messages: one file, or a series of files."""
+    """Destination of messages: one file, or a series of files.
+
+    Raises:
+        RecorderError: from the methods that write, if the disk refuses or the recording is finished.
+    """
 
     @property
     def never_waits(self) -> bool:
@@ -28,19 +32,29 @@ class ImageSink(Protocol):
         ...
 
     def add_topic(self, topic: topics.Topic) -> Channel:
-        """Make a channel."""
+        """Declare a topic and return its handle; the same topic again gives the same handle."""
         ...
 
     def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
-        """Write messages of a small topic."""
+        """Write messages of one small topic (any topic but the images)."""
         ...
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images together."""
+        """Write images of one topic together, all or none.
+
+        Raises:
+            DiskBehind: there is no memory for them now; only if `never_waits`.
+        """
         ...
 
     def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
-        """Write images directly from their borrowed buffers."""
+        """Write images directly from their borrowed buffers, all or none.
+
+        Each buffer is released once the disk has its image or has failed.
+
+        Raises:
+            DiskBehind: there is no room for them now; no buffer was released.
+        """
         ...
 
     def flush(self) -> None:
@@ -49,16 +63,16 @@ class ImageSink(Protocol):
 
 
 class FrameFile:
-    """Writer of frames as messages of the image and the meta topic."""
+    """Writer of frames as messages of two topics: the image, and the meta (times, exposure, losses)."""
 
     def __init__(self, sink: ImageSink, frames: FrameFormat, wall_anchor_ns: int, *, raw: bool) -> None:
-        """Make the two topics.
+        """Declare the two topics in `sink`.
 
         Args:
             sink: file, or series of files, that is written.
-            frames: size of the images.
-            wall_anchor_ns: log time minus host monotonic time.
-            raw: write foxglove.RawImage; False: PNG as foxglove.CompressedImage.
+            frames: camera name and size of the images.
+            wall_anchor_ns: log time minus host monotonic time [ns].
+            raw: True: write foxglove.RawImage; False: PNG as foxglove.CompressedImage.
         """
         self._sink = sink
         self._anchor = wall_anchor_ns
@@ -71,10 +85,12 @@ class FrameFile:
         self._meta_template = pb.FrameMeta(width=frames.width, height=frames.height)
 
     def write_images(self, frames: Sequence[Frame]) -> None:
-        """Write images together, all or none.
+        """Write the images of frames together, all or none.
 
         Raises:
-            RecorderError: none was written.
+            DiskBehind: there is no memory for them now.
+            RecorderError: the disk is full or failing, or an image has another size. In each case none was
+                written.
         """
         messages: list[ImageMessage] = []
         for frame in frames:
@@ -89,11 +105,15 @@ class FrameFile:
     def write_borrowed(self, frames: Sequence[Frame]) -> None:
         """Write raw images from their borrowed buffers, all or none.
 
-        Each buffer is released when the disk has its image.
+        Each buffer is released when the disk has its image, or when the disk fails later.
+
+        Args:
+            frames: at least one, whose buffers are borrowed.
 
         Raises:
             DiskBehind: there is no room now.
-            RecorderError: the disk is full or failing. In both cases no buffer was released.
+            RecorderError: the disk is full or failing, or an image has another size. In each case no buffer
+                was released.
         """
         anchor, prefix = self._anchor, self._encoder.prefix
         pixels = [frame.pixels for frame in frames]
@@ -108,7 +128,10 @@ class FrameFile:
         self._sink.write_borrowed(self._images, images)
 
     def write_metas(self, frames: Sequence[tuple[Frame, bool]]) -> None:
-        """Write the meta of frames; the boolean is True if the frame's image is in the file.
+        """Write the meta (FrameMeta message: times, exposure, losses) of frames.
+
+        Args:
+            frames: each frame, with True if its image is in the file.
 
         Raises:
             RecorderError: the disk is full or failing.
@@ -123,7 +146,11 @@ class FrameFile:
         )
 
     def flush(self) -> None:
-        """Hand small topics to the file; on return others can read what was written before."""
+        """Hand small topics to the file; on return others can read what was written before.
+
+        Raises:
+            RecorderError: the disk refused some of it.
+        """
         self._sink.flush()
 
     def _meta(self, frame: Frame, recorded: bool) -> bytes:

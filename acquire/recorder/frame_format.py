@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FrameFormat:
-    """Name, image size and frame rate of one camera, constant during a recording."""
+    """Camera name, image width and height [px] and frame rate [Hz], constant during a recording."""
 
     camera: str
     width: int
@@ -16,5 +16,5 @@ class FrameFormat:
 
     @property
     def image_bytes(self) -> int:
-        """Size of a mono8 image in bytes."""
+        """Size of one mono8 image (width * height) in bytes."""
         return self.width * self.height

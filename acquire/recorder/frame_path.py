@@ -28,15 +28,17 @@ class FramePath(Protocol):
         ...
 
     def take(self, frame: Frame) -> bool:
-        """Take a frame to be written; its meta is written in any case. Never waits for the disk.
+        """Take a frame to be written; its meta (FrameMeta: times, exposure, losses) is queued in any case.
+
+        The call does not wait for the disk, except up to 1 s for a frame that arrives while the path closes.
 
         Returns:
-            False if the image was dropped.
+            True if the image was taken, False if it was dropped.
         """
         ...
 
     def wait_until_written(self, timeout_s: float) -> None:
-        """Wait until all frames taken before are handed to the file."""
+        """Wait until all frames taken before are handed to the file, at most `timeout_s` seconds."""
         ...
 
     def close(self) -> None:

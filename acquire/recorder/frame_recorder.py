@@ -1,4 +1,9 @@
-"""Recorder of a frame stream with windows: the common part of both modes, and the continuous mode."""
+"""Recorder of a frame stream with windows: the common part of both modes, and the continuous mode.
+
+A window is the time span of one strike. A new frame outside any window stays in the delay line, a queue of
+the frames of the last `pre_trigger_s`, from which a window that opens takes its first frames. A frame's meta
+is its FrameMeta message (times, exposure, losses).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ WRITE_TIMEOUT_S: Final = 30.0
 
 @dataclass(frozen=True)
 class WindowReport:
-    """Content of a closed window.
+    """Content of a closed window (the time span of one strike).
 
     The times are log times of its first and last image, or of the window itself if it has no image.
     """
@@ -40,13 +45,13 @@ class WindowReport:
 
 @dataclass(slots=True)
 class DelayedFrame:
-    """A recent frame that may still become part of a window."""
+    """A frame in the recorder's queue of recent frames, which may still become part of a window."""
 
     frame: Frame
     has_image: bool
     """True if the image is in the file, on its way there, or can still be written"""
     held: bool = False
-    """True while the delay line owns the frame's buffer"""
+    """True while the queue of recent frames owns the frame's buffer, and must release it"""
 
 
 @dataclass
@@ -60,7 +65,10 @@ class _Window:
     lost: int = 0
 
     def add(self, delayed: DelayedFrame) -> None:
-        """Count a frame."""
+        """Count a frame: as recorded, with its mid-exposure time, or as lost if it has no image.
+
+        Frames lost on the way before it count as well, unless no image of the window came earlier.
+        """
         frame = delayed.frame
         self.lost += frame.lost_before if self.frames else 0
         if delayed.has_image:
@@ -72,10 +80,14 @@ class _Window:
 
 
 class FrameRecorder(ABC):
-    """Recorder between the acquisition thread (`add`) and the file. Another thread opens and closes windows.
+    """Recorder between the acquisition thread, which calls `add`, and the file.
+
+    Another thread opens and closes windows. A window is the time span of one strike; each subclass decides
+    which images outside it are recorded.
 
     Raises:
-        RecorderError: from `open_window` and `close_window`, when the file can take no images.
+        RecorderError: from `open_window` if a window is open, from `close_window` if none is, and from both
+            if the file can take no images.
     """
 
     def __init__(
@@ -86,7 +98,15 @@ class FrameRecorder(ABC):
         config: RecorderConfig,
         wall_anchor_ns: int,
     ) -> None:
-        """`wall_anchor_ns`: log time minus host monotonic time."""
+        """Start without a window.
+
+        Args:
+            path: queue of frames before the file.
+            file: writer of the images and their metadata.
+            frames: size and rate of the frames.
+            config: `pre_trigger_s` and `max_window_s` are used here.
+            wall_anchor_ns: log time minus host monotonic time [ns].
+        """
         self.frames = 0
         """frames that arrived"""
         self.lost = 0
@@ -114,7 +134,7 @@ class FrameRecorder(ABC):
 
     @property
     def waiting(self) -> int:
-        """Number of frames in the queue before the file; BlockMemory counts the bytes that the file holds."""
+        """Number of frames in the queue before the file; bytes that the file itself holds are not counted."""
         return self._path.waiting
 
     @property
@@ -123,7 +143,11 @@ class FrameRecorder(ABC):
         return self._path.error
 
     def add(self, frame: Frame) -> None:
-        """Take a frame: borrow its buffer or copy its image. Never waits for the disk."""
+        """Take a frame: borrow its buffer or copy its image, and count the frame in the open window.
+
+        The call does not wait for the disk, except up to 1 s while the recorder closes. After `close` it does
+        nothing.
+        """
         if self._ending:
             return
         delayed = self._take(frame)
@@ -141,10 +165,18 @@ class FrameRecorder(ABC):
                 self._arrived.notify_all()
 
     def open_window(self, now_ns: int) -> int:
-        """Record every image from `pre_trigger_s` before now (host monotonic) on.
+        """Record every image from `pre_trigger_s` before now on, until `close_window`.
+
+        Images later than `max_window_s` after now do not belong to the window.
+
+        Args:
+            now_ns: host monotonic time [ns].
 
         Returns:
-            The window's start as a log time.
+            Start of the window as a log time [ns].
+
+        Raises:
+            RecorderError: a window is open already, or the file accepts no more images.
         """
         with self._lock:
             if self._window is not None:
@@ -159,9 +191,17 @@ class FrameRecorder(ABC):
     def close_window(self, now_ns: int, end_ns: int = 0) -> WindowReport:
         """End the window now, wait until its images are in the file, and report its content.
 
+        The wait is limited: LATE_FRAME_S for frames exposed before the end, WRITE_TIMEOUT_S for the disk.
+
         Args:
-            now_ns: host monotonic time.
-            end_ns: log time at which the window may end if that is before now; 0: it ends now.
+            now_ns: host monotonic time [ns].
+            end_ns: log time [ns] at which the window may end if that is before now; 0: it ends now.
+
+        Returns:
+            Times of the first and last image, and numbers of recorded and lost frames.
+
+        Raises:
+            RecorderError: no window is open, or the file accepts no more images.
         """
         now_ns = min(now_ns, end_ns - self._anchor) if end_ns else now_ns
         with self._lock:
@@ -187,7 +227,10 @@ class FrameRecorder(ABC):
         return WindowReport(self._anchor + first_ns, self._anchor + last_ns, window.frames, window.lost)
 
     def close(self) -> None:
-        """Write the waiting frames, and the meta of those in the delay line. Safe to call twice."""
+        """Write the waiting frames and all meta that are not written yet; then take no more frames.
+
+        Safe to call twice.
+        """
         with self._lock:
             if not self._ending:
                 self._ending = True
@@ -195,38 +238,60 @@ class FrameRecorder(ABC):
         self._path.close()
 
     def _last_ns_of(self, window: _Window) -> int:
-        """Latest mid-exposure that belongs to the window."""
+        """Latest mid-exposure (host monotonic [ns]) that belongs to the window.
+
+        The window's end if it is closing, else the end of its greatest length.
+        """
         return window.start_ns + self._max_window_ns if window.end_ns is None else window.end_ns
 
     @abstractmethod
     def _take(self, frame: Frame) -> DelayedFrame:
-        """Secure the frame's pixels. Called without the lock."""
+        """Borrow or copy the frame's pixels so that they outlive the camera's call. Called without the lock.
+
+        Returns:
+            The frame, with `has_image` False if no buffer was free.
+        """
 
     @abstractmethod
     def _record(self, delayed: DelayedFrame) -> None:
-        """Record a frame of the open window. Called with the lock held, as are the methods below."""
+        """Record a frame of the open window. Called with the lock held."""
 
     @abstractmethod
     def _delay(self, delayed: DelayedFrame) -> None:
-        """Put a frame outside of any window into the delay line, and take the old ones out."""
+        """Append a frame outside of any window to the delay line, and drop those older than the pre-trigger.
+
+        The delay line is the queue of recent frames. Called with the lock held.
+        """
 
     @abstractmethod
     def _claim(self, start_ns: int) -> Iterable[DelayedFrame]:
-        """Empty the delay line; record and return its frames from `start_ns` on, the window's first."""
+        """Empty the queue of recent frames, and record what is not yet recorded of a window that opens.
+
+        Called with the lock held.
+
+        Args:
+            start_ns: start of the window, host monotonic time [ns].
+
+        Returns:
+            Frames of the queue exposed at `start_ns` or later, oldest first; earlier ones are dropped.
+        """
 
     @abstractmethod
     def _end_delay(self) -> None:
-        """Write what the file still lacks of the frames in the delay line."""
+        """Write the meta that the file still lacks of the frames in the queue of recent frames.
+
+        Called with the lock held, once, when the recorder closes.
+        """
 
 
 class ContinuousRecorder(FrameRecorder):
-    """Records every frame; a window only determines which of them belong to a strike."""
+    """Recorder of every frame; a window (time span of a strike) only selects frames for its report."""
 
     def _take(self, frame: Frame) -> DelayedFrame:
         return DelayedFrame(frame, self._path.take(frame))
 
     def _record(self, delayed: DelayedFrame) -> None:
-        """Nothing is left to do: `_take` recorded it."""
+        """Do nothing: `_take` has queued the frame for the file already."""
 
     def _delay(self, delayed: DelayedFrame) -> None:
         self._line.append(delayed)
@@ -238,7 +303,7 @@ class ContinuousRecorder(FrameRecorder):
         return claimed
 
     def _end_delay(self) -> None:
-        """Nothing is left to do: every frame is recorded."""
+        """Do nothing: every frame is queued for the file already."""
 
     def _forget_before(self, start_ns: int) -> None:
         while self._line and self._line[0].frame.mid_exposure_ns < start_ns:

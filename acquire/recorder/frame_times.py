@@ -15,17 +15,24 @@ from schemas.proto import percuss_pb2 as pb
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """Frame counts and last frame time of one file."""
+    """Number of frames, lost frames and last frame time of one camera in one file."""
 
     frames: int
     lost: int
-    """frames lost between its first and its last"""
+    """number of frames lost between the file's first and last frame"""
     last_ns: int | None
     """log time of the last frame; None if the file has no frame"""
 
     @classmethod
     def read(cls, path: Path, camera: str) -> FrameTimes:
-        """Read a complete file.
+        """Count the frames of a complete file by their FrameMeta messages (one per frame).
+
+        Args:
+            path: the recording.
+            camera: name of the camera.
+
+        Returns:
+            Frame counts; zeros and None if the file has no frame of this camera.
 
         Raises:
             RecorderError: the file cannot be read, or is incomplete.

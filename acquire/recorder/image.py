@@ -1,4 +1,4 @@
-"""Encoding of image messages: RawImage without copying the pixels, PNG for small disks."""
+"""Encoding of images as messages: foxglove.RawImage without copying pixels, PNG for small disks."""
 
 from __future__ import annotations
 
@@ -16,10 +16,15 @@ _DATA_FIELD = bytes([6 << 3 | 2])
 
 
 class RawImageEncoder:
-    """Encoder of foxglove.RawImage, mono8, of one size, without copying the pixels.
+    """Encoder of mono8 images of one size as foxglove.RawImage messages, without copying the pixels.
 
     Only the time is serialised for each image. Protobuf fields may stand in any order and a message may be
     concatenated from parts (protobuf.dev, "Encoding").
+
+    Args:
+        camera: name of the camera frame, the message's `frame_id`.
+        width: width of the images [px].
+        height: height of the images [px].
     """
 
     def __init__(self, camera: str, width: int, height: int) -> None:
@@ -29,7 +34,15 @@ class RawImageEncoder:
         self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + varint(width * height)
 
     def prefix(self, log_time_ns: int, size: int) -> bytes:
-        """Bytes of the message before its `size` bytes of pixels."""
+        """Bytes of the message before its pixels.
+
+        Args:
+            log_time_ns: time stamp of the image [ns].
+            size: number of bytes of pixels that follow.
+
+        Raises:
+            RecorderError: `size` is not width * height.
+        """
         if size != self._size:
             raise RecorderError(
                 f"an image has {size} bytes, the recording's are {self._shape[1]} x {self._shape[0]}"
@@ -37,7 +50,18 @@ class RawImageEncoder:
         return timestamp_field(log_time_ns) + self._after_time
 
     def encode(self, log_time_ns: int, image: NDArray[np.uint8]) -> list[Buffer]:
-        """Parts of the message; the last one is a view of `image` (height, width)."""
+        """Message of one image, in two parts: the bytes before the pixels, and the pixels.
+
+        Args:
+            log_time_ns: time stamp of the image [ns].
+            image: (height, width) mono8.
+
+        Returns:
+            The parts; the second is a view of `image`, or of a copy if `image` is not contiguous.
+
+        Raises:
+            RecorderError: the image has another size.
+        """
         if image.shape != self._shape:
             size, expected = f"{image.shape[1]} x {image.shape[0]}", f"{self._shape[1]} x {self._shape[0]}"
             raise RecorderError(f"image is {size}, the recording's are {expected}")
@@ -47,10 +71,18 @@ class RawImageEncoder:
 
 
 def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> bytes:
-    """foxglove.CompressedImage, format png, of `image` (height, width).
+    """Serialised foxglove.CompressedImage message with the image as PNG, without loss.
 
     Huffman coding only, on horizontal differences: as small as any other lossless setting on noisy images, at
     160 MB/s.
+
+    Args:
+        camera: name of the camera frame, the message's `frame_id`.
+        log_time_ns: time stamp of the image [ns].
+        image: (height, width) mono8.
+
+    Raises:
+        RecorderError: OpenCV cannot encode the image.
     """
     import cv2
 

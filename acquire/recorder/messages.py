@@ -1,4 +1,4 @@
-"""Messages as they are handed to the writer of a recording."""
+"""Messages in the form in which they are handed to the writer of a recording."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from schemas.mcap.records import Buffer
 
 
 class DiskBehind(RecorderError):
-    """The memory is full of bytes that wait for the disk: this image is refused, a later one may not be."""
+    """The memory is full of bytes that wait for the disk: this image is refused; a later one may fit."""
 
 
 class ImageMessage(NamedTuple):
@@ -18,16 +18,19 @@ class ImageMessage(NamedTuple):
 
     log_time_ns: int
     parts: Sequence[Buffer]
+    """serialised message, in consecutive pieces"""
     sequence: int = 0
+    """number of the image in its stream"""
     publish_time_ns: int | None = None
-    """equal to the log time if None"""
+    """publication time [ns]; equal to the log time if None"""
 
 
 class BorrowedImage(NamedTuple):
-    """One image to be written directly from a borrowed buffer."""
+    """One image to be written directly from a borrowed camera buffer, without a copy."""
 
     log_time_ns: int
     sequence: int
+    """number of the image in its stream"""
     prefix: bytes
     """the message before its pixels"""
     pixels: memoryview
@@ -39,10 +42,12 @@ class BorrowedImage(NamedTuple):
 
 
 class SmallMessage(NamedTuple):
-    """One message of a small topic."""
+    """One message of a small topic (any topic but the images)."""
 
     log_time_ns: int
     data: Buffer
+    """serialised message"""
     sequence: int = 0
+    """number of the message in its topic"""
     publish_time_ns: int | None = None
-    """equal to the log time if None"""
+    """publication time [ns]; equal to the log time if None"""

@@ -9,7 +9,7 @@ from schemas.mcap.records import Buffer
 
 
 class BorrowedRun(NamedTuple):
-    """Borrowed pages, unchanged until they are released, with the bytes before and after them."""
+    """Borrowed pages, unchanged until they are released, with the copied bytes before and after them."""
 
     lead: bytes
     """fills the file up to the beginning of a page"""
@@ -32,7 +32,10 @@ class BorrowedRun(NamedTuple):
 
 
 class RecordingFile(Protocol):
-    """PageCacheFile or DirectFile. One thread at a time appends; others may call `sync` and `wait_until`."""
+    """Interface of the file under a recording: PageCacheFile or DirectFile.
+
+    One thread at a time appends; other threads may call `sync` and `wait_until`.
+    """
 
     @property
     def size(self) -> int:
@@ -43,53 +46,62 @@ class RecordingFile(Protocol):
     """True if `append` returns without waiting for the disk as long as there is room"""
 
     def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:
-        """True if `size` bytes, and `borrowed` bytes in borrowed pages, are accepted now.
+        """True if there is room now for `size` copied bytes and `borrowed` bytes in borrowed pages.
 
-        Images leave some room for the rest.
+        Always True for a PageCacheFile, whose `append` may wait. A DirectFile also returns True if the disk
+        is full or failing: `append` then raises the error.
+
+        Args:
+            size: bytes to be copied.
+            image: True for images, which leave some room for other messages.
+            borrowed: bytes in borrowed pages, which are not copied.
         """
         ...
 
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
-        """Accept `buffers`, all or none; they may be reused on return. Waits where there is no room.
+        """Accept all `buffers`, or none; they may be reused on return. Waits where there is no room.
+
+        Args:
+            buffers: bytes to append, in order.
+            image: True for images, which may not use the reserved part of the disk.
 
         Returns:
-            Their size.
+            Number of bytes accepted.
 
         Raises:
-            OSError: the disk is full or failing. Part of a full disk is reserved, and not available to
-                images.
+            OSError: the disk is full or failing.
         """
         ...
 
     def append_borrowed(self, run: BorrowedRun) -> int:
-        """Accept images in borrowed buffers.
+        """Accept images in borrowed buffers; each buffer is released once the file no longer needs it.
 
         Returns:
-            Their size, with the bytes around them.
+            Number of bytes accepted: the images and the bytes around them.
 
         Raises:
-            OSError: as from `append`; no buffer was released.
+            OSError: the disk is full or failing; no buffer was released.
         """
         ...
 
     def release_reserve(self) -> None:
-        """Make the reserved space available to everything: the recording takes no more images."""
+        """Make the reserved disk space available for the end of the recording; no more images follow."""
         ...
 
     def wait_until(self, size: int) -> None:
-        """Wait until others can read the first `size` bytes from the file.
+        """Wait until other programs can read the first `size` bytes from the file.
 
         Raises:
-            OSError: the disk failed before.
+            OSError: the disk failed before these bytes were in the file.
         """
         ...
 
     def sync(self) -> None:
-        """Push bytes to the disk if enough have gathered. Called regularly; may take long."""
+        """Make the disk write if enough bytes have gathered. Called regularly; may take long."""
         ...
 
     def finish(self) -> None:
-        """Write everything to the disk and close the file.
+        """Write all accepted bytes to the disk (fsync) and close the file.
 
         Raises:
             OSError: the disk refuses; the file is closed all the same.
@@ -97,5 +109,5 @@ class RecordingFile(Protocol):
         ...
 
     def abort(self) -> None:
-        """Close the file; it holds the accepted bytes as far as the disk allows."""
+        """Close the file without fsync; it holds the accepted bytes as far as the disk allows."""
         ...

@@ -1,10 +1,13 @@
-"""Recorder of strike windows: full rate inside a window and shortly before it, previews outside, meta always.
+"""Recorder of strike windows: full rate inside and shortly before a window, previews between windows.
 
-A frame enters a delay line and leaves it `pre_trigger_s` later; a window that opens takes the whole line with
-it. The frame's meta, and a preview, wait at most META_WAIT_S: a killed process must not hold back more.
-Therefore images and meta reach the file in the order of their exposure, and `image_recorded` is always
-correct, if `pre_trigger_s` is not longer than that. If it is longer, the images that a window takes from the
-line follow newer metas, and their own metas, written before, state that they are not recorded.
+The metadata of every frame are recorded.
+
+A frame enters a delay line (queue of recent frames) and leaves it `pre_trigger_s` later; a window that opens
+takes the frames in the line with it. The frame's meta (FrameMeta message), and a preview, wait at most
+META_WAIT_S: a killed process must not hold back more. Therefore images and meta reach the file in the order
+of their exposure, and `image_recorded` in the meta is always correct, if `pre_trigger_s` is not longer than
+META_WAIT_S. If it is longer, the images that a window takes from the line follow newer metas, and their own
+metas, written before, state that they are not recorded.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ META_WAIT_S: Final = 0.25
 
 
 class WindowRecorder(FrameRecorder):
-    """Records windows with their pre-trigger time, and previews between them."""
+    """Recorder of windows (time spans of strikes), the pre-trigger time before them, and previews between."""
 
     def __init__(
         self,
@@ -36,7 +39,15 @@ class WindowRecorder(FrameRecorder):
         config: RecorderConfig,
         wall_anchor_ns: int,
     ) -> None:
-        """`wall_anchor_ns`: log time minus host monotonic time."""
+        """Start without a window.
+
+        Args:
+            queue: buffers and queue of copied frames before the file.
+            file: writer of the images and their metadata.
+            frames: size and rate of the frames.
+            config: times of a window, and rate of the previews.
+            wall_anchor_ns: log time minus host monotonic time [ns].
+        """
         super().__init__(queue, file, frames, config, wall_anchor_ns)
         self._queue = queue
         self._meta_wait_ns = min(self._pre_trigger_ns, int(META_WAIT_S * 1e9))
@@ -53,7 +64,10 @@ class WindowRecorder(FrameRecorder):
         return DelayedFrame(copied or frame, has_image=copied is not None, held=copied is not None)
 
     def _reclaim_buffer(self) -> None:
-        """All buffers wait for the disk: discard the oldest image in the delay line."""
+        """Discard the oldest image in the delay line to free its buffer; does nothing if the line has none.
+
+        The delay line is the queue of recent frames. The discarded image's meta is written without it.
+        """
         with self._lock:
             while self._line and not self._line[0].held:
                 self._forget_before(self._line[0].frame.mid_exposure_ns + 1)
@@ -90,12 +104,18 @@ class WindowRecorder(FrameRecorder):
         self._write_meta_before(self._newest_ns + 1)
 
     def _write_image(self, delayed: DelayedFrame, *, with_meta: bool = True) -> None:
-        """Queue the frame's image, and its buffer with it."""
+        """Queue the frame's image for writing, its meta too if `with_meta`.
+
+        The queue then owns the buffer: `delayed.held` becomes False.
+        """
         self._queue.write(delayed.frame, with_meta=with_meta)
         delayed.held = False
 
     def _write_meta_before(self, end_ns: int) -> None:
-        """Write the meta of frames exposed before `end_ns`, and the image of those due as a preview."""
+        """Write the meta still unwritten of delayed frames exposed before `end_ns` (host monotonic [ns]).
+
+        The image is written as well where a preview is due and the frame has one.
+        """
         while self._with_meta < len(self._line):
             delayed = self._line[self._with_meta]
             mid_ns = delayed.frame.mid_exposure_ns
@@ -109,7 +129,10 @@ class WindowRecorder(FrameRecorder):
                 self._queue.write_meta(delayed.frame)
 
     def _forget_before(self, start_ns: int) -> None:
-        """Drop frames exposed before `start_ns` from the delay line."""
+        """Drop frames exposed before `start_ns` (host monotonic [ns]) from the queue of recent frames.
+
+        Their meta is written first where it is still missing, and their buffers are released.
+        """
         self._write_meta_before(start_ns)
         while self._line and self._line[0].frame.mid_exposure_ns < start_ns:
             delayed = self._line.popleft()

@@ -1,8 +1,8 @@
 """Writer of a recording: images in chunks of their own, small topics in others, renamed when complete.
 
-While it is written the file is called `<name>.part`. However the process ends, `acquire recover` reads
-everything that reached the file. The memory holds at most 0.5 s of small topics, and with a DirectFile 0.2 s
-of images while the disk keeps up.
+Small topics are all topics but the images. While the file is written it is called `<name>.part`. However the
+process ends, `acquire recover` reads everything that reached the file. The memory holds at most 0.5 s of
+small topics, and with a DirectFile 0.2 s of images while the disk keeps up.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ MOST_SMALL_BYTES: Final = 2 << 20
 
 @dataclass(frozen=True)
 class Channel:
-    """Handle of a topic in one file."""
+    """Handle of a topic in one file: its number there and the topic."""
 
     id: int
     topic: Topic
@@ -58,11 +58,13 @@ class Channel:
 
 @dataclass(frozen=True)
 class Seal:
-    """Path, content id and size of a finished recording."""
+    """Path, content id (hash of the messages), message count and size of a finished recording."""
 
     path: Path
     content_id: str
+    """hash of all messages outside /truth/"""
     messages: int
+    """number of messages"""
     size: int
     """bytes"""
 
@@ -70,11 +72,12 @@ class Seal:
 class McapWriter:
     """One recording being written. Every method may be called from any thread.
 
-    When the disk fills up, the message that does not fit is taken back with a RecorderError, and `finish`
-    still completes the file.
+    When the disk fills up, an image that does not fit is refused with a RecorderError, small messages wait in
+    memory up to MOST_SMALL_BYTES, and `finish` still completes the file.
 
     Raises:
-        RecorderError: the path is taken, its folder is missing, or the disk refuses.
+        RecorderError: the path is taken, its folder is missing, the disk refuses, or the recording is
+            finished.
     """
 
     def __init__(
@@ -84,7 +87,7 @@ class McapWriter:
         flush_s: float = FLUSH_S,
         sync_bytes: int = SYNC_BYTES,
     ) -> None:
-        """Open the file.
+        """Create `<path>.part`, write the file's head, and start the flushing thread.
 
         Args:
             path: final path; the file appears there when it is complete.
@@ -118,16 +121,23 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Number of bytes written so far."""
+        """Number of bytes accepted by the file so far."""
         return self._file.size
 
     @property
     def never_waits(self) -> bool:
-        """True if `write_images` returns without waiting for the disk."""
+        """True if `write_images` and `write_borrowed` return without waiting for the disk."""
         return self._file.never_waits
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write a metadata record of named strings."""
+        """Write a metadata record of named strings.
+
+        If `name` is that of the manifest, the hash of its "json" entry becomes part of the seal (the record
+        at the end of the file).
+
+        Raises:
+            RecorderError: the recording is finished, or the disk refuses.
+        """
         with self._lock:
             self._open()
             self._metadata(name, entries)
@@ -135,14 +145,29 @@ class McapWriter:
                 self._manifest_hash = {"manifest_sha256": sha256_text(entries["json"])}
 
     def attachment(self, name: str, media_type: str, data: bytes, log_time_ns: int = 0) -> None:
-        """Attach a file."""
+        """Attach a file's content to the recording.
+
+        Args:
+            name: name of the file.
+            media_type: for example application/json.
+            data: content of the file.
+            log_time_ns: log time of the attachment [ns].
+
+        Raises:
+            RecorderError: the recording is finished, or the disk refuses.
+        """
         with self._lock:
             self._open()
             self._flush_small()
             self._records.write_attachment(AttachmentRecord(name, media_type, log_time_ns, data))
 
     def add_topic(self, topic: Topic) -> Channel:
-        """Make a channel; the same topic again gives the same channel."""
+        """Declare a topic and return its handle; the same topic again gives the same handle.
+
+        Raises:
+            RecorderError: the name is taken by a topic of another message type, the recording is finished, or
+                the disk refuses.
+        """
         with self._lock:
             self._open()
             known = self._channels.get(topic.name)
@@ -165,11 +190,19 @@ class McapWriter:
         sequence: int = 0,
         publish_time_ns: int | None = None,
     ) -> None:
-        """Write one message, given whole or in parts; its buffer may be reused.
+        """Write one message, given whole or in parts; its buffer may be reused on return.
 
-        Images are as safe as with `write_images`.
+        A message of an image topic is written as by `write_images`, any other as by `write_small`.
+
+        Args:
+            channel: handle from `add_topic`.
+            log_time_ns: log time [ns].
+            data: serialised message, or its consecutive pieces.
+            sequence: number of the message in its topic.
+            publish_time_ns: publication time [ns]; None: the log time.
 
         Raises:
+            DiskBehind: there is no memory for an image now; only if `never_waits`.
             RecorderError: the disk is full or failing, the recording is finished, or the time is 0 (1970: a
                 clock that was never set).
         """
@@ -182,10 +215,13 @@ class McapWriter:
         self.write_small(channel, [SmallMessage(log_time_ns, b"".join(parts), sequence, publish_time_ns)])
 
     def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
-        """Write messages of a small topic.
+        """Write messages of a small topic (any topic but the images).
+
+        They gather in memory until SMALL_CHUNK_BYTES or the next flush.
 
         Raises:
-            RecorderError: as from `write`.
+            RecorderError: the disk is full or failing, the recording is finished, or a log time is not
+                positive (a clock that was never set).
         """
         for message in messages:
             self._refuse_unset_time(channel, message.log_time_ns)
@@ -204,13 +240,14 @@ class McapWriter:
                 self._flush_small()
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images as one chunk, all or none.
+        """Write images as one chunk, all or none; does nothing for an empty sequence.
 
         On return they are in the page cache, or copied and soon on the disk.
 
         Raises:
             DiskBehind: there is no memory for them now; only if `never_waits`.
-            RecorderError: as from `write`.
+            RecorderError: the disk is full or failing, the recording is finished, or a log time is not
+                positive (a clock that was never set).
         """
         buffers: list[Buffer] = []
         places: list[tuple[int, int]] = []
@@ -246,12 +283,14 @@ class McapWriter:
             self._hash.add_all(channel.topic.name, hashed)
 
     def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
-        """Write images directly from borrowed buffers, in a chunk each, all or none.
+        """Write at least one image directly from borrowed buffers, in a chunk each, all or none.
 
         Each buffer is released when its image is on the disk, or when the disk failed.
 
         Raises:
-            RecorderError: as from `write_images`; then no buffer is released.
+            DiskBehind: there is no room for them now; only if `never_waits`.
+            RecorderError: the disk is full or failing, the recording is finished, or a log time is not
+                positive. In each case no buffer is released.
         """
         for image in images:
             self._refuse_unset_time(channel, image.log_time_ns)
@@ -270,6 +309,9 @@ class McapWriter:
     def flush(self) -> None:
         """Hand small topics to the file; on return others can read in it what was written before.
 
+        Small messages that find no room on a full disk stay in memory. After `finish` or `abort` the call
+        does nothing.
+
         Raises:
             RecorderError: the disk refused some of it.
         """
@@ -284,11 +326,16 @@ class McapWriter:
             raise self._disk_error(error) from None
 
     def finish(self) -> Seal:
-        """Write the waiting messages, the seal and the summary; fsync; give the file its final name.
+        """Complete the file: write the waiting messages, the seal and the summary, fsync, rename.
+
+        The seal is the metadata record with the content id (hash of the messages).
+
+        Returns:
+            Final path, content id, number of messages and size.
 
         Raises:
-            RecorderError: the disk refuses, or the name was taken meanwhile. The `.part` file stays, and
-                `acquire recover` reads it.
+            RecorderError: the recording is finished, the disk refuses, or the name was taken meanwhile. In
+                the last two cases the `.part` file stays, and `acquire recover` reads it.
         """
         with self._lock:
             self._open()
@@ -311,7 +358,7 @@ class McapWriter:
         return Seal(self.path, content_id, self._records.summary.message_counts.total(), self._file.size)
 
     def abort(self) -> None:
-        """Stop writing and leave the `.part` file."""
+        """Stop writing and leave the `.part` file; does nothing after `finish` or `abort`."""
         with self._lock:
             closed, self._closed = self._closed, True
         if not closed:
@@ -322,7 +369,7 @@ class McapWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish; after an error leave the `.part` file."""
+        """Finish the recording if it is still open; after an exception abort it: the `.part` file stays."""
         if kind is not None:
             self.abort()
         elif not self._closed:
@@ -358,7 +405,14 @@ class McapWriter:
         self._append(lambda: self._file.append(buffers))
 
     def _append(self, append: Callable[[], int]) -> None:
-        """Append to the file; close it for images where the disk refuses."""
+        """Append to the file; where the disk refuses, take no more images from then on.
+
+        Args:
+            append: function that appends to the file and raises OSError where the disk refuses.
+
+        Raises:
+            RecorderError: the disk refused.
+        """
         try:
             append()
         except OSError as error:
@@ -382,7 +436,7 @@ class McapWriter:
     # --- helper thread ---
 
     def _flush_regularly(self) -> None:
-        """Flush small topics every `flush_s`, and push bytes to the disk."""
+        """Flush small topics every `flush_s`, and make the disk write, until the recording ends."""
         while True:
             self._wake.wait(self._flush_s)
             with self._lock:

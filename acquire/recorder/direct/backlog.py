@@ -1,4 +1,4 @@
-"""Memory of a recording that bypasses the page cache, enough for a disk that stands still."""
+"""Memory of a recording that bypasses the page cache, enough for a disk standstill of BACKLOG_S."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def backlog_frames(frames: FrameFormat) -> int:
 
 
 def backlog_memory(frames: FrameFormat, borrowable: int) -> BlockMemory:
-    """Blocks for the bytes that are copied around `borrowable` borrowed images."""
+    """Allocate blocks of memory for the bytes that are copied around `borrowable` borrowed images."""
     # Two pages at most are copied for each image: its end, and the records between it and the next image.
     # Eight blocks more, because the end of one file is written beside the head of the next.
     return BlockMemory(borrowable * 2 * PAGE_BYTES + 8 * BLOCK_BYTES, borrowable * frames.image_bytes)

@@ -12,12 +12,17 @@ BLOCK_BYTES: Final = 1 << 20
 
 
 class BlockMemory:
-    """A fixed number of page-aligned blocks of BLOCK_BYTES. Any thread takes blocks and gives them back."""
+    """A fixed number of page-aligned blocks of BLOCK_BYTES. Any thread takes blocks and gives them back.
+
+    It also counts the bytes in borrowed camera buffers that wait for the disk.
+    """
 
     def __init__(self, size: int, most_borrowed_bytes: int = 0) -> None:
-        """Allocate at least `size` bytes and eight blocks.
+        """Allocate at least eight blocks, together at least `size` bytes.
 
-        Besides, `most_borrowed_bytes` may wait for the disk in borrowed buffers.
+        Args:
+            size: bytes needed.
+            most_borrowed_bytes: bytes that may wait for the disk in borrowed buffers besides.
         """
         self.blocks = max(8, -(-size // BLOCK_BYTES))
         self.most_bytes = self.blocks * BLOCK_BYTES + most_borrowed_bytes
@@ -40,7 +45,7 @@ class BlockMemory:
         return (self.blocks - self.free) * BLOCK_BYTES + self._borrowed_bytes
 
     def take(self) -> memoryview:
-        """Take the block given back last: it is still in the processor's cache.
+        """Take the block given back last, as a view of BLOCK_BYTES: it is still in the processor's cache.
 
         Raises:
             IndexError: no block is free.
@@ -48,7 +53,7 @@ class BlockMemory:
         return self._free.pop()
 
     def give_back(self, block: memoryview) -> None:
-        """Make a block available again."""
+        """Make a block that was taken available again."""
         self._free.append(block)
 
     def count_borrowed(self, size: int) -> None:

@@ -1,4 +1,4 @@
-"""Chunks of one image each, in which every image begins on a page of the file.
+"""Packs MCAP chunks of one image each, in which every image begins on a page of the file.
 
 Therefore the disk reads the image from its own buffer.
 
@@ -40,13 +40,25 @@ class BorrowedChunks(NamedTuple):
 
 
 def gap_before(at: int) -> int:
-    """Size of the padding at offset `at` that ends with a page [bytes]: 0, or at least a record's head."""
+    """Size of the padding that moves offset `at` to the beginning of a page [bytes].
+
+    It is 0, or at least the size of a record's head.
+    """
     gap = -at % PAGE_BYTES
     return gap if gap == 0 or gap >= container.RECORD_HEAD else gap + PAGE_BYTES
 
 
 def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage]) -> BorrowedChunks:
-    """Pack at least one image for a file that ends at `offset`."""
+    """Pack images into chunks for a file that ends at `offset`, without copying their whole pages.
+
+    Args:
+        offset: offset at which the chunks will begin [bytes].
+        channel_id: channel of the images in the file.
+        images: at least one image.
+
+    Returns:
+        Bytes to append, with the entries for the summary and the content hash.
+    """
     at, loose = offset, ()
     own: list[bytes] = []
     pages: list[memoryview] = []

@@ -1,4 +1,4 @@
-"""Path of frames past the page cache: the disk reads them from the camera's own buffers, nothing is copied.
+"""Path of frames past the page cache: the disk reads whole pages from the camera's own buffers.
 
 Several frames are written together: first their checksums, which read every pixel and therefore leave nothing
 else in the processor's cache, then everything that runs in Python.
@@ -28,19 +28,28 @@ _ROOM_POLL_S: Final = 5e-3
 
 
 class BorrowedFrameFile(Protocol):
-    """Destination of the frames: see FrameFile."""
+    """Destination of the frames, implemented by FrameFile: writer of images and of their metadata."""
 
     def write_borrowed(self, frames: Sequence[Frame]) -> None:
-        """Write images from their borrowed buffers."""
+        """Write images from their borrowed buffers, all or none.
+
+        Raises:
+            DiskBehind: there is no room for them now.
+            RecorderError: the disk is full or failing.
+        """
         ...
 
     def write_metas(self, frames: Sequence[tuple[Frame, bool]]) -> None:
-        """Write the meta of frames."""
+        """Write the meta (times, exposure, losses) of frames, each with True if its image is in the file.
+
+        Raises:
+            RecorderError: the disk is full or failing.
+        """
         ...
 
 
 class BorrowedQueue:
-    """FramePath that borrows buffers until the disk has their images.
+    """Queue of frames that borrows camera buffers until the disk has their images (a FramePath).
 
     A frame whose buffer cannot be borrowed is dropped and counted.
 
@@ -67,16 +76,23 @@ class BorrowedQueue:
 
     @property
     def dropped(self) -> int:
-        """See FramePath."""
+        """Number of images that should be in the file and are not: no free buffer, or a failed disk."""
         return self._refused + self._failed
 
     @property
     def waiting(self) -> int:
-        """See FramePath."""
+        """Number of frames that are not handed to the file yet."""
         return len(self._queue)
 
     def take(self, frame: Frame) -> bool:
-        """See FramePath."""
+        """Queue a frame, borrowing its buffer, and write the queued frames if enough have gathered.
+
+        The call does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue closes.
+
+        Returns:
+            False if the image was dropped: no buffer was free, or the file failed. Its meta is written all
+            the same.
+        """
         queue = self._queue
         borrowed = self.error is None and frame.buffer.borrow()
         self._refused += not borrowed
@@ -91,7 +107,10 @@ class BorrowedQueue:
         return borrowed
 
     def wait_until_written(self, timeout_s: float) -> None:
-        """Write the waiting frames; on return no other thread writes either, unless the time is up."""
+        """Write the waiting frames, for at most `timeout_s` seconds.
+
+        Unless the time is up, the queue is empty on return and no other thread writes either.
+        """
         end = time.monotonic() + timeout_s
         while True:
             with self._lock:
@@ -105,7 +124,7 @@ class BorrowedQueue:
                 time.sleep(_ROOM_POLL_S)
 
     def close(self) -> None:
-        """See FramePath."""
+        """Write the waiting frames, however long that takes, and end the thread. Safe to call twice."""
         self._ending.set()
         self._thread.join()
         self.wait_until_written(math.inf)
@@ -121,7 +140,11 @@ class BorrowedQueue:
     # --- under the lock ---
 
     def _write_batch(self) -> bool:
-        """Write the oldest frames; False if there is no room for them now."""
+        """Write the images and meta of the oldest frames, at most BATCH_FRAMES. Called with the lock held.
+
+        Returns:
+            False if there is no room for the images now; the frames then stay in the queue.
+        """
         queue = self._queue
         batch = [queue[number] for number in range(min(len(queue), BATCH_FRAMES))]
         if not batch:  # another thread wrote it
@@ -140,7 +163,14 @@ class BorrowedQueue:
         return True
 
     def _write_images(self, frames: list[Frame]) -> bool:
-        """True if the images were written; on an error that lasts the buffers are released."""
+        """Write images from borrowed buffers; on an error that lasts, count and release them instead.
+
+        Returns:
+            True if the images were written; False on such an error, or for an empty list.
+
+        Raises:
+            DiskBehind: there is no room for them now; the buffers stay borrowed.
+        """
         if frames and self.error is None:
             try:
                 self._file.write_borrowed(frames)

@@ -2,8 +2,9 @@
 
 A write through the page cache copies every byte once more and hands it to the kernel's threads, which may
 find the disk busy when gigabytes wait; then they block the next writer. Here bytes are copied once, into a
-block, and borrowed pages not at all: the disk reads them in place. Appending never waits for the disk: while
-the disk stands still the blocks fill, and when none is left images are refused.
+block, and borrowed pages not at all: the disk reads them in place. Appending does not wait for the disk
+as long as blocks are free: while the disk stands still they fill, and when too few are left images are
+refused (`has_room`).
 
 The space of the file is allocated before its bytes are accepted, so that a disk that fills up refuses the
 next image, never an accepted one. O_DIRECT writes whole pages: the last page is padded with zeros, which no
@@ -53,9 +54,12 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def _allocate(fd: int, offset: int, size: int) -> None:
-    """Allocate disk space without changing the file's length.
+    """Allocate `size` bytes of disk space from `offset` on, without changing the file's length.
 
     os.posix_fallocate changes the length, and writes zeros on file systems that cannot allocate.
+
+    Raises:
+        OSError: the disk is full, or the file system cannot allocate.
     """
     if _libc.fallocate(fd, _FALLOC_FL_KEEP_SIZE, ctypes.c_int64(offset), ctypes.c_int64(size)) != 0:
         number = ctypes.get_errno()
@@ -79,7 +83,15 @@ def can_write_directly(folder: Path) -> bool:
 
 
 class DirectFile:
-    """See RecordingFile. The bytes wait in blocks of `memory`, which several files may share.
+    """File of a recording, written with O_DIRECT by a thread of its own (a RecordingFile).
+
+    The bytes wait in blocks of `memory`, which several files may share. One thread at a time appends; others
+    may call `wait_until`.
+
+    Args:
+        part_path: path of the new file.
+        memory: blocks for copied bytes.
+        sync_bytes: bytes after which the writing thread calls fdatasync.
 
     Raises:
         RecorderError: `part_path` is taken, or its folder is missing.
@@ -115,7 +127,15 @@ class DirectFile:
         self._thread.start()
 
     def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:
-        """See RecordingFile."""
+        """True if `append` accepts bytes now without waiting; also if the disk is full or failing.
+
+        In the latter case `append` raises the error.
+
+        Args:
+            size: bytes to be copied.
+            image: True for images, which leave RESERVE_BLOCKS blocks and RESERVE_BYTES of the disk free.
+            borrowed: bytes in borrowed pages, which take disk space and no blocks.
+        """
         blocks = self._memory.free - (RESERVE_BLOCKS if image else 0)
         in_memory = size <= self._waiting.room + blocks * BLOCK_BYTES
         # Where the disk is full or failing, `append` raises the error.
@@ -124,14 +144,30 @@ class DirectFile:
         )
 
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
-        """See RecordingFile."""
+        """Copy `buffers` for the writing thread, all or none; waits where there is no room.
+
+        Returns:
+            Number of bytes.
+
+        Raises:
+            OSError: the disk is full or failing; images are refused RESERVE_BYTES earlier.
+        """
         size = sum(map(len, buffers))
         self._make_room(size, image=image)
         self._accept_until(self._copy(self.size, buffers, []))
         return size
 
     def append_borrowed(self, run: BorrowedRun) -> int:
-        """See RecordingFile."""
+        """Queue images in borrowed pages for the writing thread, and copy the bytes around them.
+
+        Each buffer is released when its pages are on the disk, or when the disk failed.
+
+        Returns:
+            Number of bytes: borrowed pages and copied bytes.
+
+        Raises:
+            OSError: the disk is full or failing; no buffer was released.
+        """
         own = run.own_bytes
         size = own + run.borrowed_bytes
         self._make_room(size, image=True)
@@ -141,7 +177,13 @@ class DirectFile:
         return size
 
     def _make_room(self, size: int, *, image: bool) -> None:
-        """Wait until `size` bytes more are allocated on the disk."""
+        """Wait until space for `size` bytes more is allocated on the disk.
+
+        Images also need RESERVE_BYTES beyond that.
+
+        Raises:
+            OSError: the disk is full or failing.
+        """
         if self._failed is not None:
             raise self._failed
         self._wanted = self.size + size
@@ -151,7 +193,14 @@ class DirectFile:
             self._wait_for_disk()
 
     def _copy(self, at: int, buffers: Sequence[Buffer], blocks: list[memoryview]) -> int:
-        """Copy bytes for offset `at` into `blocks`, then into free ones; returns the offset of the end."""
+        """Copy bytes for offset `at` of the file into `blocks`, which it uses up, then into free ones.
+
+        Returns:
+            Offset of the end of the copied bytes.
+
+        Raises:
+            OSError: the disk failed while the call waited for a free block.
+        """
         waiting = self._waiting
         for buffer in buffers:
             view = memoryview(buffer)
@@ -174,17 +223,25 @@ class DirectFile:
         """Do nothing: the reserved space is allocated already, and is refused to images only."""
 
     def wait_until(self, size: int) -> None:
-        """See RecordingFile."""
+        """Wait until other programs can read the first `size` bytes from the file.
+
+        Raises:
+            OSError: the disk failed before.
+        """
         with self._change:
             self._change.wait_for(lambda: self._readable >= size or self._failed is not None)
             if self._readable < size and self._failed is not None:
                 raise self._failed
 
     def sync(self) -> None:
-        """See RecordingFile: the writing thread does it."""
+        """Do nothing: the writing thread calls fdatasync."""
 
     def finish(self) -> None:
-        """See RecordingFile."""
+        """Write all accepted bytes, cut the file to their length, fsync and close it.
+
+        Raises:
+            OSError: the disk failed; the file is closed all the same.
+        """
         try:
             self._end()
             if self._failed is not None:
@@ -194,7 +251,7 @@ class DirectFile:
             os.close(self._fd)
 
     def abort(self) -> None:
-        """See RecordingFile."""
+        """Write the accepted bytes as far as the disk allows, cut the file to their length, close it."""
         try:
             self._end()
         except OSError:  # as far as the disk allows
@@ -215,7 +272,11 @@ class DirectFile:
         return self.size + size + (RESERVE_BYTES if image else 0) <= self._allocated
 
     def _take(self, at: int) -> memoryview:
-        """Take a free block for the bytes from offset `at` on; waits for the disk if there is none."""
+        """Take a free block for the bytes from offset `at` on; waits for the disk if there is none.
+
+        Raises:
+            OSError: the disk failed.
+        """
         while True:
             try:
                 return self._memory.take()
@@ -224,7 +285,11 @@ class DirectFile:
                 self._wait_for_disk()
 
     def _take_blocks(self, size: int) -> list[memoryview]:
-        """Take the blocks that copying `size` bytes needs."""
+        """Take the blocks that copying `size` bytes needs, beyond the room in the present block.
+
+        Raises:
+            OSError: the disk failed; the blocks were given back.
+        """
         blocks: list[memoryview] = []
         try:
             while size > self._waiting.room + len(blocks) * BLOCK_BYTES:
@@ -280,7 +345,11 @@ class DirectFile:
                 step = max(BLOCK_BYTES, step // 4)
 
     def _write(self, size: int, *, tail: bool) -> None:
-        """Write the file up to `size`, or without `tail` up to the last whole page before it."""
+        """Write the file up to offset `size`, or without `tail` up to the last whole page before it.
+
+        Raises:
+            OSError: the disk refuses.
+        """
         while True:
             whole = min(size - size % PAGE_BYTES, self._written + MOST_WRITE_BYTES)
             views = self._waiting.views(self._written, whole)

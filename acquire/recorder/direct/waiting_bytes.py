@@ -34,7 +34,11 @@ class _Stretch:
 
 
 class WaitingBytes:
-    """Queue of bytes between the appending and the writing thread. Offsets are those in the file."""
+    """Queue of bytes between the appending and the writing thread. Offsets are those in the file.
+
+    Args:
+        memory: owner of the blocks, to which they are given back.
+    """
 
     def __init__(self, memory: BlockMemory) -> None:
         self._memory = memory
@@ -55,11 +59,16 @@ class WaitingBytes:
         return self._room
 
     def add_block(self, block: memoryview) -> None:
-        """Continue in `block`; the previous one is full."""
+        """Continue in `block`, of BLOCK_BYTES; the previous one is full."""
         self._block, self._room = block, BLOCK_BYTES
 
     def copy(self, at: int, part: memoryview) -> None:
-        """Copy the file's next bytes; there is room for them."""
+        """Copy the file's next bytes.
+
+        Args:
+            at: offset of `part` in the file: the end of the bytes added before.
+            part: at most `room` bytes.
+        """
         stretch = self._growing
         if stretch is None:
             stretch = _Stretch(at)
@@ -73,15 +82,17 @@ class WaitingBytes:
             self._close_growing()
 
     def add_borrowed(self, at: int, run: BorrowedRun, more: list[memoryview]) -> int:
-        """Add all of `run` between its lead and its last bytes.
+        """Add a run's borrowed pages without copying them, and copy the bytes between them.
+
+        The run's first bytes (`lead`) and last bytes are left to the caller.
 
         Args:
             at: offset of the first borrowed page, the beginning of a page of the file.
             run: borrowed pages and the bytes between them.
-            more: blocks for those bytes.
+            more: free blocks for those bytes, taken from the end of the list as needed.
 
         Returns:
-            Offset of the end.
+            Offset after the last borrowed page.
         """
         self._close_growing()
         stretch = _Stretch(at)
@@ -130,7 +141,12 @@ class WaitingBytes:
     # --- the thread that writes ---
 
     def views(self, start: int, end: int) -> list[memoryview]:
-        """Views of the bytes from `start`, which is not dropped yet, to `end`, which was added."""
+        """Views of the waiting bytes from offset `start` to `end`, in order; nothing is removed.
+
+        Args:
+            start: at or after the end of the bytes dropped before.
+            end: at most the end of the bytes added.
+        """
         line = self._line
         while start < end and (not line or line[-1].end < end):
             line.append(self._added.popleft())
@@ -147,7 +163,10 @@ class WaitingBytes:
         return views
 
     def drop_written(self, end: int) -> None:
-        """Give back the memory of the bytes before `end`: they are written."""
+        """Give back the memory of the bytes before offset `end`, which are written.
+
+        Blocks that also hold later bytes are kept.
+        """
         count = 0
         for stretch in self._line:
             if not stretch.closed or stretch.end > end:
@@ -158,7 +177,7 @@ class WaitingBytes:
         del self._line[:count]
 
     def release_borrowed(self) -> None:
-        """Release all borrowed buffers: the disk failed, they will not be written."""
+        """Release all borrowed buffers after the disk failed: they will not be written."""
         while self._added:
             self._line.append(self._added.popleft())
         for stretch in self._line:
@@ -167,7 +186,7 @@ class WaitingBytes:
     # --- either thread, when the other has ended ---
 
     def close(self) -> None:
-        """Give back all memory."""
+        """Release all borrowed buffers and give back all blocks."""
         self.release_borrowed()
         for stretch in self._line:
             self._give_back(stretch)

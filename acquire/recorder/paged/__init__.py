@@ -1,1 +1,1 @@
-"""Writing through the kernel's page cache: frames are copied into a pool, a thread writes them."""
+"""Writing through the kernel's page cache: frames are copied into a buffer pool, a thread writes them."""

@@ -29,15 +29,18 @@ class _Queued(NamedTuple):
 
 
 class CopiedQueue:
-    """FramePath that copies. Images that find no free buffer are dropped and counted."""
+    """Queue of frames copied into a buffer pool and written by a thread (a FramePath).
+
+    Images that find no free buffer are dropped and counted.
+    """
 
     def __init__(self, file: FrameFile, frames: FrameFormat, buffers: int) -> None:
-        """Start the writing thread.
+        """Allocate the buffers and start the writing thread.
 
         Args:
             file: destination of the frames.
             frames: size of the images.
-            buffers: images that may wait at a time, including those in a delay line.
+            buffers: number of images that may be held at a time, including those that wait for a trigger.
         """
         self.error: RecorderError | None = None
         self._refused = self._failed = 0
@@ -53,16 +56,20 @@ class CopiedQueue:
 
     @property
     def dropped(self) -> int:
-        """See FramePath."""
+        """Number of images that should be in the file and are not: no free buffer, or a failed disk."""
         return self._refused + self._failed
 
     @property
     def waiting(self) -> int:
-        """See FramePath."""
+        """Number of frames in the queue, without the batch being written."""
         return len(self._queue)
 
     def take(self, frame: Frame) -> bool:
-        """See FramePath."""
+        """Copy a frame and queue it for writing. Never waits for the disk.
+
+        Returns:
+            False if the image was dropped because no buffer was free; its meta is queued all the same.
+        """
         copied = self.copy(frame)
         if copied is None:
             self.write_dropped(frame)
@@ -71,29 +78,38 @@ class CopiedQueue:
         return True
 
     def copy(self, frame: Frame) -> Frame | None:
-        """Copy a frame into a pool buffer, to be written or released. None if the pool is empty."""
+        """Copy a frame into a pool buffer, which the caller must pass to `write` or release.
+
+        Returns:
+            The copy; None if no buffer is free.
+        """
         return self._pool.copy(frame)
 
     def write(self, frame: Frame, *, with_meta: bool = True) -> None:
-        """Queue a copied frame for writing; its buffer is released afterwards."""
+        """Queue a frame made by `copy` for writing; its buffer is released afterwards.
+
+        Args:
+            frame: the copied frame.
+            with_meta: write the frame's meta (FrameMeta message) as well.
+        """
         self._put(_Queued(frame, with_image=True, with_meta=with_meta))
 
     def write_meta(self, frame: Frame) -> None:
-        """Queue a frame's meta without its image."""
+        """Queue a frame's meta (FrameMeta message: times, exposure, losses) without its image."""
         self._put(_Queued(frame, with_image=False))
 
     def write_dropped(self, frame: Frame) -> None:
-        """Queue a frame's meta and count its image as dropped."""
+        """Queue a frame's meta (FrameMeta message) without its image, and count the image as dropped."""
         self._refused += 1
         self.write_meta(frame)
 
     def wait_until_written(self, timeout_s: float) -> None:
-        """See FramePath."""
+        """Wait until all queued frames are written or dropped, at most `timeout_s` seconds."""
         with self._change:
             self._change.wait_for(lambda: not self._queue and not self._writing, timeout_s)
 
     def close(self) -> None:
-        """See FramePath."""
+        """Write the waiting frames and end the thread. Safe to call twice."""
         with self._change:
             self._ending = True
             self._change.notify_all()
@@ -117,7 +133,11 @@ class CopiedQueue:
                     frame.buffer.release()
 
     def _next_batch(self) -> list[_Queued]:
-        """Frames that are written together; none at the end."""
+        """Wait for frames, and take those that are written together from the queue.
+
+        Returns:
+            At least one entry, at most `_batch_frames`; empty once the queue is closed and empty.
+        """
         with self._change:
             self._writing = False
             while True:
@@ -132,7 +152,11 @@ class CopiedQueue:
             return [self._queue.popleft() for _ in range(min(len(self._queue), self._batch_frames))]
 
     def _write_images(self, frames: list[Frame]) -> bool:
-        """True if the images are in the file."""
+        """Write images together; after an error count them as dropped.
+
+        Returns:
+            False if the file failed, now or earlier; else True, also for an empty list.
+        """
         try:
             if frames and self.error is None:
                 self._file.write_images(frames)

@@ -1,4 +1,4 @@
-"""A file written through the kernel's page cache: bytes survive this process once `append` accepted them."""
+"""A file written through the kernel's page cache: appended bytes are kept if this process is killed."""
 
 from __future__ import annotations
 
@@ -18,9 +18,13 @@ RESERVE_BYTES: Final = 8 << 20
 
 
 class PageCacheFile:
-    """RecordingFile in the page cache.
+    """File of a recording, written through the kernel's page cache (a RecordingFile).
 
     Every `sync_bytes` the kernel is made to write, so that it never has seconds of data to write.
+
+    Args:
+        part_path: path of the new file.
+        sync_bytes: bytes after which `sync` calls fdatasync.
 
     Raises:
         RecorderError: `part_path` is taken, or its folder is missing.
@@ -36,11 +40,18 @@ class PageCacheFile:
         self._synced = 0
 
     def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:  # noqa: ARG002 - `append` waits
-        """See RecordingFile."""
+        """True always: `append` waits for the disk where it must, and raises an error where it is full."""
         return True
 
     def append_borrowed(self, run: BorrowedRun) -> int:
-        """See RecordingFile."""
+        """Write borrowed pages and the bytes around them, then release the buffers.
+
+        Returns:
+            Number of bytes.
+
+        Raises:
+            OSError: the disk is full or failing; the file is unchanged and no buffer was released.
+        """
         pieces = itertools.chain.from_iterable(zip(run.pages, run.following, strict=True))
         length = self.append([run.lead, *pieces])
         for release in run.release:
@@ -48,7 +59,14 @@ class PageCacheFile:
         return length
 
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:  # noqa: ARG002 - all may
-        """See RecordingFile."""
+        """Write all `buffers` at the end of the file, or none; waits for the disk where it must.
+
+        Returns:
+            Number of bytes.
+
+        Raises:
+            OSError: the disk is full or failing; the file is unchanged.
+        """
         try:
             length = atomic.write_all(self._fd, buffers)
         except OSError:
@@ -60,29 +78,36 @@ class PageCacheFile:
         return length
 
     def release_reserve(self) -> None:
-        """See RecordingFile."""
+        """Give the RESERVE_BYTES of reserved disk space back to the disk, for the end of the recording."""
         if self._reserve is not None:
             os.close(self._reserve)
             self._reserve = None
 
     def wait_until(self, size: int) -> None:
-        """See RecordingFile: the bytes are readable as soon as they are accepted."""
+        """Do nothing: accepted bytes can be read at once."""
 
     def sync(self) -> None:
-        """See RecordingFile."""
+        """Call fdatasync if `sync_bytes` were appended since the last time.
+
+        An error of the disk is ignored here; `finish` meets it again.
+        """
         if self.size - self._synced >= self._sync_bytes:
             self._synced = self.size
             with contextlib.suppress(OSError):  # reported again by the fsync in finish
                 os.fdatasync(self._fd)
 
     def finish(self) -> None:
-        """See RecordingFile."""
+        """Write everything to the disk (fsync) and close the file.
+
+        Raises:
+            OSError: the disk refuses; the file is closed all the same.
+        """
         try:
             os.fsync(self._fd)
         finally:
             self.abort()
 
     def abort(self) -> None:
-        """See RecordingFile."""
+        """Release the reserved disk space and close the file without fsync."""
         self.release_reserve()
         os.close(self._fd)

@@ -1,6 +1,6 @@
 """Adds topics to a finished recording, and removes topics from one.
 
-The original is replaced only by a complete new file.
+An original to which topics are added is replaced only by a complete new file.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from schemas.topics import TRUTH_PREFIX, Topic
 
 
 def read_manifest(path: Path) -> SessionManifest:
-    """Read the manifest of a finished recording.
+    """Read the manifest (object, plan, camera and clock of the session) of a finished recording.
 
     Raises:
-        RecorderError: the recording is missing, cut short, or holds no manifest.
+        RecorderError: the recording is missing, cut short, or holds no manifest that this version reads.
     """
     with mapped(path) as data:
         metadata = read_layout(path, data).metadata
@@ -38,13 +38,17 @@ def read_manifest(path: Path) -> SessionManifest:
 
 
 def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
-    """Add messages (topic, log time, data) of new /truth/ topics to a finished recording.
+    """Add messages of new topics below /truth/ (ground truth of a simulation) to a finished recording.
 
-    Its content_id does not change.
+    The recording is replaced by the new file; its content_id (hash of all other messages) does not change.
+
+    Args:
+        path: the recording.
+        messages: (topic, log time [ns], serialised message) of each.
 
     Raises:
-        RecorderError: the recording is incomplete, has such a topic already, or cannot be rewritten; it is
-            unchanged then.
+        RecorderError: the recording is incomplete, holds such a topic already, or cannot be rewritten, or a
+            topic is not below /truth/; the recording is unchanged then.
     """
     with mapped(path) as data:
         layout = read_layout(path, data)
@@ -83,11 +87,12 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
 def remove_topics(path: Path, out: Path, prefix: str) -> None:
     """Copy the recording `path` to `out` without the topics whose names begin with `prefix`.
 
-    The content_id stays the same if only /truth/ topics are removed, and is computed anew otherwise.
+    The content_id (hash of the messages outside /truth/) is kept if `prefix` begins with /truth/, and
+    computed anew otherwise.
 
     Raises:
-        RecorderError: `path` is incomplete or damaged, or `out` cannot be written; nothing is left behind
-            then.
+        RecorderError: `path` is incomplete or damaged, or `out` exists or cannot be written; nothing is left
+            behind then.
     """
     atomic.refuse_taken(out)
     with mapped(path) as data:
@@ -131,7 +136,10 @@ def _copy_without(data: memoryview, layout: Layout, prefix: str, writer: Rewrite
 
 
 def _holds_only(entry: ChunkEntry | None, channels: set[int]) -> bool:
-    """True if a chunk's indexes list these channels only."""
+    """True if a chunk's summary entry lists at least one channel, and only some of `channels`.
+
+    False without an entry (None).
+    """
     return entry is not None and bool(entry.index_offsets) and set(entry.index_offsets) <= channels
 
 
@@ -140,7 +148,18 @@ def _body(whole: bytes) -> memoryview:
 
 
 def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
-    """Copy a chunk's messages whose channel is in `topics`, add them to `digest`, return their number.
+    """Copy a chunk's messages whose channel is in `topics`, and add them to `digest`.
+
+    A chunk of which every record is copied stays one chunk; else the messages are gathered in new chunks.
+
+    Args:
+        messages: message records of the chunk, decompressed.
+        topics: names of the topics to be copied, by channel id.
+        writer: writer of the new file.
+        digest: content hash of the new file.
+
+    Returns:
+        Number of messages copied.
 
     Raises:
         ContainerError: a message is damaged.

@@ -1,6 +1,6 @@
 """Rebuilds a cut or damaged recording from its whole messages, attachments and metadata.
 
-The new file has a new index and seal.
+The new file has a new index and a new seal (metadata record with the hash of the messages).
 """
 
 from __future__ import annotations
@@ -31,13 +31,18 @@ _CHUNK_HEAD = re.compile(rb"\x06.{4}\x00{4}.{16}.{4}\x00{4}", re.DOTALL)
 
 @dataclass
 class RecoverReport:
-    """Result of a recovery: what was saved and what was lost."""
+    """Result of a recovery: numbers of saved messages and attachments, and the extent of the losses."""
 
     source: Path
+    """the cut or damaged recording"""
     path: Path
+    """the new recording"""
     messages: int = 0
+    """number of messages saved"""
     topics: dict[str, int] = field(default_factory=dict)
+    """number of messages saved, by topic name"""
     attachments: int = 0
+    """number of attachments saved"""
     damaged_records: int = 0
     """records left out because their checksum or their form was wrong"""
     skipped_bytes: int = 0
@@ -45,22 +50,24 @@ class RecoverReport:
     ended_properly: bool = False
     """True if the source holds its data to their end; otherwise it is unknown how much is missing"""
     lasts_s: float = 0.0
-    """time from the first saved message to the last, by their log times"""
+    """time from the first saved message to the last, by their log times [s]"""
     has_manifest: bool = False
+    """True if the manifest (object, plan, camera and clock of the session) was saved"""
     content_id: str = ""
+    """hash of the saved messages"""
 
     @property
     def anything_lost(self) -> bool:
-        """True if the recording held more than was saved: damaged bytes, or whatever followed a cut."""
+        """True if the recording held more than was saved: damaged bytes, or bytes missing after a cut."""
         return self.anything_damaged or not self.ended_properly
 
     @property
     def anything_damaged(self) -> bool:
-        """True if the source holds bytes that could not be saved."""
+        """True if the source holds bytes or records that could not be saved."""
         return self.damaged_records > 0 or self.skipped_bytes > 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Report as a JSON object."""
+        """Report as a JSON object: all fields and the two properties, paths as text."""
         return {
             "source": str(self.source),
             "path": str(self.path),
@@ -78,7 +85,7 @@ class RecoverReport:
         }
 
     def text(self) -> str:
-        """Report in a few lines for the terminal."""
+        """Report in one to four lines for the terminal."""
         topics = f"{len(self.topics)} topics, {self.attachments} attachments"
         lines = [f"{self.path}: {self.messages} messages on {topics}"]
         if not self.has_manifest:
@@ -96,7 +103,7 @@ class RecoverReport:
 
 
 def default_output(path: Path) -> Path:
-    """Path beside a recording, with -recovered before .mcap.
+    """Path beside a recording, with -recovered before .mcap: `a.mcap.part` gives `a-recovered.mcap`.
 
     Raises:
         RecorderError: `path` is a folder.
@@ -108,9 +115,16 @@ def default_output(path: Path) -> Path:
 def recover(path: Path, out: Path) -> RecoverReport:
     """Write everything of `path` that is whole to `out`, and verify the new file by reading it.
 
+    Args:
+        path: recording that was cut short or damaged; it stays unchanged.
+        out: path of the new recording.
+
+    Returns:
+        Numbers of saved messages and attachments, and extent of the losses.
+
     Raises:
-        RecorderError: nothing can be saved, or `out` exists or cannot be written; nothing is left behind
-            then.
+        RecorderError: `path` is missing, empty or no MCAP file, nothing in it can be saved, or `out` exists
+            or cannot be written; nothing is left behind then.
     """
     atomic.refuse_unwritable(out)
     atomic.refuse_taken(out)
@@ -135,7 +149,14 @@ def recover(path: Path, out: Path) -> RecoverReport:
 
 
 class _Salvage:
-    """One pass over the bytes of a damaged recording."""
+    """One pass over the bytes of a damaged recording.
+
+    Args:
+        data: bytes of the recording.
+        writer: writer of the new file.
+        report: filled during the pass.
+        digest: content hash, to which every saved message is added.
+    """
 
     def __init__(
         self, data: memoryview, writer: Rewriter, report: RecoverReport, digest: ContentHash
@@ -149,7 +170,11 @@ class _Salvage:
         self._manifest_hash: dict[str, str] = {}
 
     def run(self) -> None:
-        """Copy whole records, then write the seal."""
+        """Copy whole records, then write the seal (metadata record with the content hash); fill the report.
+
+        Raises:
+            RecorderError: the new file cannot be written.
+        """
         at = len(container.MAGIC)
         end = self._data_end()
         while at < end and not self._report.ended_properly:
@@ -177,7 +202,7 @@ class _Salvage:
         )
 
     def _data_end(self) -> int:
-        """Offset where the data end.
+        """Offset where the data end: zeros in the file's last 4096 bytes are left out.
 
         A recording written past the page cache fills its last page with zeros.
         """
@@ -185,7 +210,13 @@ class _Salvage:
         return len(self._data) - (len(padding) - len(padding.rstrip(b"\0")))
 
     def _copy_records(self, start: int) -> int:
-        """Copy whole records from `start` on and return the offset where they end."""
+        """Copy whole records from offset `start` on, until one is cut, unknown, or ends the data section.
+
+        A damaged record is left out and counted in the report.
+
+        Returns:
+            Offset where the whole records end.
+        """
         at = start
         for opcode, found, body in walk(self._data, start):
             # Padding has a bounded length and holds zeros only; anything else is damage, and the next chunk
@@ -239,12 +270,13 @@ class _Salvage:
         self._report.messages += copy_messages(messages, self._topics, self._writer, self._digest)
 
     def _salvage_cut_chunk(self, at: int) -> int:
-        """Copy the whole messages of an uncompressed chunk whose end is missing.
+        """Copy the whole messages of an uncompressed chunk at offset `at` whose end is missing.
 
         They cannot be checked by the chunk's CRC, only by their form.
 
         Returns:
-            The number of bytes of the chunk that were used.
+            Number of bytes of the chunk that were used; 0 if no such chunk begins there or no message is
+            whole.
         """
         head = container.CHUNK_HEAD
         if len(self._data) - at <= head or self._data[at] != container.CHUNK:
@@ -268,9 +300,9 @@ class _Salvage:
         return saved
 
     def _next_chunk(self, start: int) -> int:
-        """Offset of the next undamaged chunk, or of the end.
+        """Offset of the next undamaged chunk at or after `start`; the size of the recording if there is none.
 
-        A wrong length must not cost everything after it.
+        The search covers every byte, because a wrong record length must not cost everything after it.
         """
         data = self._data
         for match in _CHUNK_HEAD.finditer(data, start):
@@ -287,10 +319,10 @@ class _Salvage:
 
 
 def _verify(path: Path, report: RecoverReport) -> None:
-    """Read the new file from its first byte to its last and compare it with the report.
+    """Read the messages of the new file and compare their number and hash with the report.
 
     Raises:
-        RecorderError: it does not hold what was written.
+        RecorderError: the file does not hold the messages that were written.
     """
     digest, count = ContentHash(), 0
     with mapped(path) as data:

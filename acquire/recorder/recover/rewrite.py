@@ -35,10 +35,13 @@ def refuse_folder(path: Path) -> None:
 
 @contextmanager
 def mapped(path: Path) -> Iterator[memoryview]:
-    """Map a recording's bytes, read-only.
+    """Map a recording's bytes into memory, read-only.
+
+    Yields:
+        The bytes of the whole file.
 
     Raises:
-        RecorderError: it is missing, a folder, empty, or no MCAP file.
+        RecorderError: the file is missing, a folder, empty, or no MCAP file.
     """
     refuse_folder(path)
     try:
@@ -59,22 +62,32 @@ def mapped(path: Path) -> Iterator[memoryview]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Contents of a finished recording, as its summary lists them."""
+    """Contents of a finished recording, as listed in its summary.
+
+    Attributes:
+        summary: whole records of the summary section.
+        channels: channel records, by channel id.
+        metadata: entries of the metadata records, by name.
+    """
 
     summary: Summary
     channels: dict[int, ChannelRecord]
     metadata: dict[str, dict[str, str]]
     data_end: int
-    """offset of the DataEnd record, where further records are appended"""
+    """offset of the DataEnd record, where further records are appended [bytes]"""
 
     @property
     def topics(self) -> dict[int, str]:
-        """Topic names by channel id."""
+        """Topic names of a finished recording, by channel id."""
         return {number: channel.topic for number, channel in self.channels.items()}
 
 
 def read_layout(path: Path, data: memoryview) -> Layout:
-    """Read a finished recording's summary.
+    """Read the summary and the metadata of a finished recording.
+
+    Args:
+        path: path of the recording, for the error's text.
+        data: bytes of the whole file.
 
     Raises:
         RecorderError: the recording ends early or is damaged.
@@ -119,8 +132,12 @@ def _parse_layout(data: memoryview, section: memoryview, data_end: int) -> Layou
 class Rewriter:
     """A new recording under a temporary name; after `finish` it is complete and can be renamed.
 
+    Args:
+        path: final path, for the errors' texts.
+        part_path: temporary path of the new file.
+
     Raises:
-        RecorderError: the path is taken or the disk refuses.
+        RecorderError: the temporary path is taken or the disk refuses.
     """
 
     def __init__(self, path: Path, part_path: Path) -> None:
@@ -132,11 +149,15 @@ class Rewriter:
 
     @property
     def summary(self) -> Summary:
-        """Summary of everything written so far."""
+        """Summary of the records written so far; messages that are still pending are not in it."""
         return self.records.summary
 
     def copy_from(self, source: Path, size: int, summary: Summary) -> None:
-        """Begin with the first `size` bytes of `source`, which `summary` describes."""
+        """Begin the file with the first `size` bytes of `source`, which `summary` describes.
+
+        Raises:
+            RecorderError: the bytes cannot be copied.
+        """
         fd = os.open(source, os.O_RDONLY | os.O_CLOEXEC)
         copied = 0
         try:
@@ -149,53 +170,59 @@ class Rewriter:
         self.records.size, self.records.summary = copied, summary
 
     def add_topic(self, topic: Topic, number: int) -> None:
-        """Declare a topic as channel and schema `number`."""
+        """Declare a topic as channel and schema of the given number."""
         self.flush()
         self.records.add_topic(topic, number)
 
     def copy_declaration(self, whole: bytes) -> None:
-        """Write a whole schema or channel record of the source."""
+        """Write a whole schema or channel record of another recording, unchanged."""
         self.flush()
         self.records.copy_declaration(whole)
 
     def write_message(
         self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: Buffer
     ) -> None:
-        """Add one message to the pending chunk."""
+        """Add one message to the pending chunk, which is written once it has CHUNK_BYTES."""
         self._pending.add(channel_id, sequence, log_time_ns, publish_time_ns, data)
         if len(self._pending.data) >= CHUNK_BYTES:
             self.flush()
 
     def flush(self) -> None:
-        """Write the pending chunk."""
+        """Write the pending messages as a chunk; does nothing if there are none."""
         if self._pending.data:
             self.records.write_pending(self._pending)
             self._pending = PendingMessages()
 
     def copy_chunk(self, messages: memoryview, places: MessagePlaces) -> None:
-        """Write message records of the source as a chunk of their own.
+        """Write message records of another recording as a chunk of their own.
 
-        `places` holds log time and offset of each.
+        Args:
+            messages: whole message records.
+            places: log time [ns] and offset in `messages` of each, by channel id.
         """
         self.flush()
         self.records.write_chunk([messages], len(messages), zlib.crc32(messages), places)
 
     def copy_attachment(self, whole: memoryview) -> None:
-        """Write a whole attachment record of the source.
+        """Write a whole attachment record of another recording, unchanged.
 
         Raises:
-            ContainerError: it is damaged.
+            ContainerError: the record is damaged.
         """
         self.flush()
         self.records.copy_attachment(whole, container.parse_attachment(whole[container.RECORD_HEAD :]))
 
     def write_metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write a named map of strings."""
+        """Write a metadata record: a named map of strings."""
         self.flush()
         self.records.write_metadata(name, entries)
 
     def finish(self) -> None:
-        """Write the summary and fsync; the file still has its temporary name."""
+        """Write the pending messages and the summary, and fsync; the file keeps its temporary name.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         self.flush()
         self.records.end()
         try:
