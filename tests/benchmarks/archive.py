@@ -25,7 +25,6 @@ from pathlib import Path
 import click
 import numpy as np
 from rich.console import Console
-from rich.progress import track
 
 from analyze.batch.archive import find_sources
 from analyze.batch.ledger import Entry, Ledger
@@ -35,39 +34,12 @@ from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images
 from analyze.batch.worker_messages import Request
 from analyze.batch.worker_process import Limits, WorkerProcess
-from tests.broken_files import KINDS, break_file
-from tests.quick_archive import body_of, quick_session
+from tests.benchmarks.archive_files import STRIKES, make_archive, make_session
+from tests.broken_files import KINDS
+from tests.quick_archive import body_of
 
-OBJECTS = 10
-STRIKES = (1, 3, 10, 30, 100)
 SPIN = 20_000_000
 console = Console(highlight=False)
-
-
-def _make(wanted: tuple[Path, int, int]) -> None:
-    path, number, strikes = wanted
-    if not path.exists():
-        quick_session(path, body_of(number % OBJECTS), number, strikes)
-
-
-def make_archive(folder: Path, sessions: int, broken: int) -> None:
-    """Make sessions of ten objects in a folder each, and broken files of all kinds in another folder."""
-    wanted = [
-        (folder / f"object-{number % OBJECTS}" / f"session-{number:04d}.mcap", number, 3)
-        for number in range(sessions)
-    ]
-    for path, _, _ in wanted:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        list(track(pool.map(_make, wanted), "making sessions", len(wanted), console=Console(stderr=True)))
-    whole = folder.parent / f"{folder.name}-whole.mcap"
-    _make((whole, sessions, 3))
-    (folder / "broken").mkdir(exist_ok=True)
-    for number in range(broken):
-        kind = list(KINDS)[number % len(KINDS)]
-        if not list((folder / "broken").glob(f"broken-{kind}-{number}.*")):
-            break_file(whole, folder / "broken", kind, number)
-    whole.unlink()
 
 
 def batch(place: str, output: Path, *options: str) -> tuple[float, subprocess.CompletedProcess[str]]:
@@ -331,7 +303,7 @@ def growth(folder: Path) -> None:
     """Measure seconds and memory of one recording with 1 to 100 strikes."""
     for strikes in STRIKES:
         path = folder / f"strikes-{strikes}.mcap"
-        _make((path, 5000 + strikes, strikes))
+        make_session((path, 5000 + strikes, strikes))
         output = folder / f"growth-{strikes}"
         (output / "recordings").mkdir(parents=True)
         (output / "failures").mkdir()

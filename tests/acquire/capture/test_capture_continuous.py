@@ -22,7 +22,6 @@ from tests.acquire.capture.synthetic_rig import CALIBRATION, manifest_of_a_box, 
 from tests.loopback import loopback
 from tests.places import PATTERN_CAMERA
 
-
 WIDTH, HEIGHT, SEED = 656, 492, 7
 ADDRESS = loopback(42)
 

@@ -11,15 +11,8 @@ from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import pivot_axes
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from tests.analyze.geometry.shapes import spec_of
-from tests.benchmarks.plan_input import (
-    BODIES,
-    compare_poses,
-    edge_errors,
-    generated_bodies,
-    model_of_cloud,
-    model_of_mesh,
-    noisy_cloud,
-)
+from tests.benchmarks.plan_noise import BODIES, edge_errors, model_of_cloud, model_of_mesh, noisy_cloud
+from tests.benchmarks.plan_poses import compare_poses, generated_bodies
 
 BOX = BODIES["box 60 x 200 x 50"]
 IDENTITY = np.eye(3)
