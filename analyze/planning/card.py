@@ -34,7 +34,7 @@ def placement_card(
     """Text of a placement card: which side goes down, which faces the camera, and the impact height.
 
     For a turned strike the camera sees the other end of the edge. If the object may not stand on the face,
-    the text says so and gives the remedy.
+    the text adds this and the remedy.
 
     Args:
         model: Shape of the object.
@@ -63,7 +63,11 @@ def placement_card(
 
 
 def _side(direction: Array, spec: ObjectSpec) -> str:
-    """Name of the side that faces along `direction` (3,) in O: O's nearest axis, and a marker on it."""
+    """Name of the side that faces along `direction` (3,): the nearest object axis, such as "+x".
+
+    A marker within 10 degrees of the direction is added: "+x (marker 3)". The direction is in the object
+    frame.
+    """
     for marker in spec.marker:
         if marker.T_object_marker is not None and np.array(marker.T_object_marker)[
             :3, 2

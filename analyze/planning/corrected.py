@@ -19,7 +19,9 @@ TOUCHING_FRACTION = 3e-4
 def corrected_plan(
     plan: StrikePlan, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
 ) -> StrikePlan:
-    """Plan with every pivot updated to the corrected object file.
+    """Plan with the pivot of every strike updated to the corrected object file.
+
+    The plan is returned as it is if edge radius and surface error are unchanged.
 
     Args:
         plan: Plan made with `before`.
@@ -48,14 +50,15 @@ def corrected_plan(
 def corrected_pivot(
     pivot: Pivot, R_world_object: Array, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
 ) -> Pivot:
-    """Pivot updated to the corrected object file.
+    """Pivot of one strike updated to the corrected edge radius and surface error.
 
-    The centre line lies one radius inside the resting face and the face that rises from the edge. A moulded
-    edge, whose radius is part of the shape, keeps it.
+    The centre line of the edge's rounding lies one radius inside the resting face and the face that rises
+    from the edge. A moulded edge, whose radius is part of the shape, keeps it; only the sd of its place is
+    updated.
 
     Args:
-        pivot: Pivot as planned, in O.
-        R_world_object: (3, 3) rotation from O to W at rest.
+        pivot: Pivot as planned, in the object frame.
+        R_world_object: (3, 3) rotation from object to world frame at rest.
         before: Object file that the plan was made with.
         corrected: Corrected object file.
         model: Shape of the object.
@@ -72,15 +75,15 @@ def corrected_pivot(
 
 
 def wall_lean(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> float | None:
-    """Lean of the face that rises from the edge [rad]: angle by which its normal points upwards.
+    """Lean [rad] of the face that rises from the edge: angle by which its normal points upwards.
 
     Args:
-        pivot: Pivot of the edge, in O.
-        R_world_object: (3, 3) rotation from O to W at rest.
+        pivot: Pivot of the edge, in the object frame.
+        R_world_object: (3, 3) rotation from object to world frame at rest.
         model: Shape of the object.
 
     Returns:
-        None if no face ends at the edge, or if it leans beyond `STEEPEST_WALL`.
+        None if no face touches the edge's rounding, or if it leans by `STEEPEST_WALL` or more.
     """
     tip, up, planes = R_world_object[0], R_world_object[2], model.hull_planes
     touches = np.abs(

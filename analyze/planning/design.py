@@ -1,4 +1,7 @@
-"""Design of the experiment: axes and repeats that best determine c and the moments (method 1.6)."""
+"""Design of the experiment: axes and repeats that best determine c and the moments (method 1.6).
+
+c is the centre of mass; an axis is an edge about which the object is tipped by a strike.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,10 @@ MIN_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Design:
-    """Chosen candidates, their numbers of strikes, and the predicted covariance."""
+    """Chosen candidate axes, their numbers of strikes, and the predicted covariance.
+
+    c is the centre of mass.
+    """
 
     chosen: tuple[int, ...]
     """Indices of the chosen axes among the candidates."""
@@ -50,31 +56,32 @@ class Design:
 
     @property
     def com_covariance(self) -> Array:
-        """Predicted covariance (3, 3) of c [m^2], in O."""
+        """Predicted covariance (3, 3) of the centre of mass [m^2], in the object frame."""
         return self.covariance[COM, COM]
 
     @property
     def com_rms(self) -> float:
-        """Predicted root mean square distance of c from the truth [m]."""
+        """Predicted root mean square distance of the estimated centre of mass from the true one [m]."""
         return float(np.sqrt(np.trace(self.com_covariance)))
 
 
 def choose_design(information: Information, strikes: int, most_axes: int | None = None) -> Design | None:
-    """Design with the smallest loss.
+    """Design with the smallest loss among those that the search meets.
 
-    The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln(determinant of the inertia's sd). Sets whose normals,
-    together with those of the strikes made, do not span space are excluded. The search starts from the best
-    triples, adds one axis at a time, and improves each set by exchange (Fedorov 1972) until no swap helps.
-    The same candidates in the same order give the same design.
+    The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln(determinant of the inertia's sd) + `AXIS_PENALTY` for
+    each axis, with c the centre of mass. Sets whose equi-plane normals, together with those of the strikes
+    made, do not span space are excluded. The search starts from the best triples (or smaller sets, if fewer
+    strikes remain to be made), adds one axis at a time, and improves each set by exchange (Fedorov 1972)
+    until no swap helps. The same candidates in the same order give the same design.
 
     Args:
         information: Candidates, prior knowledge and errors.
         strikes: Number of further strikes.
         most_axes: Largest number of different axes; None for `MAX_AXES`, or as many as get `STRIKES_PER_AXIS`
-            each.
+            each, up to `ABSOLUTE_MAX_AXES`.
 
     Returns:
-        None if no set has rank 3.
+        None if no set determines c in every direction, or there are no candidates or strikes.
     """
     candidates = information.candidates
     if not candidates or strikes < 1:
@@ -105,7 +112,10 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
 
 
 class _Search:
-    """Search for the set with the smallest loss, with the losses of many sets at once."""
+    """Search for the set of axes with the smallest loss, with the losses of many sets at once.
+
+    Sets are sorted tuples of candidates' indices; the penalty for each axis is not part of the loss here.
+    """
 
     def __init__(self, information: Information) -> None:
         self._information = information
@@ -123,7 +133,10 @@ class _Search:
         self._tables: dict[int, Array] = {}
 
     def table(self, repeats: int) -> Array:
-        """Information (n, 14, 14) that `repeats` strikes on each candidate add."""
+        """Information (n, 14, 14) that `repeats` further strikes on each of n candidates add.
+
+        It is about the shared unknowns in units of their prior 1 sigma, and cached.
+        """
         if repeats not in self._tables:
             added = [
                 self._information.axis_information(each, repeats) - old
@@ -133,7 +146,12 @@ class _Search:
         return self._tables[repeats]
 
     def losses(self, total: Array, normals: Array) -> Array:
-        """Losses (s,) of sets with information (s, 14, 14) and sums of n n^T (s, 3, 3); inf if degenerate."""
+        """Losses (s,) of s sets of axes; inf where a direction of the centre of mass is left unknown.
+
+        Args:
+            total: (s, 14, 14) information of each set, strikes made and priors included.
+            normals: (s, 3, 3) sum of n n^T of each set, n the unit normal of an axis's equi-plane.
+        """
         P = np.linalg.inv(total)
         com = np.trace(P[:, COM, COM], axis1=1, axis2=2)
         _, moments = np.linalg.slogdet(P[:, INERTIA, INERTIA])
@@ -148,7 +166,12 @@ class _Search:
         return self._before + self.table(each)[index].sum(axis=0), normals.T @ normals
 
     def loss(self, members: tuple[int, ...], repeats: tuple[int, ...]) -> float:
-        """Loss of one set of candidates with its numbers of strikes."""
+        """Loss of one set of axes; inf if it leaves a direction of the centre of mass unknown.
+
+        Args:
+            members: Indices of the candidates.
+            repeats: Number of further strikes on each.
+        """
         total = self._before + sum(
             self.table(many)[i] for i, many in zip(members, repeats, strict=True) if many
         )
@@ -156,7 +179,12 @@ class _Search:
         return float(self.losses(total[None], (normals.T @ normals)[None])[0])
 
     def first_sets(self, size: int, each: int) -> list[tuple[int, ...]]:
-        """Sets of `size` (1 to 3) of the pool with the smallest losses, with `each` strikes per axis."""
+        """Up to `STARTS` sets of axes with the smallest losses; empty if all leave c (centre of mass) open.
+
+        Args:
+            size: Number of axes of a set, 1 to 3, all from the pool.
+            each: Number of strikes on each axis.
+        """
         pool = self._pool(each)
         sets = np.array(list(combinations(pool, size)))
         if not len(sets):
@@ -178,7 +206,11 @@ class _Search:
         return [tuple(int(i) for i in sets[k]) for k in order]
 
     def _pool(self, each: int) -> list[int]:
-        """Up to `POOL_SIZE` candidates: three that span space well, then those that lower the loss most."""
+        """Sorted indices of up to `POOL_SIZE` candidates that are likely to be of use.
+
+        All if there are no more; else three that span space well, then those that lower the loss most with
+        `each` strikes per axis, one after another.
+        """
         everything = list(range(len(self._candidates)))
         if len(everything) <= POOL_SIZE:
             return everything
@@ -194,7 +226,12 @@ class _Search:
         return sorted(taken)
 
     def grown(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set enlarged by the candidate that lowers the loss most."""
+        """Set enlarged by the candidate that lowers the loss most; unchanged if no other is left.
+
+        Args:
+            members: Indices of the candidates in the set.
+            each: Number of strikes on each axis.
+        """
         left = [i for i in range(len(self._candidates)) if i not in members]
         if not left:
             return members
@@ -204,7 +241,12 @@ class _Search:
         return tuple(sorted([*members, left[int(np.argmin(np.round(losses, 9)))]]))
 
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set improved by one-for-one exchange until no swap lowers the loss."""
+        """Set improved by one-for-one exchange until no swap lowers the loss, in at most 50 swaps.
+
+        Args:
+            members: Indices of the candidates in the set.
+            each: Number of strikes on each axis.
+        """
         table = self.table(each)
         current = float(self.losses(*(part[None] for part in self._sums(members, each)))[0])
         for _ in range(50):
@@ -232,7 +274,12 @@ class _Search:
         return members
 
     def distributed(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
-        """Number of strikes on each member: equal shares, and the remainder where it lowers the loss most."""
+        """Number of strikes on each member: equal shares, and the remainder where it lowers the loss most.
+
+        Args:
+            members: Indices of the candidates in the set, no more than `strikes`.
+            strikes: Number of strikes in all.
+        """
         each, left = divmod(strikes, len(members))
         repeats = [each] * len(members)
         index = list(members)
@@ -248,7 +295,10 @@ class _Search:
 
 
 def can_determine_com(information: Information) -> bool:
-    """True if some set of candidates, with the strikes made, determines every direction of c."""
+    """True if some set of candidates, with the strikes made, determines the centre of mass.
+
+    Every direction of it must be determined.
+    """
     normals = np.array(
         [each.normal for each in (*information.candidates, *information.belief.struck)]
     ).reshape(-1, 3)
@@ -261,7 +311,10 @@ def can_determine_com(information: Information) -> bool:
 
 
 def _widest_three(normals: Array) -> list[int]:
-    """Indices of three of n unit vectors (n, 3) that span space well, found greedily."""
+    """Indices of three of n unit vectors (n, 3) that span space well, found greedily.
+
+    Each is the vector with the largest part perpendicular to those before it.
+    """
     taken: list[int] = []
     rest = normals.copy()
     for _ in range(3):
@@ -273,7 +326,12 @@ def _widest_three(normals: Array) -> list[int]:
 
 
 def is_degenerate(information: Information, members: Sequence[int]) -> bool:
-    """True if the normals of `members`, with those of the strikes made, leave a direction of c unknown."""
+    """True if strikes on `members`, with those made, leave a direction of the centre of mass unknown.
+
+    Args:
+        information: Candidates and strikes made.
+        members: Indices of the candidates struck.
+    """
     normals = [information.candidates[i].normal for i in members] + [
         each.normal for each in information.belief.struck
     ]

@@ -24,7 +24,7 @@ MIN_HALF_EDGE = 5e-4
 
 @dataclass(frozen=True)
 class StrikeMade:
-    """A strike used in an earlier result."""
+    """A strike used in an earlier result, with the precision of balance angle phi and rate constant k."""
 
     axis_id: str
     phi_sd: float
@@ -37,7 +37,7 @@ class StrikeMade:
 
 @dataclass(frozen=True)
 class EarlierResult:
-    """An earlier result of the object, in O."""
+    """An earlier result of the object, in the object frame; c is the centre of mass."""
 
     name: str
     """Name of the result's file, for messages."""
@@ -48,6 +48,7 @@ class EarlierResult:
     unit_inertia: Array | None
     """(3, 3) inertia about c per kilogram [m^2]; None if not estimated."""
     strikes: tuple[StrikeMade, ...]
+    """Strikes that the result was estimated from."""
     directions: Mapping[str, Array] = field(default_factory=dict[str, Array])
     """Unit direction (3,) of each struck axis by id, to check that the ids still name the same edges."""
     edges: Mapping[str, EdgeLine] = field(default_factory=dict[str, EdgeLine])
@@ -57,9 +58,17 @@ class EarlierResult:
 def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
     """Merge results of different strikes into one, independently of their order.
 
-    The results share errors (the edges, the table) to an unknown degree: their c are merged by covariance
-    intersection, which never understates the covariance (Julier and Uhlmann 1997). A joint estimate of the
-    recordings is more precise.
+    The results share errors (the edges, the table) to an unknown degree: their centres of mass are merged by
+    covariance intersection, which never understates the covariance (Julier and Uhlmann 1997). A joint
+    estimate of the recordings is more precise. The inertia is that of the result with the most strikes. Where
+    several results name an axis, direction and edge are those of the one with the most precise centre of
+    mass.
+
+    Args:
+        results: At least one result.
+
+    Returns:
+        The merged result, with the strikes of all.
     """
     ordered = sorted(results, key=lambda each: (float(np.trace(each.com_covariance)), each.name))
     first = ordered[0]
@@ -84,10 +93,16 @@ def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
 
 
 def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]:
-    """Covariance intersection of means `a`, `b` (3,) with covariances `A`, `B` (3, 3), of least trace.
+    """Covariance intersection of two estimates of one vector, with the weights of least trace.
+
+    Args:
+        a: (3,) mean of the first estimate.
+        A: (3, 3) covariance of the first.
+        b: (3,) mean of the second.
+        B: (3, 3) covariance of the second.
 
     Returns:
-        Mean (3,) and covariance (3, 3), valid for any correlation.
+        Mean (3,) and covariance (3, 3), valid for any correlation of the two.
     """
     of_a, of_b = np.linalg.inv(A), np.linalg.inv(B)
     merged: list[Array] = [
@@ -102,7 +117,13 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
 def updated_hypothesis(believed: Hypothesis, given: EarlierResult) -> Hypothesis:
     """Hypothesis whose region is centred on the measured centre of mass and sized by its covariance.
 
-    Its half edges are two standard deviations of c, at most the largest one of the hypothesis `believed`.
+    Its half edges are two standard deviations of the centre of mass, at least `MIN_HALF_EDGE` and otherwise
+    at most the largest half edge of `believed`. The inertia is the result's, or that of `believed` if the
+    result has none.
+
+    Args:
+        believed: Hypothesis before.
+        given: Earlier result of the object.
     """
     values, vectors = np.linalg.eigh(given.com_covariance)
     half = np.maximum(2 * np.sqrt(np.maximum(values, 0.0)), MIN_HALF_EDGE)
@@ -125,9 +146,12 @@ def with_strikes_made(
         belief: Belief before any strike.
         given: Result of the strikes made.
         axes: All pivot axes of the object.
-        believed: Region Q of c and inertia per kilogram.
+        believed: Region of the centre of mass and inertia per kilogram, for the expected swings.
         mass: Mass of the object [kg].
         gravity: Gravity [m/s^2].
+
+    Returns:
+        A new belief; strikes on one axis at one heading are added up.
 
     Raises:
         PlanError: a strike's axis is not one of the object's.
@@ -156,7 +180,15 @@ def with_strikes_made(
 
 
 def _identified_axis(name: str, given: EarlierResult, known: Mapping[str, PivotAxis]) -> PivotAxis | None:
-    """Axis that a result calls `name`, found by its edge line, else by id and direction; None if none is."""
+    """Axis that a result calls `name`; None if the object has none.
+
+    It is found by the edge's line, else by id, if the direction agrees where it is given.
+
+    Args:
+        name: Id of the axis in the result.
+        given: Earlier result.
+        known: Axes of the object by id.
+    """
     axis, direction, edge = known.get(name), given.directions.get(name), given.edges.get(name)
     if edge is not None:
         near = [

@@ -1,4 +1,4 @@
-"""Checks of every axis: a marker in view, an impact point in reach, an edge that holds."""
+"""Checks of every pivot axis: a marker in view, an impact point in reach, an edge that holds."""
 
 from __future__ import annotations
 
@@ -40,16 +40,19 @@ class Bench:
 
 @dataclass(frozen=True)
 class UsableAxis:
-    """An axis that passed every check."""
+    """An axis that passed every check.
+
+    phi is the balance angle, Q the region believed to hold the centre of mass.
+    """
 
     candidate: Candidate
     """The axis with its expected swing and the noise of one strike."""
     impact: ImpactPoint
-    """Where to strike."""
+    """Place to strike."""
     energy: float
-    """Energy ratio E of the strike."""
+    """Energy ratio E of the strike: energy over that needed to reach balance."""
     friction: float
-    """Smallest friction coefficient with which the edge holds."""
+    """Smallest friction coefficient with which the edge holds, at most that of the bench."""
     phi_sd: float
     """1 sigma of phi over Q [rad]."""
     markers: list[int | str]
@@ -58,7 +61,7 @@ class UsableAxis:
 
 @dataclass(frozen=True)
 class _Reached:
-    """Axis with a marker in view and an impact point in reach."""
+    """Axis with a marker in view and an impact point in reach; whether its edge holds is still open."""
 
     axis: PivotAxis
     expected: Swing
@@ -69,14 +72,17 @@ class _Reached:
 def examine(
     model: ObjectModel, spec: ObjectSpec, axes: Sequence[PivotAxis], believed: Hypothesis, bench: Bench
 ) -> tuple[list[UsableAxis], list[Rejection]]:
-    """Check all axes: usable ones in the order given, and rejections of the others.
+    """Check axes for a marker in view, an impact point and tip speed in reach, and an edge that holds.
 
     Args:
         model: Shape of the object.
         spec: Mass, edge radius and markers.
         axes: Pivot axes to check.
-        believed: Region Q of c and inertia per kilogram.
+        believed: Region of the centre of mass and inertia per kilogram.
         bench: Striker, camera and table.
+
+    Returns:
+        Usable axes in the order given, and one rejection for each of the others.
     """
     rejected: list[Rejection] = []
     reached: list[_Reached] = []
@@ -115,7 +121,12 @@ def examine(
 
 
 def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
-    """1 sigma of phi [rad] of an axis, from the covariance of c over Q."""
+    """1 sigma of an axis's balance angle phi [rad] while the centre of mass varies over its region.
+
+    Args:
+        axis: Pivot axis.
+        believed: Hypothesis with the region Q of the centre of mass, whose covariance is used.
+    """
     arm = believed.region.centre - axis.point
     arm = arm - axis.direction * float(arm @ axis.direction)
     across = np.cross(axis.direction, arm) / float(arm @ arm)
@@ -160,7 +171,19 @@ def _reach(
 def _friction_checks(
     reached: Sequence[_Reached], believed: Hypothesis, bench: Bench
 ) -> list[tuple[float, float] | Rejection]:
-    """Energy ratio and smallest sufficient friction of each axis whose edge holds, or its rejection."""
+    """Simulate the strike on each axis: energy ratio and friction if the edge holds, or a rejection.
+
+    The first of `ENERGIES` at which the edge neither slips nor lifts is taken.
+
+    Args:
+        reached: Axes with an impact point.
+        believed: Region of the centre of mass and inertia per kilogram.
+        bench: Striker, camera and table.
+
+    Returns:
+        For each axis, in order, either the energy ratio (energy over that needed to reach balance) and the
+        smallest sufficient friction coefficient, or its rejection.
+    """
     many = len(ENERGIES)
     cases = [_case(each, energy, believed, bench) for each in reached for energy in ENERGIES]
     outcome = feasibility.simulate_tips(cases, bench.gravity)

@@ -43,14 +43,18 @@ FRICTIONS = np.array(
 
 @dataclass(frozen=True)
 class StrikeCase:
-    """One strike on one edge, in W at rest: x along the tip, y along the edge, z up; y = 0 at the strike."""
+    """One strike on one edge, in W at rest: x along the tip, y along the edge, z up; y = 0 at the strike.
+
+    W is the world frame (table at z = 0), c the object's centre of mass; the edge is rounded, and its centre
+    line is the axis of the rounding.
+    """
 
     distance: float
     """Distance R of c from the centre line [m]."""
     phi: float
     """Balance angle [rad]."""
     i_com: float
-    """Moment of inertia about the edge's direction through c [kg m^2]."""
+    """Moment of inertia about the axis through c parallel to the edge [kg m^2]."""
     mass: float
     """Mass [kg]."""
     radius: float
@@ -79,14 +83,14 @@ class StrikeCase:
 
 @dataclass(frozen=True)
 class TipOutcomes:
-    """Outcome of n simulated strikes up to balance."""
+    """Outcome of n simulated strikes up to balance, or to the instant at which a tip ends before it."""
 
     slip: Array
     """(n,) largest displacement of the contact, or of an end of it, relative to rolling [m]."""
     least_load: Array
     """(n,) smallest normal force over weight after the strike; 0 or less if the edge leaves the table."""
     over: NDArray[np.bool_]
-    """(n,) True if the body reaches balance, or still rises after `MAX_FREE_TIME`."""
+    """(n,) True if the body reaches balance, or has not come to rest after `MAX_FREE_TIME`."""
 
 
 def strike_case(
@@ -101,13 +105,16 @@ def strike_case(
     """Simulation input for a strike on one axis.
 
     Args:
-        axis: Pivot axis.
+        axis: Pivot axis (edge about which the object tips).
         expected: Expected swing about it.
-        com: (3,) centre of mass [m], in O.
-        unit_inertia: (3, 3) inertia about c per kilogram [m^2], in O.
+        com: (3,) centre of mass c [m], in the object frame.
+        unit_inertia: (3, 3) inertia about c per kilogram [m^2], in the object frame.
         height: Impact height over the table [m].
         impulse: Impulse of the strike [N s].
         friction: Friction coefficient between edge and table.
+
+    Returns:
+        The case in the world frame at rest, with the usual contact time.
     """
     R = axis.R_world_object
     inertia = expected.mass * R @ unit_inertia @ R.T
@@ -131,7 +138,11 @@ def strike_case(
 
 
 def axis_ends(axis: PivotAxis) -> tuple[float, float]:
-    """Ends of the edge [m] along its direction, from the strike; 0, 0 for a rim (contact in one point)."""
+    """Ends of the edge [m] along the axis direction, measured from the strike: below 0, then above 0.
+
+    Edges rounded by the stated radius end that radius before the corners. A rim, which touches the table in
+    one point, gives 0, 0.
+    """
     if axis.rolls:
         return 0.0, 0.0
     start, end = axis.plane.edges
@@ -145,16 +156,22 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
 def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float = np.inf) -> TipOutcomes:
     """Integrate n strikes and swings up to balance, all at once.
 
-    With b = phi - theta, z_c = rho + R*cos b, u = dx_P/dt - rho*theta' the contact's sliding speed, F and N
-    the contact's forces: m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N.
-    Sticking: u' = 0. Sliding: F = -mu*N*sign u. About P's x and z the contact must give M_x = I_xy*theta'' +
-    I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its two ends share: y1*N1 + y2*N2 =
-    M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands on its whole face.
+    theta is the tipping angle, b = phi - theta the angle left to balance, P the centre line of the edge's
+    rounding (radius rho), c = (x_c, y_c, z_c) the centre of mass at distance R from P, z_c = rho + R*cos b. u
+    = dx_P/dt - rho*theta' is the contact's sliding speed, F and N are the contact's forces along x and z, S
+    is the striker's push at height h: m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F -
+    R*sin b*N. Sticking: u' = 0. Sliding: F = -mu*N*sign u. About P's x and z the contact must give M_x =
+    I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its two ends at y1
+    and y2 share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands
+    on its whole face.
 
     Args:
         cases: The n strikes.
-        gravity: Gravity [m/s^2].
+        gravity: Gravity g [m/s^2].
         most_slip: Slip [m] at which the integration of a case ends.
+
+    Returns:
+        Slip, smallest load and whether balance is reached, for each case; empty arrays without cases.
     """
     if not cases:
         return TipOutcomes(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
@@ -182,7 +199,12 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
 def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
     """Smallest friction coefficients (n,) with which each of n cases slides at most `SLIP_LIMIT`.
 
-    The resolution is that of `FRICTIONS`, 0.05 or better below 0.7; inf if none of them suffices.
+    It is the smallest of `FRICTIONS` that holds together with all larger ones: 0.05 apart, or less, up to
+    0.7. The value is inf if the largest does not hold.
+
+    Args:
+        cases: The n strikes; their own friction is ignored.
+        gravity: Gravity [m/s^2].
     """
     many = len(FRICTIONS)
     tried = [_with_friction(each, mu) for each in cases for mu in FRICTIONS]
@@ -199,7 +221,12 @@ def _with_friction(each: StrikeCase, friction: float) -> StrikeCase:
 
 
 class _Bodies:
-    """Parameters and state (n,) of all cases: theta, theta', the contact's slip and sliding speed."""
+    """Parameters and state of n simulated strikes, as arrays (n,).
+
+    The state is the tipping angle theta [rad] and its rate, the contact's sliding speed and distance, the yaw
+    [rad] and its rate, the largest slip so far [m], the smallest load so far (normal force over weight), and
+    whether the case goes on. Loads count, and cases end, only once `load_counts` is set.
+    """
 
     def __init__(self, cases: Sequence[StrikeCase], gravity: float) -> None:
         table = {
@@ -221,7 +248,7 @@ class _Bodies:
         self.most_slip = np.inf
 
     def still_moving(self) -> _Bodies:
-        """Parameters and state of the cases that have not ended."""
+        """Copy of parameters and state with only the cases that have not ended."""
         rest = _Bodies.__new__(_Bodies)
         for name, value in vars(self).items():
             setattr(rest, name, value[..., self.goes_on] if isinstance(value, np.ndarray) else value)
@@ -229,7 +256,12 @@ class _Bodies:
         return rest
 
     def step(self, dt: Array, push: Array) -> None:
-        """Advance all cases by semi-implicit Euler steps `dt` (n,) [s] under pushes `push` (n,) [N]."""
+        """Advance all cases that have not ended by one semi-implicit Euler step, in place.
+
+        Args:
+            dt: (n,) time steps [s].
+            push: (n,) horizontal forces of the striker [N].
+        """
         p, g = self._p, self._g
         m, mu, i_com, h = p["mass"], p["friction"], p["i_com"], p["height"]
         b = self.phi - self.theta
@@ -295,7 +327,19 @@ class _Bodies:
         s: Array,
         z: Array,
     ) -> None:
-        """Advance the yaw where an end's friction cannot hold it, without effect on the plane's motion."""
+        """Update the yaw rates, in place, where the friction at the edge's ends cannot prevent yaw.
+
+        The yaw does not act back on the motion in the plane across the edge.
+
+        Args:
+            dt: (n,) time steps [s].
+            turning: (n,) angular accelerations theta'' [rad/s^2] without sliding.
+            load: (n,) normal forces at the edge [N].
+            shear: (n,) forces at the edge along the tip [N], without sliding.
+            flat: (n,) True where the body stands on its whole face, which prevents yaw.
+            s: (n,) horizontal distance [m] of the contact ahead of the centre of mass.
+            z: (n,) height of the centre of mass over the table [m].
+        """
         p = self._p
         m, square, y = p["mass"], self._rate**2, p["beside"]
         sine, cosine = np.sin(self.theta), np.cos(self.theta)

@@ -1,8 +1,8 @@
 """Predicted precision of the region masses from planned strikes, over plausible fillings (method 6).
 
 Unknown together are the masses of shell, upper and lower interior and the dividing plane between the two
-(direction and offset); measured are mass, c and the moments about the struck directions, with the joint
-covariance that the design predicts.
+interior parts (direction and offset); measured are mass, centre of mass and the moments of inertia about the
+struck directions, with the joint covariance that the design predicts.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SAME_MOMENT_COSINE = np.cos(np.radians(15.0))
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of the body, each in the shell or in the interior."""
+    """Pieces of the body, each in the shell or in the interior, in the object frame O."""
 
     points: Array
     """(n, 3) centroids [m], in O."""
@@ -45,14 +45,14 @@ class Pieces:
 
     @property
     def centroid(self) -> Array:
-        """Centroid (3,) of the uniform solid [m], in O."""
+        """Centroid (3,) of the uniform solid that the pieces make up [m], in the object frame."""
         volume = self.shell + self.interior
         return volume @ self.points / volume.sum()
 
 
 @dataclass(frozen=True)
 class RegionForecast:
-    """Predicted precision of the region masses."""
+    """Predicted precision of the masses of shell and of the interior above and below the dividing plane."""
 
     names: tuple[str, ...]
     sd: Array
@@ -64,13 +64,17 @@ class RegionForecast:
 def region_forecast(
     cells: Pieces, mass: float, covariance: Array, directions: Sequence[Array]
 ) -> RegionForecast:
-    """Predicted 1 sigma of the region masses of a design.
+    """Predicted 1 sigma of the region masses of a design: the median over `FILLINGS` fillings.
+
+    Regions are the shell and the interior above and below a dividing plane.
 
     Args:
         cells: Pieces of the body.
         mass: Mass of the object [kg].
-        covariance: (14, 14) covariance of the design's shared unknowns, in SI units.
-        directions: Unit directions (3,) of the struck axes, in O.
+        covariance: (14, 14) covariance of the design's shared unknowns, in SI units, in the order of
+            `information`.
+        directions: Unit directions (3,) of the struck axes, in the object frame; those less than 15 degrees
+            apart count as one.
     """
     distinct: list[Array] = []
     for direction in directions:
@@ -91,7 +95,11 @@ def region_forecast(
 
 
 class _Fillings:
-    """Precision of the region masses of plausible fillings, linear about each filling."""
+    """Precision of the region masses of plausible fillings, linearised about each filling.
+
+    A filling has a uniform density in each of three regions: the shell and the interior above and below a
+    dividing plane.
+    """
 
     def __init__(self, cells: Pieces, directions: Array, mass: float) -> None:
         self._cells, self._mass = cells, mass
@@ -105,11 +113,13 @@ class _Fillings:
         self._directions = directions
 
     def sd(self, measured: Array, drawn: Array) -> Array:
-        """1 sigma (3,) of the masses [kg] for one filling.
+        """1 sigma (3,) of the masses [kg] of shell, upper and lower interior, for one filling.
 
         Args:
-            measured: (4 + a, 4 + a) covariance of mass, c and the moments.
-            drawn: (5,) numbers from 0 to 1 that choose shares, direction and place of the dividing plane.
+            measured: (4 + a, 4 + a) covariance of mass [kg], centre of mass [m] and the a moments about it
+                [kg m^2].
+            drawn: (5,) numbers from 0 to 1: share of the shell, share of the upper part in the interior, two
+                for the direction of the dividing plane, one for its place.
         """
         surface, upper = 0.2 + 0.6 * float(drawn[0]), 0.1 + 0.8 * float(drawn[1])
         masses = self._mass * np.array([surface, (1 - surface) * upper, (1 - surface) * (1 - upper)])
@@ -138,12 +148,16 @@ class _Fillings:
         return self._mass * np.sqrt(np.diag(covariance)[:3])
 
     def _seen(self, unknown: Array, normal: Array, across: Array) -> Array:
-        """Mass [kg], c [m] and moments about c [kg m^2] of a filling, (4 + a,).
+        """Measured quantities (4 + a,) of a filling: mass, centre of mass c and a moments.
+
+        Mass [kg], c [m, in the object frame], moments of inertia about the axes through c along the struck
+        directions [kg m^2].
 
         Args:
-            unknown: (6,) shares of the masses, offset over the reach, two tilts of the dividing plane.
-            normal: (3,) unit normal of the plane, in O.
-            across: (2, 3) unit vectors in the plane, in O.
+            unknown: (6,) shares of shell, upper and lower interior in the mass, offset of the dividing plane
+                over the body's reach, two tilts of the plane.
+            normal: (3,) unit normal of the plane before the tilts, in the object frame.
+            across: (2, 3) unit vectors perpendicular to `normal`, in the object frame.
         """
         cells = self._cells
         n = normal + unknown[4] * across[0] + unknown[5] * across[1]
@@ -162,6 +176,6 @@ class _Fillings:
 
 
 def _even_draws(count: int, width: int) -> Array:
-    """Low-discrepancy numbers (count, width) from 0 to 1: a Kronecker sequence."""
+    """Low-discrepancy numbers (count, width) from 0 to 1, `width` up to 6: a Kronecker sequence."""
     roots = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[:width])
     return np.remainder(np.outer(np.arange(1.0, count + 1), roots) + 0.5, 1.0)

@@ -35,15 +35,16 @@ IF_IT_FALLS = (
 def footing(
     model: ObjectModel, planes: Sequence[RestingPlane], region: Region, share: float
 ) -> tuple[RestingPlane, ...]:
-    """Planes over whose support polygon Q lies when scaled by `share` about its centre, in their order.
+    """Planes over whose support polygon region Q lies when scaled about its centre, in their order.
 
-    A share of 1 gives `stable_planes`. With less, facets of round flanks are left out: the object rolls on
-    them.
+    Q is the region that is believed to hold the centre of mass. A share of 1 gives `stable_planes`. With
+    less, planes that hold only part of Q must not be facets of round flanks, on which the object rolls, nor
+    have less than `STRIP_AREA_FRACTION` of the hull's area.
 
     Args:
         model: Shape of the object.
         planes: Resting planes of the object.
-        region: Region Q of c.
+        region: Region Q of the centre of mass.
         share: Scale of Q about its centre.
     """
     sure = [plane.firmness(region) > 1 for plane in planes]
@@ -59,12 +60,14 @@ def footing(
 
 
 def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Region) -> str:
-    """Warning with remedy that a plan uses faces on which the object may not stay; empty if it does not.
+    """Warning with remedy that a plan uses faces on which the object may not stay.
+
+    It is empty if the plan uses no such face.
 
     Args:
         used: Resting planes of the plan's strikes.
-        unsure: Ids of the faces that hold the expected c, but not all of Q.
-        region: Region Q of c.
+        unsure: Ids of the faces that hold the expected centre of mass, but not all of Q.
+        region: Region Q of the centre of mass.
     """
     faces = sorted({plane.id: plane for plane in used if plane.id in unsure}.items())
     if not faces:
@@ -82,7 +85,12 @@ def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Re
 
 
 def _is_round_flank(plane: RestingPlane, planes: Sequence[RestingPlane]) -> bool:
-    """True if a face has neighbours at small angles on two opposite sides, as facets of a round flank do."""
+    """True if a face has neighbours at small angles on two opposite sides, as facets of a round flank do.
+
+    Args:
+        plane: Face to judge.
+        planes: All resting planes of the object.
+    """
     ups = np.array([other.up for other in planes if other is not plane])
     along = ups @ plane.up
     near = ups[along > np.cos(FLANK_TURN)]

@@ -1,6 +1,7 @@
 """Predicted precision of a design: sd of results, sources of c's error, gain of more strikes.
 
-The predicted phi of one strike is in pivots.py, its standard deviation in examine.py.
+c is the centre of mass. The predicted balance angle phi of one strike is in pivots.py, its standard deviation
+in examine.py.
 """
 
 from __future__ import annotations
@@ -42,7 +43,11 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class AxisForecast:
-    """Predicted 1 sigma for one struck axis."""
+    """Predicted 1 sigma of phi, k and the moments for one struck axis.
+
+    phi is the balance angle, k = m g R / I_edge the rate constant of the tip, I_edge the moment of inertia
+    about the edge, c the centre of mass.
+    """
 
     axis_id: str
     phi_sd: float
@@ -54,15 +59,18 @@ class AxisForecast:
     i_com: float
     """1 sigma of the moment about the parallel axis through c, from all strikes [kg m^2]."""
     i_com_determined: bool
-    """True if the strikes determine that moment."""
+    """True if the strikes determine that moment clearly better than the shape alone."""
 
 
 @dataclass(frozen=True)
 class Advice:
-    """Error of c (rms distance) as a function of the number of strikes, and advice drawn from it."""
+    """Error of c (rms distance) as a function of the number of strikes, and advice drawn from it.
+
+    c is the centre of mass.
+    """
 
     curve: tuple[tuple[int, float], ...]
-    """Pairs of number of strikes and error of c [m]."""
+    """Pairs of number of (further) strikes and error of c [m]."""
     floor: float
     """Error of c with any number of strikes on the chosen axes [m]."""
     sources: dict[str, float]
@@ -74,7 +82,12 @@ class Advice:
 
 
 def axis_forecasts(information: Information, design: Design) -> list[AxisForecast]:
-    """Predicted precision of each chosen axis, in the design's order."""
+    """Predicted precision of each chosen axis, in the design's order.
+
+    Args:
+        information: Candidates, prior knowledge and errors.
+        design: Chosen axes with their numbers of strikes and the predicted covariance.
+    """
     P = design.covariance
     result: list[AxisForecast] = []
     for i in design.chosen:
@@ -101,7 +114,12 @@ def axis_forecasts(information: Information, design: Design) -> list[AxisForecas
 
 
 def inertia_forecast(information: Information, design: Design) -> tuple[Array, Array]:
-    """1 sigma (3, 3) [kg m^2] of the inertia tensor about c in O, and mask (3, 3) of determined entries."""
+    """Predicted precision of the inertia tensor about the centre of mass, in the object frame.
+
+    Returns:
+        1 sigma (3, 3) [kg m^2] of its entries, and mask (3, 3) of those that count as determined: their 1
+        sigma is below `MOMENT_DETERMINED` of the one that the shape alone gives.
+    """
     sd = np.sqrt(np.diag(design.covariance)[INERTIA])
     mean = information.belief.inertia
     matrix, determined = np.zeros((3, 3)), np.zeros((3, 3), dtype=bool)
@@ -117,9 +135,11 @@ def strikes_for(
 ) -> tuple[int, Design] | None:
     """Smallest number of strikes, and its design, with a predicted error of c of at most `target` [m].
 
+    c is the centre of mass. The search halves the interval, as more strikes lower the error.
+
     Args:
         information: Candidates, prior knowledge and errors.
-        target: Root mean square distance of c from the truth [m].
+        target: Root mean square distance of the estimated c from the true one [m].
         least: Smallest number of strikes.
         most: Largest number of strikes.
 
@@ -160,7 +180,10 @@ def advice(
         made: Number of strikes made before; if any, the gain of more is judged relative to them.
         exact_shape: True if the shape is given by its dimensions, which no scan improves.
         before: Knowledge before the planned strikes, if `information` already includes that of a turned
-            strike.
+            strike; None for `information`.
+
+    Returns:
+        Predicted errors of the centre of mass, their sources, and whether and why to stop.
     """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]
@@ -211,7 +234,7 @@ def advice(
 
 
 def error_so_far(information: Information) -> float:
-    """Error of c [m] (root mean square distance) from the strikes made and the priors."""
+    """Rms distance [m] of the centre of mass from the truth, from the strikes made and the priors."""
     return float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
 
 

@@ -1,4 +1,4 @@
-"""Hypothesis region Q of the centre of mass, the paper's and ours (VISAPP 2013, eq. 1; method 1.1)."""
+"""Region Q believed to hold the centre of mass, the paper's and ours (VISAPP 2013, eq. 1; method 1.1)."""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -34,55 +34,69 @@ MAX_SIGNS = 60_000
 
 @dataclass(frozen=True)
 class Region:
-    """Region Q in O that is believed to hold c: a box, or round across axes of one group."""
+    """Region Q that is believed to hold the centre of mass c, in the object frame O (the shape file's).
+
+    It is a box; across axes of one group it is round instead.
+    """
 
     centre: Array
     """(3,) centre [m]."""
     axes: Array
-    """(3, 3) unit vectors as rows, largest spread first."""
+    """(3, 3) orthonormal unit vectors as rows."""
     half: Array
     """(3,) half edges along `axes` [m]; radii across axes of one group."""
     groups: tuple[int, int, int] = (0, 1, 2)
     """Group of each axis; Q is round across the axes of one group."""
 
     def reach(self, directions: Array) -> Array:
-        """Extent (k,) of Q from its centre [m] along unit `directions` (k, 3) in O."""
+        """Largest distance (k,) [m] of Q's points from its centre along unit `directions` (k, 3), in O.
+
+        Q is the region believed to hold the centre of mass, O the object frame.
+        """
         along = np.atleast_2d(directions) @ self.axes.T * self.half
         members = [[i for i in range(3) if self.groups[i] == group] for group in set(self.groups)]
         return np.sum([np.linalg.norm(along[:, each], axis=1) for each in members], axis=0)
 
     def covariance(self) -> Array:
-        """Covariance (3, 3) of c [m^2], in O: Q's half edges are two standard deviations."""
+        """Covariance (3, 3) [m^2] of the centre of mass over Q, in the object frame.
+
+        Q is the region believed to hold the centre of mass; its half edges count as two standard deviations.
+        """
         return (self.axes.T * (self.half / 2) ** 2) @ self.axes
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Centre of mass and inertia expected from the exterior alone."""
+    """Centre of mass and inertia expected from the exterior, or from an earlier result."""
 
     region: Region
+    """Region Q of the centre of mass c."""
     unit_inertia: Array
-    """(3, 3) inertia about the region's centre per kilogram [m^2], midway between a solid and a shell."""
+    """(3, 3) inertia about c per kilogram [m^2], in O: an earlier result's, or the mean of those of the
+    uniform solid and of its surface, each about its own centroid."""
 
 
 def paper_hypothesis(points: Array) -> Region:
-    """Region Q by the paper's eq. (1) as printed (VISAPP 2013, 3.1.1).
+    """Region Q of the centre of mass by the paper's eq. (1) as printed (VISAPP 2013, 3.1.1).
 
-    Half edges are |sum_{v.e<0} |v| - sum_{v.e>0} |v|| + 1 in millimetres, v from the points' mean. The sum is
-    not normalised, so Q grows with the number of points; it is clipped to the points' extent. Where
-    eigenvalues tie (a square base), the paper leaves the axes open: here they are O's axes projected into the
-    tied space, x before y before z.
+    Half edges along the principal axes e are abs(sum_{v.e<0} norm(v) - sum_{v.e>0} norm(v)) + 1 in
+    millimetres, v the points relative to their mean. The sums are not normalised, so Q grows with the number
+    of points; it is clipped to the points' extent. Where eigenvalues tie (a square base), the paper leaves
+    the axes open: here they are the object frame's axes projected into the tied space, x before y before z.
 
     Args:
-        points: (n, 3) cloud P [m], in O.
+        points: (n, 3) surface points [m], in the object frame.
     """
     return _paper_region(points, 1.0)
 
 
 def paper_hypothesis_of_means(points: Array) -> Region:
-    """Region Q by eq. (1) with means over the cloud's `points` (n, 3) [m, in O] in place of the sums.
+    """Region Q of the centre of mass by eq. (1) (VISAPP 2013) with means in place of sums.
 
-    It does not depend on the number of points.
+    Q does not depend on the number of points then.
+
+    Args:
+        points: (n, 3) surface points [m], in the object frame.
     """
     return _paper_region(points, 1.0 / len(points))
 
@@ -100,11 +114,13 @@ def _paper_region(points: Array, weight: float) -> Region:
 
 
 def hypothesis(model: ObjectModel) -> Hypothesis:
-    """Region Q by area, and the inertia expected in it.
+    """Region Q believed to hold the centre of mass, and the expected inertia, from the exterior shape.
 
-    The centre lies midway between those of solid and shell; half edges are those of eq. (1) as means over the
-    area, plus the sampling step and `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may
-    hide an asymmetric filling; they are clipped to the half extent.
+    Q's centre lies midway between the centroids of the uniform solid and of its surface. Half edges are the
+    differences of eq. (1) (VISAPP 2013) as means over the area, plus the sampling step and
+    `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may hide an asymmetric filling; they
+    are clipped to the half extent. Axes with nearly equal spread share one half edge. The result is cached on
+    the model.
     """
     return model.cached("hypothesis", _hypothesis)
 
@@ -132,18 +148,19 @@ def _hypothesis(model: ObjectModel) -> Hypothesis:
 
 
 def _groups(values: Array) -> tuple[int, int, int]:
-    """Group of each of three eigenvalues (3,), largest first.
+    """Group numbers of three eigenvalues (3,) given largest first: 0, then 0 or 1, then up to 2.
 
-    Neighbours that differ by less than `ROUND_EIGENVALUES` of the larger share one.
+    Neighbours that differ by at most `ROUND_EIGENVALUES` of the larger share one group.
     """
     first = int(values[0] - values[1] > ROUND_EIGENVALUES * values[0])
     return 0, first, first + int(values[1] - values[2] > ROUND_EIGENVALUES * values[1])
 
 
 def _directions(model: ObjectModel, axes: Array) -> Array:
-    """Unit vectors (k, 3) in the space of `axes` (d, 3) that turn with the body.
+    """Unit vectors (k, 3) in the space of the unit `axes` (d, 3), fixed to the shape of the body.
 
-    For one axis it is the axis itself, for more the normals of the hull projected along the other axes.
+    For one axis it is the axis itself; for more, the outward normals of the hull projected on the axes, at
+    most `MAX_DIRECTIONS`.
     """
     if len(axes) == 1:
         return axes
@@ -154,7 +171,13 @@ def _directions(model: ObjectModel, axes: Array) -> Array:
 
 
 def _differences(directions: Array, arm: Array, value: Array) -> Array:
-    """Sums (k,) of `value` (n,) over samples `arm` (n, 3) ahead minus behind, along `directions` (k, 3)."""
+    """Sums (k,) of `value` over samples ahead of the origin minus those behind, along each direction.
+
+    Args:
+        directions: (k, 3) unit directions.
+        arm: (n, 3) samples relative to the origin.
+        value: (n,) summed values.
+    """
     total = np.zeros(len(directions))
     step = max(1, MAX_SIGNS // len(directions))
     for start in range(0, len(arm), step):
@@ -164,7 +187,12 @@ def _differences(directions: Array, arm: Array, value: Array) -> Array:
 
 
 def principal_axes(second_moments: Array) -> Array:
-    """Eigenvectors (3, 3) as rows of `second_moments` (3, 3), largest first, with signs and ties fixed."""
+    """Eigenvectors (3, 3), as rows, of the symmetric `second_moments` (3, 3), largest eigenvalue first.
+
+    Signs and ties are fixed: the largest component of each is positive; eigenvectors of (nearly) equal
+    eigenvalues are coordinate axes projected into their common space, the best aligned first, x before y
+    before z.
+    """
     values, vectors = np.linalg.eigh(second_moments)
     values, vectors = values[::-1], vectors.T[::-1]
     rows: list[Array] = []
@@ -181,12 +209,23 @@ def principal_axes(second_moments: Array) -> Array:
 
 
 def body_size(model: ObjectModel) -> float:
-    """Size of the body [m], independent of the frame: twice the hull's largest distance from the centroid."""
+    """Size of the body [m]: twice the largest distance of a hull vertex from the solid's centroid.
+
+    It does not depend on the frame.
+    """
     return 2 * float(np.linalg.norm(model.hull_vertices - model.centroid, axis=1).max())
 
 
 def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
-    """Points (n, 3) [m, in O] on the surface and their areas (n,) [m^2], about `across` along the body."""
+    """Sample the surface with pieces no larger than the body's size over `across`.
+
+    Args:
+        model: Shape of the object.
+        across: Number of samples along the body's size.
+
+    Returns:
+        Centroids (n, 3) [m, in the object frame] and areas (n,) [m^2] of the pieces.
+    """
     spacing = body_size(model) / across
     triangles = model.vertices[model.faces]
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
@@ -209,7 +248,10 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
 
 
 def _bisected(triangles: Array, longest: float) -> Array:
-    """Triangles (m, 3, 3) from (n, 3, 3), halved at their longest edge until none exceeds `longest` [m]."""
+    """Triangles (m, 3, 3) from `triangles` (n, 3, 3), halved until no edge exceeds `longest` [m].
+
+    Each is halved at the middle of its longest edge; second index: corner.
+    """
     done: list[Array] = []
     while len(triangles):
         sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
@@ -223,12 +265,15 @@ def _bisected(triangles: Array, longest: float) -> Array:
 
 
 def even_cloud(model: ObjectModel, count: int) -> Array:
-    """Points (count, 3) [m, in O] at equal steps of the surface's area, the same for the same body."""
+    """Points (count, 3) [m, in the object frame] at equal steps of the surface's area; no random numbers."""
     return even_samples(model.vertices, model.faces, count)[0]
 
 
 def _subtriangles(many: int) -> Array:
-    """Barycentric coordinates (many^2, 3) of the centroids of a triangle's equal subtriangles."""
+    """Barycentric coordinates (many^2, 3) of the centroids of a triangle's equal subtriangles.
+
+    Each edge of the triangle is divided into `many` parts.
+    """
     grid = np.argwhere(np.ones((many, many)))
     upright = grid[grid.sum(axis=1) < many] + 1 / 3
     hanging = grid[grid.sum(axis=1) < many - 1] + 2 / 3

@@ -79,20 +79,23 @@ class StrikerModel:
 
 @dataclass(frozen=True)
 class ImpactPoint:
-    """A place on the surface to strike, and the friction that the edge then needs."""
+    """A place on the surface to strike, and the friction that the pivot edge then needs.
+
+    c is the object's centre of mass.
+    """
 
     height: float
     """Height over the table [m]."""
     point: Array
-    """(3,) place [m], in O."""
+    """(3,) place [m], in the object frame."""
     friction: float
     """Horizontal over vertical impulse at the edge for the expected c: the friction coefficient needed."""
     worst_friction: float
     """Largest such ratio for the places of c that were examined."""
     glance: float
-    """Angle between the surface's normal and the strike [rad]."""
+    """Largest angle between the surface's normal and the strike within `HEIGHT_ERROR` of the height [rad]."""
     on_card: bool
-    """True if the tip meets a marker's card."""
+    """True if the tip meets a marker's card, or may touch it."""
 
 
 def impact_points(
@@ -102,17 +105,22 @@ def impact_points(
     cards: list[tuple[Array, float]],
     striker: StrikerModel | None = None,
 ) -> list[ImpactPoint]:
-    """Places that a sphere moving along W's +x at y = 0 meets with its foremost point, by height.
+    """Places that the striker's tip, a sphere moving along W's +x at y = 0, can meet with its front.
 
-    There is one per height step. Left out are heights at which the sphere's flank meets another part first,
-    those with an edge within `HEIGHT_ERROR`, and those out of the striker's reach.
+    W is the world frame at rest: x along the tip of the object, y along the pivot edge, z up, y = 0 at the
+    strike. Heights are `HEIGHT_STEP` apart. Left out are heights at which the sphere's flank meets another
+    part first, those whose surface within `HEIGHT_ERROR` has an edge or is too oblique, those less than
+    `MIN_DEPTH_BELOW_TOP` below the top, and those out of the striker's reach.
 
     Args:
         model: Shape of the object.
-        axis: Pivot axis.
-        swings: Expected swing, then swings for other places of c.
-        cards: Centre (3,) [m, in O] and edge [m] of each marker's square.
+        axis: Pivot axis (edge about which the object tips).
+        swings: Expected swing, then swings for other places of the centre of mass.
+        cards: Centre (3,) [m, in the object frame] and edge [m] of the black square of each marker.
         striker: Striker, for its reach; None for the nominal one.
+
+    Returns:
+        Impact points from the lowest to the highest; empty if there are none.
     """
     striker = striker or StrikerModel()
     R, p = axis.R_world_object, axis.p_world_object
@@ -139,13 +147,16 @@ def impact_points(
 def _clear_heights(
     heights: Array, distance: Array, glance: Array, tried: IntArray
 ) -> tuple[BoolArray, Array]:
-    """Mask (k,) of steps at which the tip's foremost point meets a face, and largest glance (k,) [rad].
+    """Find the heights at which only the tip's foremost point meets the surface, and meets it squarely.
 
     Args:
         heights: (n,) heights of the steps [m].
         distance: (n,) distance to the surface at each, from `_profile` [m].
-        glance: (n,) angle of its normal, from `_profile` [rad].
+        glance: (n,) angle of its normal to the ray, from `_profile` [rad].
         tried: (k,) indices of the steps tried.
+
+    Returns:
+        Mask (k,) of usable steps, and the largest angle (k,) [rad] within `HEIGHT_ERROR` of each.
     """
     offset = np.abs(heights - heights[tried, None])
     flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
@@ -162,16 +173,20 @@ def _clear_heights(
 
 
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
-    """Rays along W's +x at y = 0: distance (n,) [m] to the surface, angle (n,) [rad] of its normal to them.
+    """Distance to the surface and its slope along rays in W's +x at y = 0, at several heights.
 
-    Where nothing is met they are inf and pi. The faces that the plane y = 0 cuts become segments (x, z), of
-    which each ray meets the foremost.
+    W is the world frame at rest: x along the tip of the object, y along the pivot edge, z up. The faces that
+    the plane y = 0 cuts become segments (x, z), of which each ray meets the foremost.
 
     Args:
         model: Shape of the object.
         axis: Pivot axis, for the rest pose.
         heights: (n,) heights over the table [m].
         start: x at which the rays start [m].
+
+    Returns:
+        Distance (n,) [m] to the surface, and angle (n,) [rad] between its outward normal and -x; inf and pi
+        where nothing is met.
     """
     R, p = axis.R_world_object, axis.p_world_object
     # Offset so that no corner lies exactly in the plane.
@@ -207,21 +222,24 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
-    """Impact point at which the edge needs least friction for any c in Q; None if there are no points.
+    """Impact point at which the edge needs least friction for the worst of the examined centres of mass.
 
-    Points on a marker's card are used only if all others need more than `friction`.
+    Points on a marker's card (its white border included) are used only if each other point needs more than
+    `friction`, the available coefficient, for the expected centre of mass. None if there are no points.
     """
     free = [point for point in points if not point.on_card and point.friction <= friction]
     return min(free or points, key=lambda point: point.worst_friction, default=None)
 
 
 def friction_at_impact(expected: Swing, height: float) -> float:
-    """Required friction at the edge, |R cos phi - I_edge / (m h)| / (R sin phi) (method 1.4).
+    """Friction coefficient needed at the edge during impact (method 1.4).
 
-    It is the edge's impulse along the table over that upwards, and 0 at the centre of percussion.
+    It is abs(R cos phi - I_edge / (m h)) / (R sin phi): the edge's impulse along the table over that upwards,
+    and 0 at the centre of percussion. R is the distance of the centre of mass from the edge's centre line,
+    phi the balance angle, I_edge the moment of inertia about the edge, m the mass.
 
     Args:
-        expected: Expected swing.
+        expected: Expected swing, with R, phi, I_edge and m.
         height: Impact height h over the table [m].
     """
     horizontal = expected.distance * np.cos(expected.phi) - expected.i_edge / (expected.mass * height)
@@ -229,20 +247,30 @@ def friction_at_impact(expected: Swing, height: float) -> float:
 
 
 def release_rate(expected: Swing, energy_ratio: float) -> float:
-    """Angular rate after the strike, omega0 [rad/s] (method 1.5).
+    """Angular rate right after the strike, omega0 [rad/s] (method 1.5).
 
-    I_edge omega0^2 / 2 = m g (h2 - h1) E, with h2 - h1 = R (1 - cos phi) and E the `energy_ratio`.
+    I_edge omega0^2 / 2 = m g (h2 - h1) E, with h2 - h1 = R (1 - cos phi) the rise of the centre of mass to
+    its balance, I_edge the moment of inertia about the edge, and E the `energy_ratio`, energy over that
+    needed to reach balance.
     """
     return float(np.sqrt(2 * expected.k * (1 - np.cos(expected.phi)) * energy_ratio))
 
 
 def impulse_for(expected: Swing, height: float, energy_ratio: float) -> float:
-    """Impulse of the strike, J = I_edge omega0 / h [N s], at height h `height` [m] and energy ratio E."""
+    """Impulse J = I_edge omega0 / h [N s] of a strike at height h that gives an energy ratio.
+
+    Args:
+        expected: Expected swing, with the moment of inertia I_edge about the edge.
+        height: Impact height h over the table [m].
+        energy_ratio: Energy over that needed to reach balance, which sets the angular rate omega0.
+    """
     return expected.i_edge * release_rate(expected, energy_ratio) / height
 
 
 def tip_speed_for(striker: StrikerModel, expected: Swing, height: float, impulse: float) -> float:
-    """Tip speed v [m/s] of the striker for an impulse J [N s], from J = (1 + e) v / (1/m_s + h^2/I_edge).
+    """Tip speed v [m/s] of the striker that gives an impulse J [N s].
+
+    J = (1 + e) v / (1/m_s + h^2/I_edge), with I_edge the object's moment of inertia about the edge.
 
     Args:
         striker: Effective mass m_s and restitution e.

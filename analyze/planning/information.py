@@ -45,9 +45,10 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Standard deviations of errors that all strikes, or all strikes on one axis, share.
+    """Standard deviations of errors that all strikes, or all strikes on one axis (pivot edge), share.
 
-    They correspond to `SystematicErrors` and `Scale` of the estimation.
+    They correspond to `SystematicErrors` and `Scale` of the estimation. phi is the balance angle, k the rate
+    constant of a tip, theta'' = -k sin(phi - theta).
     """
 
     tilt: float = float(np.radians(0.2))
@@ -63,29 +64,35 @@ class SharedErrors:
     axis_angle: float = 2e-4
     """1 sigma [rad] of the angle error common to the strikes on one axis: resting face, lens."""
     strike_angle: float = 5e-4
-    """1 sigma [rad] of phi from strike to strike beyond the fit: slip of the edge."""
+    """1 sigma [rad] of phi from strike to strike beyond the fit's: slip of the edge."""
     axis_k: float = 2e-3
     """Relative 1 sigma of k common to the strikes on one axis: air, play of the edge."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A usable axis with its expected swing and the noise of one strike."""
+    """A pivot axis with its expected swing and the noise of one strike."""
 
     axis: PivotAxis
+    """Edge about which the object tips."""
     expected: Swing
+    """Swing about it for the expected centre of mass."""
     noise: Array
     """(2, 2) covariance of phi [rad] and ln k from one strike."""
 
     @property
     def normal(self) -> Array:
-        """Unit normal (3,) of the expected equi-plane in O: the tip direction turned by phi."""
+        """Unit normal (3,), in the object frame, of the plane through edge and centre of mass (equi-plane).
+
+        It is cos(phi) t + sin(phi) u, with t the unit direction of the tip and u the upward unit direction,
+        both at rest, and phi the expected balance angle, at which the centre of mass stands above the edge.
+        """
         return np.cos(self.expected.phi) * self.axis.tip + np.sin(self.expected.phi) * self.axis.plane.up
 
 
 @dataclass(frozen=True)
 class Belief:
-    """Prior of c and inertia, and strikes made, before the planned strikes.
+    """Prior of the centre of mass c and the inertia, and strikes made, before the planned strikes.
 
     The expected c is the one that the candidates' swings assume.
     """
@@ -93,26 +100,40 @@ class Belief:
     com_sd: float
     """1 sigma of c in every direction [m]: c lies in the shape."""
     inertia: Array
-    """(3, 3) inertia about c [kg m^2], in O."""
+    """(3, 3) expected inertia about c [kg m^2], in the object frame."""
     inertia_sd: float
     """1 sigma of the moment about any direction [kg m^2]."""
     made: Mapping[str, Mapping[float, Array]] = field(default_factory=dict[str, Mapping[float, Array]])
-    """Inverse covariance (2, 2) of phi and ln k from all strikes made, by axis id and heading [rad]."""
+    """Inverse covariance (2, 2) of balance angle phi and ln k (k the tip's rate constant) from all strikes
+    made, by axis id and heading [rad]."""
     struck: tuple[Candidate, ...] = ()
     """Axes of the strikes made."""
 
 
 @dataclass(frozen=True)
 class Information:
-    """Linear problem of one object's candidates: information about the shared unknowns."""
+    """Linearised measurement problem of one object: information of strikes about the shared unknowns.
+
+    These 14 unknowns are the centre of mass c (3), the inertia about c (6 entries), and the relative errors
+    of mass and gravity, gravity's tilt, the shape's relative scale error and the edges' radius error. Each
+    axis (pivot edge) has unknowns of its own. A strike measures the balance angle phi and ln k, k the rate
+    constant of the tip.
+    """
 
     candidates: tuple[Candidate, ...]
+    """Axes that can be struck."""
     belief: Belief
+    """Priors and strikes made."""
     errors: SharedErrors
+    """Errors that strikes share."""
 
     @cached_property
     def units(self) -> Array:
-        """Prior 1 sigma (14,) of the shared unknowns: c [m], inertia [kg m^2], then the shared errors."""
+        """Prior 1 sigma (14,) of the shared unknowns, in their order.
+
+        c [m] (3), inertia about c [kg m^2] (6), mass and gravity (relative), gravity's tilt [rad], the
+        shape's scale (relative), the edges' radius [m].
+        """
         e, i = self.errors, self.belief.inertia_sd
         # Off-diagonal entries have 1/sqrt 2, so that the moment about every direction is equally uncertain.
         return np.array(
@@ -130,16 +151,26 @@ class Information:
 
     @cached_property
     def _rows(self) -> dict[int, tuple[Candidate, Array, Array, Array]]:
-        """Cache by candidate: the candidate, its `rows` and the inverse covariance (2, 2) of one strike."""
+        """Cache by `id` of a candidate: the candidate, the results of `rows`, and one strike's information.
+
+        The last is the inverse covariance (2, 2) of phi and ln k from one strike.
+        """
         return {}
 
     @cached_property
     def _axis_information(self) -> dict[tuple[int, int], tuple[Candidate, Array]]:
-        """Cache by candidate and number of strikes: the candidate and its information (14, 14)."""
+        """Cache by `id` of a candidate and number of strikes: the candidate and its information (14, 14)."""
         return {}
 
     def rows(self, each: Candidate) -> tuple[Array, Array]:
-        """Derivatives (2, 14), (2, 4) of phi and ln k by shared and axis unknowns, in units of their sd."""
+        """Derivatives of balance angle phi [rad] and ln k by the unknowns, in units of their prior 1 sigma.
+
+        k is the rate constant of the tip, theta'' = -k sin(phi - theta).
+
+        Returns:
+            Derivatives (2, 14) by the shared unknowns, in the order of `units`, and (2, 4) by those of the
+            axis: its line's place towards the tip and upwards, an angle error, an error of ln k.
+        """
         return self._linearised(each)[:2]
 
     def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
@@ -178,7 +209,11 @@ class Information:
         return shared * self.units, own
 
     def weight(self, each: Candidate, strikes: int) -> Array:
-        """Inverse covariance (2, 2) of phi and ln k from strikes made and `strikes` more, usual heading."""
+        """Inverse covariance (2, 2) of phi [rad] and ln k from the strikes on an axis at the usual heading.
+
+        It counts the strikes made and `strikes` more; phi is the balance angle, k the rate constant of the
+        tip.
+        """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
             USUAL_HEADING, np.zeros((2, 2))
         )
@@ -186,12 +221,14 @@ class Information:
     def measurements(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
         """Measurements of an axis at each of its h headings, including `strikes` more at the usual one.
 
-        At heading a, cos a of the tilt towards +x acts on a tip, and the camera sees another tag with its own
-        angle error.
+        A heading is the turn [rad] of object and striker about the vertical; the usual one always counts. At
+        heading a, cos a of the tilt towards the world's +x acts on a tip, and the camera sees another tag
+        with its own angle error.
 
         Returns:
-            Derivatives (2h, 14) and (2h, 3 + h) of phi and ln k as in `rows`, and their inverse covariance
-            (2h, 2h).
+            Derivatives (2h, 14) by the shared unknowns and (2h, 3 + h) by those of the axis, as in `rows`
+            with one more angle error for each further heading, and the inverse covariance (2h, 2h). Rows are
+            phi (balance angle) and ln k (k the tip's rate constant) of each heading, the usual one first.
         """
         shared, own = self.rows(each)
         turned = [
@@ -212,7 +249,11 @@ class Information:
         return all_shared, all_own, weight
 
     def axis_information(self, each: Candidate, strikes: int) -> Array:
-        """Information (14, 14) of an axis about the shared unknowns, its own unknowns integrated out."""
+        """Information (14, 14) of an axis about the shared unknowns, in units of their prior sd.
+
+        It counts the strikes made and `strikes` more at the usual heading; the axis's own unknowns (its
+        line's place, angle errors, an error of ln k) are integrated out. The result is cached.
+        """
         asked = (id(each), strikes)
         if asked not in self._axis_information:
             self._axis_information[asked] = (each, self._marginal(each, strikes))
@@ -226,14 +267,23 @@ class Information:
         return np.asarray(shared.T @ marginal @ shared, dtype=np.float64)
 
     def before(self, leave_out: Sequence[str] = ()) -> Array:
-        """Information (14, 14) of the priors and of the strikes made, except on the axes in `leave_out`."""
+        """Information (14, 14) of the priors and of the strikes made, except on axes in `leave_out` (ids).
+
+        It refers to the shared unknowns in units of their prior 1 sigma, so the priors alone give the unit
+        matrix.
+        """
         known = [
             self.axis_information(each, 0) for each in self.belief.struck if each.axis.id not in leave_out
         ]
         return np.asarray(sum(known, np.eye(SHARED_COUNT)), dtype=np.float64)
 
     def covariance(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> Array:
-        """Covariance (14, 14) of the shared unknowns [SI] after `repeats` strikes on each of `chosen`."""
+        """Covariance (14, 14) of the shared unknowns, in SI units, after the strikes made and further ones.
+
+        Args:
+            chosen: Axes of the further strikes.
+            repeats: Number of strikes on each of `chosen`.
+        """
         total = self.before([each.axis.id for each in chosen])
         for each, many in zip(chosen, repeats, strict=True):
             total = total + self.axis_information(each, many)
@@ -241,7 +291,16 @@ class Information:
         return np.linalg.inv(total) * np.outer(units, units)
 
     def sources(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> dict[str, float]:
-        """Rms distance of c from the truth [m] that each error source causes; the squares add up."""
+        """Rms distance of the centre of mass c from the truth [m] that each error source causes.
+
+        The squares add up to that of the whole. Sources are those of `SOURCES`, "place of the edges", "angle
+        error of an axis" and, for the remainder, "noise of the angles": the strikes' noise, the axes' errors
+        of ln k, and the priors of c and the inertia.
+
+        Args:
+            chosen: Axes of further strikes.
+            repeats: Number of further strikes on each of `chosen`; the strikes made count too.
+        """
         here = {each.axis.id for each in chosen}
         axes = [*chosen, *(each for each in self.belief.struck if each.axis.id not in here)]
         many = [*repeats, *[0] * (len(axes) - len(chosen))]
@@ -259,7 +318,7 @@ class Information:
             first = last
         P = np.linalg.inv(information)
         gain = P[COM] * self.belief.com_sd
-        # Each prior has unit variance and causes P[c, i]^2; the remainder is the strikes' own noise.
+        # Each prior has unit variance and causes P[c, i]^2; the remainder is mainly the strikes' noise.
         caused = np.sum(gain**2, axis=0)
         total = float(np.trace(P[COM, COM])) * self.belief.com_sd**2
         parts = {name: float(sum(caused[i] for i in which)) for name, which in SOURCES.items()}
@@ -270,12 +329,18 @@ class Information:
 
 
 def moment_row(direction: Array) -> Array:
-    """Row (6,) of l.I.l, l the unit `direction` (3,), for tensor entries in the order of `TENSOR_ENTRIES`."""
+    """Row (6,) that gives the moment l.I.l of an inertia tensor I about the unit `direction` l (3,).
+
+    It multiplies the tensor's entries in the order of `TENSOR_ENTRIES`.
+    """
     return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 
 
 def normal_spread(normals: Array) -> float:
-    """Smallest singular value of unit normals (n, 3) over sqrt(n); 0 if a direction of c is unknown."""
+    """Smallest singular value of unit normals (n, 3) over sqrt(n): from 0 to 1/sqrt(3).
+
+    It is 0 if the planes with these normals leave a direction of their common point unknown, or if n < 3.
+    """
     if len(normals) < 3:
         return 0.0
     least = float(np.linalg.eigvalsh(normals.T @ normals)[0])
@@ -283,7 +348,10 @@ def normal_spread(normals: Array) -> float:
 
 
 def unknown_direction(normals: Array) -> Array:
-    """Unit vector (3,) in O along which equi-planes with unit `normals` (n, 3) determine c worst."""
+    """Unit vector (3,) along which planes with unit `normals` (n, 3) determine their common point worst.
+
+    It is in the frame of the normals; its largest component is positive, and components below 1e-6 are 0.
+    """
     _, _, vt = np.linalg.svd(np.vstack([np.zeros((3, 3)), normals]))
     worst = vt[2]
     worst = worst * np.sign(worst[int(np.argmax(np.abs(worst)))])

@@ -1,6 +1,8 @@
 """The paper's plan: rays along principal axes, first three by force (VISAPP 2013, 3.1.1 to 3.1.3).
 
-Choices that the paper leaves open are made here:
+Q is the region of the centre of mass c. The paper's indices: i for the resting plane S_i, j for the ray;
+p^r_ij is the rotation point, p^I_ij the impact point, l_ij the rotation axis, n_ij the direction from p^r_ij
+to the plane's centre. Choices that the paper leaves open are made here:
 
 - The cloud P of a mesh is `CLOUD_POINTS` points at equal steps of its area.
 - Q: eq. (1) as printed sums over all points and so grows with their number; where that leaves fewer than two
@@ -48,9 +50,14 @@ FORCE_DECIMALS = 6
 
 @dataclass(frozen=True)
 class PaperStrike:
-    """One impact point with its rotation point, in O."""
+    """One impact point with its rotation point, in the object frame.
+
+    The point of rotation p^r_ij lies where ray j from the middle of resting plane i leaves the plane's
+    polygon; p^I_ij is the impact point.
+    """
 
     plane: RestingPlane
+    """Face that the object rests on."""
     rotation_point: Array
     """(3,) rotation point p^r_ij [m]."""
     tip: Array
@@ -62,37 +69,47 @@ class PaperStrike:
 
     @property
     def axis(self) -> Array:
-        """Unit rotation axis l_ij (3,) in O; +theta about it tips."""
+        """Unit rotation axis l_ij (3,), in the object frame; turning by +theta about it tips the object."""
         return np.cross(self.plane.up, self.tip)
 
     @property
     def energy(self) -> float:
-        """Energy of the tip over m g, h2 - h1 [m], with c assumed at the impact point."""
+        """Rise h2 - h1 [m] to balance of the centre of mass, which is assumed at the impact point.
+
+        It is the energy of the tip over m g.
+        """
         lever = self.impact_point - self.rotation_point
         return float(np.linalg.norm(lever)) - float(lever @ self.plane.up)
 
 
 @dataclass(frozen=True)
 class PaperPlan:
-    """All impact points in order of force, smallest first."""
+    """All impact points in order of force, smallest first, by the paper (VISAPP 2013, 3.1)."""
 
     strikes: tuple[PaperStrike, ...]
+    """Impact points of all rotation points."""
     as_printed: bool
     """False if eq. (1) was used with means, because with sums no two planes are stable."""
 
     @property
     def struck(self) -> tuple[PaperStrike, ...]:
-        """Impact points that the paper strikes; often parallel axes or one vertex, which leave c open."""
+        """Impact points that the paper strikes: the first `STRUCK_POINTS`.
+
+        Often they have parallel axes or share a vertex, and so do not determine the centre of mass.
+        """
         return self.strikes[:STRUCK_POINTS]
 
 
 def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperPlan:
-    """The paper's impact points of an object.
+    """Impact points of an object by the paper's method, in order of force (VISAPP 2013, 3.1.1 to 3.1.3).
 
     Args:
-        model: Shape, whose uniformly sampled surface is the cloud P.
+        model: Shape, whose uniformly sampled surface is the paper's point cloud P.
         mass: Mass of the object [kg].
         gravity: Gravity [m/s^2].
+
+    Returns:
+        Four impact points for each of two stable planes.
 
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
@@ -116,14 +133,17 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
 
 
 def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Array]]:
-    """Rotation points p^r (3,) [m] and tip directions (3,) of a plane, in O.
+    """Rotation points p^r (3,) [m] and unit tip directions (3,) of a plane, in the object frame.
 
-    Rays from the mean of the support points along their in-plane principal axes, both ways, leave the polygon
-    there.
+    Rays from the mean of the support points along their two in-plane principal axes, both ways, leave the
+    support polygon at the rotation points; the tip direction is the outward normal of the edge there.
 
     Args:
         plane: Resting plane.
-        support: (n, 3) support points of the plane [m], in O.
+        support: (n, 3) support points of the plane [m], in the object frame.
+
+    Returns:
+        Four pairs.
     """
     centre = support.mean(axis=0)
     offset = support - centre
@@ -144,14 +164,16 @@ def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Ar
 def impact_force(
     rotation_point: Array, impact_point: Array, up: Array, inwards: Array, weight: float
 ) -> float:
-    """Force F [N] of the paper's eq. (2), constant over the contact, with c assumed at the impact point.
+    """Force F [N] of the paper's eq. (2), constant over the contact.
 
-    F r |cos theta1 - cos(theta1 - Delta theta)| = m g (h2 - h1).
+    F r abs(cos theta1 - cos(theta1 - Delta theta)) = m g (h2 - h1), with the centre of mass assumed at the
+    impact point: r is its distance from the rotation point, h2 - h1 = r - height its rise to balance, theta1
+    the angle of the lever to the opposite of `inwards`, Delta theta `CONTACT_ANGLE`.
 
     Args:
-        rotation_point: (3,) p^r_ij [m], in O.
-        impact_point: (3,) p^I_ij [m], in O.
-        up: (3,) unit vector upwards at rest, in O.
+        rotation_point: (3,) rotation point p^r_ij [m], in the object frame.
+        impact_point: (3,) impact point p^I_ij [m], in the object frame.
+        up: (3,) unit vector upwards at rest, in the object frame.
         inwards: (3,) unit n_ij from the rotation point to the plane's centre; the force acts along its
             opposite.
         weight: Weight m g [N].
@@ -189,7 +211,11 @@ def _strikes_on(
 
 
 def _hull_points(model: ObjectModel, cloud: Array) -> tuple[Array, Array]:
-    """Normals (n, 3) and points (n, 3) [m] of cloud and corners on the hull, once per hull face."""
+    """Normals (n, 3) and points (n, 3) [m] of the hull, in the object frame.
+
+    Points are those of the `cloud` (m, 3) and the hull's corners that lie on a face of the hull; a point on
+    several faces is repeated with the normal of each.
+    """
     planes = np.unique(np.round(model.hull_planes, 6), axis=0)
     every = np.vstack([cloud, model.hull_vertices])
     heights = every @ planes[:, :3].T + planes[:, 3]

@@ -28,17 +28,21 @@ TABLE_GAP = 1e-3
 def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int) -> StrikePlan:
     """Plan with the paper's first three impact points, the strikes distributed equally among them.
 
-    The tip speed follows from the energy of eq. (2); E is that energy over the one needed for the
-    hypothesis's c. Faults found by our checks (slip, lift, no tag in view, too fast or too high for the
-    striker, a singular set) are listed in the plan, and the strike is kept.
+    The tip speed follows from the energy of eq. (2) (VISAPP 2013); the energy ratio E is that energy over the
+    one needed for the expected centre of mass. Faults found by our checks (slip, lift, no tag in view, too
+    fast or slow, too high or low for the striker, a singular set) are listed as rejections or warnings in the
+    plan, and the strikes are kept.
 
     Args:
-        prepared: PreparedObject object and bench.
-        object_sha256: Identity of object file and shape, to which the plan is bound.
+        prepared: Object, bench and expected centre of mass.
+        object_sha256: SHA-256 of object file and shape, to which the plan is bound.
         strikes: Number of strikes.
 
+    Returns:
+        The plan; its predicted covariance is None if the set is singular.
+
     Raises:
-        PlanError: as `paper_plan`, or fewer strikes than impact points.
+        PlanError: fewer than two stable planes that are not parallel, or fewer strikes than impact points.
     """
     model, spec = prepared.model, prepared.spec
     found = paper_plan(model, spec.mass_kg, prepared.bench.gravity)
@@ -89,9 +93,14 @@ def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int
 
 
 def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> PivotAxis:
-    """Pivot axis through p^r_ij on the centre line of the edge's rounding, for vertical walls.
+    """Pivot axis through a rotation point, on the centre line of the edge's rounding, for vertical walls.
 
     Its point lies beside the impact point.
+
+    Args:
+        prepared: Object, with its edge radius.
+        strike: Impact point and rotation point.
+        name: Id of the axis.
     """
     radius = prepared.spec.edge_radius_m
     point = strike.rotation_point + radius * (strike.plane.up - strike.tip)

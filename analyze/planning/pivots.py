@@ -30,10 +30,14 @@ STEEPEST_WALL = np.radians(60.0)
 
 @dataclass(frozen=True)
 class PivotAxis:
-    """Resting plane and pivot line about which the object tips, in O."""
+    """Resting plane and pivot line about which the object tips, in the object frame O.
+
+    W is the world frame at rest (z up, table at z = 0), Q the region that is believed to hold the centre of
+    mass. An edge is rounded; its centre line is the axis of the rounding.
+    """
 
     id: str
-    """Name in plans: the face, then e and the number of the edge, or t and that of a rim's tangent."""
+    """Name in plans: the face's id, then e and the number of the edge, or t and that of a rim's tangent."""
     plane: RestingPlane
     """Face that the object rests on."""
     direction: Array
@@ -54,18 +58,24 @@ class PivotAxis:
 
     @property
     def R_world_object(self) -> Array:  # noqa: N802 - the frames belong to the name
-        """Rotation (3, 3) from O to W at rest; its rows are W's x, y, z in O."""
+        """Rotation (3, 3) from the object frame O to the world frame W at rest.
+
+        Its rows are W's x (direction of the tip), y (pivot axis) and z (up), in O.
+        """
         return np.stack([self.tip, self.direction, self.plane.up])
 
     @property
     def p_world_object(self) -> Array:
-        """Translation (3,) from O to W at rest [m]: centre line at x = 0, z = radius, `point` at y = 0."""
+        """Translation (3,) [m] from the object frame to the world frame at rest.
+
+        The centre line of the edge's rounding then lies at x = 0, z = radius, and `point` at y = 0.
+        """
         return np.array([0.0, 0.0, self.radius]) - self.R_world_object @ self.point
 
 
 @dataclass(frozen=True)
 class Swing:
-    """Parameters of a tip about one axis, for a given c."""
+    """Parameters of a tip about one axis, for a given centre of mass c and inertia."""
 
     distance: float
     """Distance R of c from the centre line [m]."""
@@ -82,15 +92,17 @@ class Swing:
 def pivot_axes(
     model: ObjectModel, spec: ObjectSpec, planes: Sequence[RestingPlane], believed: Hypothesis
 ) -> list[PivotAxis]:
-    """Pivot axes: every edge of the support polygons, and tangents of round rims with a marker.
+    """Pivot axes: edges of the support polygons, and tangents of round rims.
 
-    Edges that the expected c does not stand beside are left out: the object would yaw instead of tipping.
+    Edges that the expected centre of mass does not stand beside are left out: the object would yaw instead of
+    tipping. A rim gives a tangent for each marker that then faces the camera, or one every 45 degrees if no
+    marker has a pose.
 
     Args:
         model: Shape of the object.
         spec: Edge radius and markers.
         planes: Resting planes.
-        believed: Region Q of c.
+        believed: Hypothesis with the region of the centre of mass.
     """
     axes: list[PivotAxis] = []
     for plane in planes:
@@ -123,14 +135,18 @@ def pivot_axes(
 
 
 def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity: float) -> Swing:
-    """Swing parameters R, phi, I_edge and k of a tip about an axis for a given c (method, symbols).
+    """Swing of a tip about an axis, for a given centre of mass c and inertia (method, symbols).
 
     Args:
         axis: Pivot axis.
-        com: (3,) centre of mass [m], in O.
+        com: (3,) centre of mass c [m], in the object frame.
         mass: Mass [kg].
-        unit_inertia: (3, 3) inertia about c per kilogram [m^2], in O.
-        gravity: Gravity [m/s^2].
+        unit_inertia: (3, 3) inertia about c per kilogram [m^2], in the object frame.
+        gravity: Gravity g [m/s^2].
+
+    Returns:
+        Distance R of c from the centre line, balance angle phi, moment I_edge about the contact line, and k =
+        m g R / I_edge.
     """
     arm = com - axis.point
     up, forward = float(arm @ axis.plane.up), -float(arm @ axis.tip)
@@ -152,9 +168,19 @@ def _axis(
 ) -> PivotAxis:
     """Pivot axis at an edge, on the centre line of its rounding.
 
-    The stated rounding of a sharp edge (radius rho) touches both faces: its centre lies rho inside either. A
+    The stated rounding of a sharp edge (radius rho) touches both faces: its centre lies rho inside each. A
     rounding that is part of the shape, as of a moulded body, begins where the face ends: its centre is
     straight above.
+
+    Args:
+        name: Id of the axis.
+        model: Shape of the object.
+        spec: Object file, with the stated edge radius.
+        plane: Face that the object rests on.
+        tip: (3,) unit direction of the tip, in the object frame.
+        edge: Ends (3,), (3,) of the edge [m], in the object frame; equal for a rim.
+        beside: (3,) expected centre of mass [m], in the object frame; the axis's point lies beside it.
+        rolls: True for the tangent of a round rim.
     """
     direction = np.cross(plane.up, tip)
     wall = _wall_lean(model, plane, tip, edge)
@@ -175,7 +201,17 @@ def _axis(
 def _moulded_radius(
     model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array, beside: Array
 ) -> float | None:
-    """Radius [m] of a rounding of the shape beyond `contact` (3,) [m, in O]; None if there is none."""
+    """Radius [m] of the rounding that the shape itself has beyond `contact`; None if it has none.
+
+    It is None too if the resting face is a narrow facet (`FACET_WIDTH_FRACTION`) of a round flank.
+
+    Args:
+        model: Shape of the object.
+        plane: Face that the object rests on.
+        tip: (3,) unit direction of the tip, in the object frame.
+        contact: (3,) point of the edge [m], in the object frame.
+        beside: (3,) expected centre of mass [m], in the object frame.
+    """
     if float(np.ptp(plane.polygon @ tip)) < FACET_WIDTH_FRACTION * float(model.extent.max()):
         return None
     arm = beside - contact
@@ -186,7 +222,16 @@ def _moulded_radius(
 def _wall_lean(
     model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array, Array]
 ) -> float | None:
-    """Lean [rad] of the face that rises from the edge, upward angle of its normal; None if there is none."""
+    """Lean [rad] of the face that rises from the edge: angle by which its normal points upwards.
+
+    None if no face ends at both ends of the edge, or if the lean is `STEEPEST_WALL` or more either way.
+
+    Args:
+        model: Shape of the object.
+        plane: Face that the object rests on.
+        tip: (3,) unit direction of the tip, in the object frame.
+        edge: Ends (3,), (3,) of the edge [m], in the object frame.
+    """
     tolerance = 3e-4 * float(model.extent.max())
     planes = model.hull_planes
     touches = np.all([np.abs(planes[:, :3] @ point + planes[:, 3]) < tolerance for point in edge], axis=0)
@@ -201,7 +246,10 @@ def _wall_lean(
 
 
 def _round_rim(plane: RestingPlane) -> BoolArray:
-    """Mask (k,) of a polygon's edges that turn little against both neighbours, as on a round rim."""
+    """Mask (k,) of a support polygon's edges that belong to a round rim.
+
+    They turn by less than `RIM_TURN` against both neighbours; all False if there are fewer than `RIM_EDGES`.
+    """
     out = plane.outward()
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))
     gentle = turn < RIM_TURN
@@ -210,7 +258,11 @@ def _round_rim(plane: RestingPlane) -> BoolArray:
 
 
 def _rim_headings(plane: RestingPlane, spec: ObjectSpec) -> list[Array]:
-    """Tip directions (3,) in O with a marker facing the camera, or every 45 degrees without markers."""
+    """Unit directions (3,) in the object frame in which the object can tip over a round rim.
+
+    There is one for each upright marker, which then faces the camera, or one every 45 degrees if no marker
+    has a pose; directions less than 5 degrees from an earlier one are left out.
+    """
     headings: list[Array] = []
     for marker in spec.marker:
         if marker.T_object_marker is not None:

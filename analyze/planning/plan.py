@@ -1,4 +1,4 @@
-"""Plan of the strikes for an object: the most informative set of axes, with its predicted precision."""
+"""Plan of the strikes for an object: the most informative set of pivot edges, with precision."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class PlanRequest:
     strikes: int = 9
     """Number of (further) strikes; with a target the largest number, if more than `forecast.MAX_STRIKES`."""
     target_com: float | None = None
-    """Target rms distance of c from the truth [m], to reach with as few strikes as possible; None if none is
-    set."""
+    """Target rms distance of the estimated centre of mass from the true one [m], to reach with as few strikes
+    as possible; None if none is set."""
     gravity: bool = False
-    """True to add a strike of an edge with the object turned by 180 degrees, which measures the table's
-    tilt."""
+    """True to add a strike of an edge with the object turned by 180 degrees, which measures the table's tilt;
+    the usual strike of that edge is added too if it is not in the plan."""
     most_axes: int | None = None
     """Largest number of different axes, each a placement by hand; None for as many as pay."""
 
@@ -65,14 +65,18 @@ def plan_strikes(
     """Choose the most informative set of strikes and assemble the plan.
 
     Args:
-        prepared: Checked axes and what is known of the object.
-        object_sha256: Identity of object file and shape, to which the plan is bound.
+        prepared: Checked axes (pivot edges about which the object tips) and what is known of the object.
+        object_sha256: SHA-256 of object file and shape, to which the plan is bound.
         request: Number of strikes, target and options.
         cells: Pieces of the body; without them no region masses are predicted.
 
+    Returns:
+        Strikes in the order in which to make them, the predicted precision, rejected axes and warnings.
+
     Raises:
-        PlanError: fewer than 3 strikes are requested, or no usable set of axes determines c; the message has
-            the remedy.
+        PlanError: fewer than 3 strikes are requested and none was made before; no usable set of axes
+            determines the centre of mass; or a turned strike is requested and no axis allows one. The message
+            has the remedy.
     """
     spec, so_far = prepared.spec, prepared.information
     turnables: list[TurnableAxis] = []
@@ -154,7 +158,7 @@ def plan_strikes(
 
 
 def plan_hypothesis(prepared: PreparedObject) -> PlanHypothesis:
-    """Centre of mass, gravity and striker that the plan's speeds are computed from."""
+    """Centre of mass, mass, gravity and striker from which the plan's tip speeds are computed."""
     region, striker = prepared.believed.region, prepared.bench.striker
     return PlanHypothesis(
         com_m=region.centre.tolist(),
@@ -171,7 +175,16 @@ def plan_hypothesis(prepared: PreparedObject) -> PlanHypothesis:
 
 
 def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information) -> tuple[design.Design, str]:
-    """Design for a request, and a message if it misses the target (else empty)."""
+    """Design (axes and repeats) for a request, and a message if it misses the target (else empty).
+
+    Args:
+        prepared: Checked axes and what is known of the object.
+        request: Number of strikes, target and options.
+        so_far: Information before the planned strikes, without that of a turned strike.
+
+    Raises:
+        PlanError: no usable set of axes determines the centre of mass.
+    """
     information, model = prepared.information, prepared.model
     least = 1 if prepared.made else design.MIN_STRIKES
     most = max(forecast.MAX_STRIKES, request.strikes)
@@ -258,7 +271,19 @@ def _strike(
 def _turned_strikes(
     turnables: Sequence[TurnableAxis], prepared: PreparedObject, chosen: design.Design, planned: int
 ) -> list[PlannedStrike]:
-    """Turned strike, last since the stand is moved for it, after its usual counterpart if not planned."""
+    """Plan a strike with the object turned by 180 degrees, made last since the striker's stand is moved.
+
+    If its axis is neither planned nor struck before, a strike of it at the usual heading precedes it.
+
+    Args:
+        turnables: Axes that can be struck turned, best first.
+        prepared: Checked axes and what is known of the object.
+        chosen: Design of the other strikes.
+        planned: Number of strikes planned so far, from which the new ones are numbered.
+
+    Returns:
+        One or two strikes.
+    """
     struck = {each.axis.id for each in prepared.information.belief.struck}
     done = {
         *chosen.chosen,
@@ -277,9 +302,10 @@ def _turned_strikes(
 
 
 def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, str, int, str]:
-    """Sort key: first faces on which the object stands for every c in Q.
+    """Sort key of an axis: first faces on which the object stands for every expected centre of mass.
 
-    Their strikes show whether it stands on the others.
+    The strikes on these show where the centre of mass is, and so whether the object stands on the others.
+    Members: minus the firmness (`RestingPlane.firmness`, at most 1), face id, length of the axis id, axis id.
     """
     firm = (
         min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0

@@ -1,4 +1,7 @@
-"""Predicted covariance of phi and k from one strike, by Fisher information (method 3)."""
+"""Predicted covariance of balance angle phi and k from one strike, by Fisher information (method 3).
+
+k = m g R / I_edge [rad/s^2] is the rate constant of a tip: theta'' = -k sin(phi - theta).
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,10 @@ MIN_ENERGY_RATIO = 1.01
 
 
 def frame_sd(tag_px: float) -> float:
-    """1 sigma [rad] of the tip angle in one frame for a tag whose edge is `tag_px` wide."""
+    """1 sigma [rad] of the tip angle in one frame for a tag whose edge is `tag_px` [px] wide in the image.
+
+    It is inversely proportional to the width, and at least `BEST_FRAME_SD`.
+    """
     return max(FRAME_SD * FRAME_PX / max(tag_px, 1.0), BEST_FRAME_SD)
 
 
@@ -49,19 +55,23 @@ class TrackedSwing:
     expected: Swing
     """Expected swing, of which phi and k are used."""
     energy: float
-    """Energy ratio E at release."""
+    """Energy ratio E at release: energy over that needed to reach balance."""
     angle_sd: float
     """1 sigma of the tip angle per frame [rad]."""
 
 
 def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAME_RATE) -> list[Array]:
-    """Covariance (2, 2) of phi [rad] and ln k from each strike (Fisher 1922).
+    """Covariance (2, 2) of balance angle phi [rad] and ln k that each strike gives (Fisher 1922).
 
-    theta and theta' at release are unknown too.
+    k is the rate constant of the tip, theta'' = -k sin(phi - theta). Angle theta and rate theta' at release
+    are unknown too, and integrated out. Energy ratios are raised to at least `MIN_ENERGY_RATIO`.
 
     Args:
         strikes: Strikes, integrated together.
         frame_rate: Frame rate of the camera [Hz].
+
+    Returns:
+        One covariance for each strike, in their order.
     """
     if not strikes:
         return []
@@ -89,7 +99,14 @@ def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAM
 
 
 def _covariance(theta: Array, strike: TrackedSwing, frames_per_row: float) -> Array:
-    """Covariance (2, 2) of phi and ln k from `theta` (times, 9), with unknowns increased and decreased."""
+    """Covariance (2, 2) of phi [rad] and ln k of one strike, from motions with changed unknowns.
+
+    Args:
+        theta: (times, 9) tip angles [rad]: of the expected motion, then with phi, ln k, theta_0 and ln
+            omega_0 each increased by `STEP`, then each decreased.
+        strike: Expected swing and noise of the tip angle.
+        frames_per_row: Number of camera frames that a row of `theta` stands for.
+    """
     seen = np.cumsum(theta[:, 0] > strike.expected.phi + PAST_BALANCE) == 0
     rows = (theta[seen, 1:5] - theta[seen, 5:]) / (2 * STEP)
     known = rows.T @ rows / strike.angle_sd**2 * frames_per_row + np.eye(4) / PRIOR_SD**2
@@ -97,12 +114,12 @@ def _covariance(theta: Array, strike: TrackedSwing, frames_per_row: float) -> Ar
 
 
 def _motion(time: Array, phi: Array, k: Array, theta: Array, omega: Array) -> Array:
-    """Tip angles (times, n) [rad] of theta'' = -k*sin(phi - theta), by fourth-order Runge-Kutta.
+    """Tip angles (times, n) [rad] of n tips theta'' = -k*sin(phi - theta), by fourth-order Runge-Kutta.
 
     Args:
         time: (times,) times [s].
         phi: (n,) balance angles [rad].
-        k: (n,) k [rad/s^2].
+        k: (n,) rate constants k [rad/s^2].
         theta: (n,) initial angles [rad].
         omega: (n,) initial rates [rad/s].
     """

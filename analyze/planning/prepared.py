@@ -1,4 +1,4 @@
-"""Preparation of a plan: the pivot axes of an object are found and checked."""
+"""Preparation of a plan: the pivot axes (edges about which an object tips) are found and checked."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ INERTIA_SD = 0.3
 
 @dataclass(frozen=True)
 class PreparedObject:
-    """All that a plan needs of one object and bench before the number of strikes is chosen."""
+    """Object, bench and checked axes: the input of a plan before the number of strikes is chosen.
+
+    c is the centre of mass, Q the region that is believed to hold it.
+    """
 
     model: ObjectModel
     spec: ObjectSpec
@@ -36,7 +39,7 @@ class PreparedObject:
     planes: tuple[RestingPlane, ...]
     """All resting planes of the object, largest first."""
     stable: tuple[RestingPlane, ...]
-    """Faces that are planned on."""
+    """Faces that are planned on: scanned ones that hold all of Q or, if needed, the expected c only."""
     believed: Hypothesis
     """Region Q of c, and inertia per kilogram."""
     usable: tuple[UsableAxis, ...]
@@ -50,7 +53,10 @@ class PreparedObject:
 
     @property
     def unsure(self) -> frozenset[str]:
-        """Ids of the faces planned on that hold the expected c, but not all of Q."""
+        """Ids of the faces planned on that do not hold all of Q, the region of the centre of mass.
+
+        On these faces the object may fall over.
+        """
         return frozenset(plane.id for plane in self.stable if plane.margin_of(self.believed.region) <= 0)
 
 
@@ -61,17 +67,21 @@ def prepare_object(
     errors: SharedErrors | None = None,
     given: EarlierResult | None = None,
 ) -> PreparedObject:
-    """Find and check the pivot axes of an object.
+    """Find and check the pivot axes (edges about which it tips) of an object.
 
-    The axes belong to faces on which the object surely stands; if no set of these determines c, also to faces
-    that hold the expected c, the surer ones first.
+    The axes belong to faces on which the object surely stands; if no set of these determines the centre of
+    mass c, also to faces that hold the expected c, the surer ones first.
 
     Args:
         model: Shape of the object.
         spec: Mass, edge radius, markers.
         bench: Striker, camera and table.
-        errors: SharedErrors of the rig; those of the object are taken from `spec`.
-        given: Earlier result of the object.
+        errors: Errors of the rig that strikes share, None for the defaults; scale, edge radius and mass are
+            replaced by those of `spec`.
+        given: Earlier result of the object, None if there is none.
+
+    Returns:
+        Usable axes with their information about c and the inertia, and the rejections of the others.
 
     Raises:
         PlanError: a strike in `given` is on an axis that the object does not have.
@@ -125,7 +135,14 @@ def prepare_object(
 def _unstable(
     planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], believed: Hypothesis
 ) -> list[Rejection]:
-    """Rejection of each face on which the object may fall over; all strips of a round flank share one."""
+    """Rejection of each face on which the object may fall over; all strips of a round flank share one.
+
+    Args:
+        planes: All resting planes.
+        stable: Faces on which the object stands as surely as the plan needs; all others are rejected.
+        believed: Hypothesis with the region Q of the centre of mass; a rejection's number is the distance [m]
+            of Q's projection from the face's nearest edge, negative outside.
+    """
     names = {plane.id for plane in stable}
     left = [plane for plane in planes if plane.id not in names]
     strips = [plane for plane in left if plane.area < STRIP_AREA_FRACTION * sum(each.area for each in planes)]

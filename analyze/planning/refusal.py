@@ -59,13 +59,13 @@ def refusal_message(
     candidates: Sequence[Candidate],
     rejected: Sequence[Rejection],
 ) -> str:
-    """One-line message: state of the object, reasons of the rejections, remedy.
+    """One-line message why no plan can be made: state of the object, reasons of the rejections, remedy.
 
     Args:
         model: Shape of the object.
         planes: All its resting planes.
         stable: Resting planes that are planned on.
-        candidates: UsableAxis axes.
+        candidates: Usable axes.
         rejected: Rejected axes and faces.
     """
     axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
@@ -91,7 +91,14 @@ def refusal_message(
 def _shape_message(
     model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int
 ) -> str:
-    """Message with remedy on a shape without usable edge; `unseen` counts unscanned faces and edges."""
+    """Message with remedy on a shape that has no usable edge (a ball, a round or unstable body).
+
+    Args:
+        model: Shape of the object.
+        planes: All its resting planes.
+        stable: Resting planes that are planned on.
+        unseen: Number of faces and edges rejected because they were not scanned.
+    """
     across = _scanned_ball_diameter(model) if _unscanned_share(model) > MIN_BARE_SHARE else None
     if across is not None:
         return (
@@ -136,12 +143,17 @@ def _is_ball(model: ObjectModel) -> bool:
 
 
 def _unscanned_share(model: ObjectModel) -> float:
-    """Fraction of the surface that was not scanned."""
+    """Fraction of the surface that was not scanned; 0 for shapes that are not scans."""
     return 0.0 if model.scanned is None else model.scanned.bare_share
 
 
 def _scanned_ball_diameter(model: ObjectModel) -> float | None:
-    """Diameter [m] of the sphere that fits the scanned surface; None if none fits, or too little is seen."""
+    """Diameter [m] of the sphere that fits the scanned surface.
+
+    None if none fits within `MAX_BALL_SPREAD` of the radius, if the scanned part is less than
+    `MIN_BALL_SHARE` of the sphere, if fewer than `WIDTH_DIRECTIONS` samples of the surface were scanned, or
+    if the shape is no scan.
+    """
     if model.scanned is None:
         return None
     seen = model.scanned.surely_scanned()
@@ -164,7 +176,11 @@ def _scanned_ball_diameter(model: ObjectModel) -> float | None:
 
 
 def _axis_of_roundness(model: ObjectModel) -> Array | None:
-    """Unit direction (3,) in O about which the hull is round (equal widths); None if there is none."""
+    """Unit direction (3,) in the object frame about which the hull is round; None if there is none.
+
+    Of the hull's principal axes, it is the one of largest spread across which all widths are equal within
+    `MAX_ROUND_SPREAD`; its largest component is positive.
+    """
     vertices = model.hull_vertices - model.hull_vertices.mean(axis=0)
     for axis in np.linalg.eigh(vertices.T @ vertices)[1].T[::-1]:
         u = np.linalg.svd(axis[None])[2][1:]
@@ -180,7 +196,7 @@ def _widths(model: ObjectModel, directions: Array) -> Array:
 
 
 def _half_sphere() -> Array:
-    """Unit directions (n, 3) spread evenly over the half sphere (Fibonacci lattice)."""
+    """Unit directions (n, 3) spread evenly over the half sphere z > 0 (Fibonacci lattice)."""
     i = np.arange(WIDTH_DIRECTIONS) + 0.5
     z, turn = i / WIDTH_DIRECTIONS, i * np.pi * (1 + np.sqrt(5))
     across = np.sqrt(1 - z**2)

@@ -29,9 +29,10 @@ A number without meaning and unit is left out."""
 
 
 def rejection_summary(rejected: Sequence[Rejection]) -> str:
-    """Summary of rejections on one line, the most frequent reason first.
+    """Summary of rejected axes and faces on one line, the most frequent reason first.
 
-    For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach".
+    For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach"; empty without
+    rejections.
     """
     by_code: dict[str, list[Rejection]] = {}
     for each in rejected:

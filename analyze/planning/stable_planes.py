@@ -1,4 +1,7 @@
-"""Resting planes of an object, and those stable for every c in Q (VISAPP 2013, 3.1.2; method 1.2)."""
+"""Resting planes of an object, and those stable for every expected centre of mass.
+
+VISAPP 2013, 3.1.2; method 1.2. Q is the region that is believed to hold the centre of mass.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -36,12 +39,15 @@ MAX_COLLINEAR_TURN = np.radians(0.5)
 
 @dataclass(frozen=True, eq=False)
 class RestingPlane:
-    """A face of the convex hull, coplanar facets merged."""
+    """A face of the convex hull, coplanar facets merged, on which the object can be put down.
+
+    O is the object frame, W the world frame (z up).
+    """
 
     id: str
     """Name of the face in plans, such as p0; numbered from the largest."""
     up: Array
-    """(3,) unit in O: W's z when the object rests on the face."""
+    """(3,) unit normal into the object, in O: W's z when the object rests on the face."""
     level: float
     """Offset up.x of the plane from O's origin [m]."""
     polygon: Array
@@ -52,11 +58,11 @@ class RestingPlane:
 
     @property
     def edges(self) -> tuple[Array, Array]:
-        """Starts and ends (k, 3) of the polygon's edges [m], in O."""
+        """Starts (k, 3) and ends (k, 3) of the support polygon's edges [m], in the object frame."""
         return self.polygon, np.roll(self.polygon, -1, axis=0)
 
     def outward(self) -> Array:
-        """Outward unit normals (k, 3) of the polygon's edges in the plane, in O."""
+        """Outward unit normals (k, 3) of the support polygon's edges, in its plane, in the object frame."""
         return self._outward
 
     @cached_property
@@ -66,32 +72,40 @@ class RestingPlane:
         return across / np.linalg.norm(across, axis=1, keepdims=True)
 
     def margin(self, points: Array) -> float:
-        """Smallest distance [m] of projected points (n, 3) from the polygon's edges; negative outside."""
+        """Smallest distance [m] of points from the support polygon's edges, projected on its plane.
+
+        It is negative if a point (n, 3) [m, in the object frame] lies outside.
+        """
         start, _ = self.edges
         out = self.outward()
         return float(np.min(np.einsum("ki,ki->k", start, out) - points @ out.T))
 
     def margin_of(self, region: Region) -> float:
-        """Smallest distance [m] of the projected `region` from the polygon's edges; negative if outside."""
+        """Smallest distance [m] of `region` from the support polygon's edges, projected on its plane.
+
+        It is negative if part of the region lies outside.
+        """
         return float(np.min(self._room(region) - region.reach(self.outward())))
 
     def firmness(self, region: Region) -> float:
-        """Largest scale of `region` about its centre at which it lies over the polygon.
+        """Largest scale of `region` about its centre at which its projection lies within the support polygon.
 
-        It is at least 1 if all of the region does, and negative if its centre does not.
+        It is at least 1 if all of the region lies over the polygon, and negative if its centre does not.
         """
         return float(np.min(self._room(region) / np.maximum(region.reach(self.outward()), 1e-12)))
 
     def _room(self, region: Region) -> Array:
-        """Distances (k,) [m] of the region's projected centre from the edges."""
+        """Distances (k,) [m] of the region's projected centre from the polygon's edges, positive inside."""
         return np.einsum("ki,ki->k", self.polygon - region.centre, self.outward())
 
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
-    """All faces of the convex hull, coplanar facets merged, largest first, without slivers.
+    """All faces of the convex hull, coplanar facets merged, largest first, with ids p0, p1 and so on.
 
     A face grows from its largest facet over neighbours whose corners lie in its plane within
-    `COPLANAR_FRACTION` and whose normals agree within `COPLANAR_ANGLE`.
+    `COPLANAR_FRACTION` and whose normals agree within `COPLANAR_ANGLE`; facets too narrow to have a reliable
+    normal need only the first. Faces up to `MIN_AREA_FRACTION` of the hull's area are left out. The result is
+    cached on the model.
     """
     return model.cached("resting planes", _resting_planes)
 
@@ -130,7 +144,9 @@ def _resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
 def _too_small(
     neighbours: IntArray, normals: Array, splinter: BoolArray, areas: Array, smallest: float
 ) -> BoolArray:
-    """Mask (f,) of facets whose face must be smaller than `smallest` [m^2], whatever neighbours it includes.
+    """Mask (f,) of hull facets that cannot be part of a face of area `smallest` or more.
+
+    Even the connected neighbours whose normals agree have less area together.
 
     Args:
         neighbours: (f, 3) indices of each facet's neighbours.
@@ -154,7 +170,15 @@ def _too_small(
 def _coplanar(
     seed: int, hull: ConvexHull, splinter: BoolArray, used: BoolArray, tolerance: float
 ) -> IntArray:
-    """Indices of unused facets connected to `seed` that are coplanar with it within `tolerance` [m]."""
+    """Indices of the facet `seed` and of unused facets connected to it that are coplanar with it.
+
+    Args:
+        seed: Index of the first facet.
+        hull: Convex hull of the object.
+        splinter: (f,) True for facets too narrow to have a reliable normal; theirs is not compared.
+        used: (f,) True for facets that already belong to a face.
+        tolerance: Largest distance of a facet's corners from the plane of `seed` [m].
+    """
     normal, level = hull.equations[seed, :3], hull.equations[seed, 3]
     seen = np.zeros(len(used), dtype=bool)
     seen[seed] = True
@@ -171,14 +195,23 @@ def _coplanar(
 
 
 def stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
-    """Planes whose support polygon holds the projection of all of Q, parallel ones included (method 1.2)."""
+    """Planes whose support polygon holds the projection of all of `region`, in their order (method 1.2).
+
+    The region is that of the centre of mass; parallel planes are kept.
+    """
     return tuple(plane for plane in planes if plane.margin_of(region) > 0)
 
 
 def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
-    """Stable planes by the paper: the largest of parallel ones, then the two largest (VISAPP 2013, 3.1.2).
+    """The two largest stable planes that are not parallel, by the paper (VISAPP 2013, 3.1.2).
 
-    With fewer than two planes the paper's method is not applicable.
+    Stable are planes whose support polygon holds all of `region`, that of the centre of mass; of parallel
+    ones (opposite faces too) the largest is kept. With fewer than two in the result the paper's method is not
+    applicable.
+
+    Args:
+        planes: Resting planes, largest first.
+        region: Region of the centre of mass.
     """
     kept: list[RestingPlane] = []
     for plane in stable_planes(planes, region):
@@ -188,7 +221,10 @@ def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tup
 
 
 def _support_polygon(points: Array, up: Array) -> Array:
-    """Convex polygon (k, 3) around `points` (n, 3), counter-clockwise about `up` (Andrew 1979)."""
+    """Corners (k, 3) of the convex polygon around `points` (n, 3), counter-clockwise about `up`.
+
+    Corners with a turn of at most `MAX_COLLINEAR_TURN` are left out (monotone chain, Andrew 1979).
+    """
     u, v = plane_basis(up)
     x, y = points @ u, points @ v
     order = [int(i) for i in np.lexsort((y, x))]
@@ -206,7 +242,10 @@ def _support_polygon(points: Array, up: Array) -> Array:
 
 
 def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    """Turn [rad] from ab to bc, positive to the left, near pi at the tip of a needle."""
+    """Turn [rad] from direction ab to bc of points in the plane, positive to the left, from -pi to pi.
+
+    It is 0 if two of the points coincide.
+    """
     first, second = (b[0] - a[0], b[1] - a[1]), (c[0] - b[0], c[1] - b[1])
     if math.hypot(*first) * math.hypot(*second) < 1e-18:
         return 0.0

@@ -27,7 +27,10 @@ MIN_MASS_SD, MIN_RESTITUTION_SD = 1e-4, 1e-3
 
 @dataclass(frozen=True)
 class Touch:
-    """One strike made: tip speed and height of the striker, and the fitted motion of the object."""
+    """One strike made: tip speed and height of the striker, and the fitted motion of the object.
+
+    R is the distance of the centre of mass from the edge, I_edge the moment of inertia about it.
+    """
 
     axis_id: str
     tip_speed: float
@@ -45,15 +48,20 @@ class Touch:
 
     @property
     def momentum(self) -> float:
-        """Angular momentum after impact, I_edge omega0 [kg m^2/s], with omega0^2 / 2 = k (1 - cos phi) E."""
+        """Angular momentum after impact, I_edge omega0 [kg m^2/s], with omega0^2 / 2 = k (1 - cos phi) E.
+
+        I_edge is the moment of inertia about the edge, omega0 the rate [rad/s], phi the balance angle, E the
+        energy ratio (energy over that needed to reach balance), and k = m g R / I_edge.
+        """
         return self.i_edge * float(np.sqrt(2 * self.k * (1 - np.cos(self.phi)) * self.energy_ratio))
 
 
 def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerModel:
-    """Striker updated by strikes made: effective mass and restitution with independent 1 sigma.
+    """Striker updated by strikes made: effective mass m_s and restitution e, with their 1 sigma.
 
-    J h = I_edge omega0 with J = (1 + e) v / (1/m_s + h^2/I_edge). Tips alone hardly separate e and m_s: each
-    keeps the part of its spread that the other can compensate.
+    The impulse J = (1 + e) v / (1/m_s + h^2/I_edge) at height h and tip speed v gives the angular momentum J
+    h = I_edge omega0. Tips alone hardly separate e and m_s: the 1 sigma of each includes the part that a
+    change of the other compensates; their correlation is not reported.
 
     Args:
         striker: Striker as believed before.

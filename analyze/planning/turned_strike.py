@@ -1,4 +1,4 @@
-"""Strike with the object turned by 180 degrees, to measure the table's tilt (method 2)."""
+"""Strike with the object turned by 180 degrees about the vertical, for the table's tilt (method 2)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TURNED = float(np.pi)
 
 @dataclass(frozen=True)
 class TurnableAxis:
-    """Usable axis that can be struck with the object turned as well."""
+    """Usable axis that can be struck with the object turned as well; phi is the balance angle."""
 
     index: int
     """Index among the usable axes."""
@@ -39,16 +39,17 @@ def turnable_axes(
     camera: CameraModel,
     errors: SharedErrors,
 ) -> list[TurnableAxis]:
-    """Axes with a marker visible when the object is turned, ordered by the precision of the tilt.
+    """Axes with a marker visible when the object is turned by 180 degrees, the most precise tilt first.
 
-    Striker and object turn together: heights, speeds and the edge's hold are those of the usual strike.
+    Striker and object turn together: heights, speeds and the edge's hold are those of the usual strike. If no
+    marker has a pose, all axes count.
 
     Args:
-        usable: UsableAxis axes.
+        usable: Axes that passed every check.
         model: Shape of the object.
         spec: Name and markers.
         camera: Camera at the usual heading.
-        errors: SharedErrors that strikes share.
+        errors: Errors that strikes share.
 
     Raises:
         PlanError: there is none; the message has the fault of the marker nearest to being visible.
@@ -76,12 +77,22 @@ def turnable_axes(
 
 
 def with_tilt_measured(information: Information, by: TurnableAxis) -> Information:
-    """Information with the tilt's sd as after a pair of strikes, one usual and one turned."""
+    """Information with the 1 sigma of the table's tilt as after two strikes, one usual and one turned.
+
+    Args:
+        information: Information before; it is not changed.
+        by: Axis on which both strikes are made.
+    """
     before = information.errors.tilt
     after = float(1 / np.hypot(1 / max(before, 1e-9), 1 / by.tilt_sd))
     return replace(information, errors=replace(information.errors, tilt=after))
 
 
 def best_turnable(turnables: Sequence[TurnableAxis], chosen: Collection[int]) -> TurnableAxis:
-    """Turnable axis of best precision among those in `chosen` (indices), or among all if none is in it."""
+    """Turnable axis of best precision among those in `chosen`, or among all if none is in it.
+
+    Args:
+        turnables: Axes in order of precision, at least one.
+        chosen: Indices among the usable axes.
+    """
     return next((each for each in turnables if each.index in chosen), turnables[0])

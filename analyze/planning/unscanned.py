@@ -44,7 +44,10 @@ REMEDY = "scan that side too, or give a primitive (box, cylinder)"
 def scanned_planes(
     model: ObjectModel, planes: Sequence[RestingPlane]
 ) -> tuple[tuple[RestingPlane, ...], list[Rejection]]:
-    """Planes that were scanned, and rejections of the others."""
+    """Planes that were scanned (all if the shape is no scan), and rejections of the others.
+
+    Up to `MAX_BARE_PLANE` of a plane may be missing from the scan.
+    """
     surface = model.scanned
     if surface is None:
         return tuple(planes), []
@@ -59,7 +62,10 @@ def scanned_planes(
 
 
 def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
-    """Axes beside which the surface was scanned, and rejections of the others."""
+    """Axes beside whose edges the surface was scanned, and rejections of the others.
+
+    Up to `MAX_BARE_EDGE` of it may be missing on either side. If the shape is no scan, all axes are kept.
+    """
     surface = model.scanned
     if surface is None:
         return list(axes), []
@@ -74,12 +80,23 @@ def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[P
 
 
 def _rejection(name: str, share: float, text: str) -> Rejection:
-    """Rejection of the face or edge `name`, of which the fraction `share` was not scanned."""
+    """Rejection of the face or edge `name`, of which the fraction `share` was not scanned.
+
+    Its message is "`share` in percent", `text`, and the remedy.
+    """
     return Rejection(axis_id=name, code=CODE, number=share, text=f"{100 * share:.0f} % {text}: {REMEDY}")
 
 
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
-    """Bare fraction of the surface within a plane's polygon, without its rim if enough samples remain."""
+    """Fraction, not scanned, of the surface over a plane's polygon; 0 if it has no samples.
+
+    The rim of the polygon is left out if at least `MIN_SAMPLES` samples remain.
+
+    Args:
+        surface: Samples of the surface, with a mask of those not scanned.
+        plane: Resting plane.
+        size: Size of the body [m].
+    """
     height = surface.points @ plane.up - plane.level
     touching = (np.abs(height) < TOUCHING_HEIGHT * size) & (surface.normals @ plane.up < MAX_DOWN_COSINE)
     start, _ = plane.edges
@@ -92,7 +109,15 @@ def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> f
 
 
 def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
-    """Bare fraction of the strip along the edge, in the resting plane or up the wall, whichever is larger."""
+    """Fraction, not scanned, of a strip along the edge: in the resting plane or up the wall.
+
+    The larger of the two is returned; a strip with fewer than `MIN_SAMPLES` samples counts as scanned.
+
+    Args:
+        surface: Samples of the surface, with a mask of those not scanned.
+        axis: Pivot axis at the edge.
+        size: Size of the body [m].
+    """
     up, tip = axis.plane.up, axis.tip
     first, last = _edge(axis)
     outer = surface.reach + STRIP_WIDTH * size
@@ -109,7 +134,10 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
 
 
 def _edge(axis: PivotAxis) -> tuple[Array, Array]:
-    """Ends (3,), (3,) [m, in O] of the edge that `axis` tips over; for a round rim twice the corner."""
+    """Ends (3,), (3,) [m, in the object frame] of the edge that `axis` tips over.
+
+    For the tangent of a round rim both are the polygon's foremost corner.
+    """
     if axis.rolls:
         corner = axis.plane.polygon[int(np.argmax(axis.plane.polygon @ axis.tip))]
         return corner, corner

@@ -36,7 +36,7 @@ RAY_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """Reason why a tip cannot be tracked: rejection code, measured number, message."""
+    """Reason why a marker cannot be tracked through a tip: rejection code, measured number, message."""
 
     code: str
     """One of `FAULT_CODES`."""
@@ -59,17 +59,21 @@ class MarkerVisibility:
 
 
 def default_camera() -> CameraModel:
-    """The rig's nominal camera: 0.55 m beside the pivot, 2.6 px/mm there, looking along the axis."""
+    """Nominal camera of the rig: 0.55 m beside the pivot, 2.6 px/mm there, looking along the axis.
+
+    Its pose is in the world frame W of a strike at rest (z up, pivot edge along y).
+    """
     T_world_camera = np.array([[1.0, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]])
     K = np.array([[1430.0, 0, 327.5], [0, 1430, 245.5], [0, 0, 1]])
     return CameraModel(656, 492, K, np.zeros(5), T_world_camera)
 
 
 def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
-    """Refuse a marker whose centre is not on the surface, as by a wrong frame or unit of its pose.
+    """Refuse a marker whose centre is not on the surface, as with a wrong frame or unit of its pose.
 
-    It may extend beyond an edge. A cloud's hollows are filled in the model, not on the object: a marker there
-    may lie as deep as they are. Within a gap of the scan the surface is uncertain by the gap's width.
+    The marker may extend beyond an edge. A point cloud's hollows are filled in the model, not on the object:
+    a marker there may lie as deep as they are. Within a gap of the scan the surface is uncertain by the gap's
+    width. Markers without a pose are not checked.
 
     Raises:
         PlanError: a marker is off the surface; the message has its name and distance.
@@ -98,14 +102,19 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
 def visible_markers(
     model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel
 ) -> MarkerVisibility:
-    """Markers visible from rest to `PAST_BALANCE` past phi: facing the camera, in the image, not hidden.
+    """Markers visible through a whole tip: facing the camera, in the image, large enough, not hidden.
+
+    The tip goes from rest to `PAST_BALANCE` past balance.
 
     Args:
         model: Shape of the object.
-        spec: Markers with their poses in O.
+        spec: Markers with their poses in the object frame; those without a pose are ignored.
         axis: Pivot axis.
         phi: Expected balance angle [rad].
-        camera: Camera, in W.
+        camera: Camera, with its pose in the world frame of the strike.
+
+    Returns:
+        Visible markers, and the fault of the one nearest to being visible.
     """
     # For a strike with the object turned by 180 degrees the camera sees the other end of the axis.
     looks = axis.direction * np.copysign(1.0, camera.T_world_camera[1, 2])
@@ -136,7 +145,17 @@ def visible_markers(
 def _marker_path(
     axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel
 ) -> Array:
-    """Corners (steps, 4, 2) [px] of a marker's black square through the tip; inf behind the camera."""
+    """Corners (steps, 4, 2) [px] of a marker's black square in the image through the tip.
+
+    All corners of a step are inf if one lies behind the camera, or in its plane.
+
+    Args:
+        axis: Pivot axis, on whose rounding the object rolls.
+        marker: Marker, with its size.
+        T_object_marker: (4, 4) pose of the marker in the object frame.
+        phi: Expected balance angle [rad].
+        camera: Camera.
+    """
     half = marker.size_m / 2
     corners = apply(
         T_object_marker, np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
@@ -155,12 +174,12 @@ def _marker_path(
 
 
 def _checked_angles(phi: float) -> list[float]:
-    """Tip angles [rad] at which visibility is checked."""
+    """Tip angles [rad] at which visibility is checked: `VISIBILITY_STEPS` from rest past balance at `phi`."""
     return np.linspace(0.0, phi + float(PAST_BALANCE), VISIBILITY_STEPS).tolist()
 
 
 def _edge(corners: Array) -> float:
-    """Mean edge [px] of a square with corners (4, 2) [px]."""
+    """Mean edge [px] of a square in the image with corners (4, 2) [px], given in order round it."""
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
 
@@ -201,7 +220,16 @@ def _hidden(
     phi: float,
     camera: CameraModel,
 ) -> Fault | None:
-    """Fault if the object hides the marker's centre at rest, at balance or past it; else None."""
+    """Fault if the object hides the marker's centre at rest, at balance or past it; else None.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis.
+        marker_id: Name of the marker, for the message.
+        T_object_marker: (4, 4) pose of the marker in the object frame.
+        phi: Expected balance angle [rad].
+        camera: Camera.
+    """
     start = T_object_marker[:3, 3] + 0.002 * T_object_marker[:3, 2]
     pivot = np.array([0.0, 0.0, axis.radius])
     for theta in (0.0, phi, phi + float(PAST_BALANCE)):
@@ -221,7 +249,14 @@ def _hidden(
 
 
 def _hits_object(model: ObjectModel, start: Array, direction: Array, far: float) -> bool:
-    """True if the ray along the unit `direction` (3,) meets a face nearer than `far` [m]."""
+    """True if a ray meets a face of the object nearer than `far` [m].
+
+    Args:
+        model: Shape of the object.
+        start: (3,) start of the ray [m], in the object frame.
+        direction: (3,) unit direction of the ray, in the object frame.
+        far: Length of the ray [m].
+    """
     across = np.linalg.svd(direction[None])[2][1:]
     near = np.ones(len(model.faces), dtype=bool)
     for row in across:
