@@ -1,4 +1,4 @@
-"""The public API behind `import analyze`: recordings, estimates and plans as notebooks use them."""
+"""Public API behind `import analyze`, for notebooks and scripts: recordings, estimates, strike plans."""
 
 from analyze.api.functions import estimate, load, plan
 from analyze.api.object_estimate import CentreOfMass, InertiaTensor, ObjectEstimate, PartMass

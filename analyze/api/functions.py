@@ -21,12 +21,17 @@ if TYPE_CHECKING:
 def load(
     path: str | Path, object_file: str | Path | None = None, progress: Progress | None = None
 ) -> Recording:
-    """Open a recording; its strikes are tracked on first use.
+    """Open a recording of strikes; markers are tracked when its strikes are first used.
 
     Args:
-        path: the recording (MCAP), or one file of a series.
-        object_file: object file (TOML) that replaces the recording's.
-        progress: called with (text, done, total) before each strike is tracked.
+        path: the recording (MCAP), or one file of a recording that was split into a series of files.
+        object_file: object file (TOML: name, mass, shape, markers) that replaces the recording's; None to
+            use the recording's.
+        progress: called with (text, strikes done, strikes in all) before each strike is tracked; None for
+            silence.
+
+    Returns:
+        The recording; only its description is read so far.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -42,29 +47,36 @@ def estimate(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> ObjectEstimate:
-    """Estimate centre of mass, inertia tensor and region masses of one object.
+    """Estimate centre of mass, inertia tensor and region masses of one object from its strikes.
 
-    Strikes that a loaded recording has tracked already are not tracked again. All errors but ValueError are
-    subclasses of `AnalyzeError` in `analyze.errors`.
+    The regions are the object's shell and its interior above and below a dividing plane. Strikes that a
+    loaded recording has tracked already are not tracked again. All errors but ValueError are subclasses of
+    `AnalyzeError` in `analyze.errors`.
 
     Args:
         recordings: one or several recordings of the object, loaded or as paths; their order does not matter.
         object_file: object file (TOML) that replaces the recordings'; only for recordings given as paths.
         exclude: ids of strikes to leave out, such as `s3.1`; of several recordings `2:s3.1`, strike s3.1 of
-            the second by start time.
-        estimator: estimator of phi and k: pivot_fit, rolling_fit, moment_balance or sign_change; None for the
-            one that suits each motion.
-        seed: seed of the random draws behind intervals of region masses.
-        progress: called with (text, done, total) before each strike is tracked.
+            the second by start time. A bare id is enough where one recording alone holds it.
+        estimator: estimator of phi, the balance angle, and k, the rate constant of the tipping motion:
+            pivot_fit, rolling_fit, moment_balance or sign_change. Strikes that it did not fit, and all
+            strikes if None, use the estimator chosen for their motion.
+        seed: seed of the random draws behind intervals of region masses, labelled parts and fillings.
+        progress: called with (text, strikes done, strikes in all) before each strike of a recording given as
+            a path is tracked; the count starts again with each recording.
+
+    Returns:
+        The estimate with its uncertainties and verdict.
 
     Raises:
         ValueError: no recording is given.
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is given twice.
-        ShapeError: the object's shape cannot be used.
-        PlanError: a plan is of another object.
-        TrackingError: no marker of any strike can be tracked.
-        EstimationError: fewer than three strikes can be used.
+        ShapeError: the object file or the object's shape cannot be used.
+        PlanError: a recording's strike plan is of another object.
+        TrackingError: no marker of any strike of one recording can be tracked.
+        EstimationError: fewer than three strikes can be used, or `exclude` holds an id that no strike, or
+            more than one, has.
     """
     if not recordings:
         raise ValueError("no recording: give one or several, as in analyze.estimate('strikes.mcap')")
@@ -91,16 +103,23 @@ def plan(
     """Plan the strikes that determine an object's centre of mass and inertia best.
 
     Args:
-        object_file: object file (TOML).
-        rig: rig file (TOML) of striker and camera; None for a typical rig.
-        strikes: number of strikes; None for nine.
+        object_file: object file (TOML: name, mass, shape, markers).
+        rig: rig file (TOML) of striker and camera; None for the rig stored in the latest recording of
+            `given`, or for a nominal rig where there is none.
+        strikes: number of strikes to plan, in addition to those in `given`; None for nine.
         target_com_mm: rms error of the centre of mass [mm] to reach with as few strikes as possible; None
             for a fixed number of strikes.
         given: recordings (.mcap) and results (JSON) of strikes already made, from which the plan continues.
 
+    Returns:
+        The plan with the accuracy expected of it.
+
     Raises:
-        DocumentError, ShapeError: the object file or its shape cannot be used.
-        PlanError: no set of strikes determines the centre of mass, or the rig file cannot be used.
+        ShapeError: the object file or its shape cannot be used.
+        RecordingError, MergeError, EstimationError: the recordings in `given` cannot be read, merged or
+            estimated.
+        PlanError: no set of strikes determines the centre of mass, or the rig file or a result cannot be
+            used.
     """
     from analyze.verbs.plan.plan_object import STRIKES, PlanOptions, plan_object
 

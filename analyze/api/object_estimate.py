@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CentreOfMass:
-    """Centre of mass of the object without its markers, in the shape file's frame O."""
+    """Centre of mass c of the object without its markers, in O, the frame of the object's shape file."""
 
     position: Array
     """(3,) centre of mass [m] in O"""
@@ -40,21 +40,22 @@ class CentreOfMass:
     observed: bool
     """True if the strikes determine all three directions"""
     unobserved_direction: Array | None
-    """(3,) unit vector in O along which c comes only from the shape's prior; None if there is none"""
+    """(3,) unit vector in O along which c comes only from the assumption that it lies within the shape (the
+    prior); None if `observed`"""
 
     @property
     def sd(self) -> Array:
-        """Standard deviations (3,) [m] of x, y and z."""
+        """Standard deviations (3,) [m] of the centre of mass along x, y, z of the shape file's frame."""
         return np.sqrt(np.diag(self.covariance)).astype(np.float64)
 
     @property
     def interval95(self) -> Array:
-        """Ends (3, 2) of the 95 % intervals of x, y and z [m]."""
+        """95 % intervals (3, 2) [m] of the centre of mass: lower and upper end for x, y, z."""
         half = SIGMAS_95 * self.sd
         return np.stack([self.position - half, self.position + half], axis=-1)
 
     def __repr__(self) -> str:
-        """Position with half widths of the 95 % intervals, in mm."""
+        """Centre of mass in mm with half widths of 95 % intervals; marked if a direction is not observed."""
         pairs = zip("xyz", 1e3 * self.position, 1e3 * SIGMAS_95 * self.sd, strict=True)
         text = ", ".join(f"{axis} {value:.2f} ± {half:.2f}" for axis, value, half in pairs)
         return f"CentreOfMass({text} mm, 95 %{'' if self.observed else ', one direction not observed'})"
@@ -62,27 +63,28 @@ class CentreOfMass:
 
 @dataclass(frozen=True, eq=False)
 class InertiaTensor:
-    """Inertia tensor about the centre of mass in the axes of O, with the origin of each entry."""
+    """Inertia tensor about the centre of mass, in the axes of O, the frame of the shape file."""
 
     tensor: Array
     """(3, 3) inertia tensor [kg m²]"""
     sd: Array
     """(3, 3) standard deviations [kg m²]"""
     measured: np.ndarray[Any, np.dtype[np.bool_]]
-    """(3, 3) True for entries that strikes measured, False for those from the shape's prior"""
+    """(3, 3) True for entries that strikes measured, False for those from the prior (plausible fillings of
+    the shape)"""
 
     @property
     def principal_moments(self) -> Array:
-        """Principal moments (3,) [kg m²], ascending."""
+        """Principal moments of inertia (3,) about the centre of mass [kg m²], ascending."""
         return np.asarray(np.linalg.eigvalsh(self.tensor), dtype=np.float64)
 
     @property
     def principal_axes(self) -> Array:
-        """Unit vectors of the principal axes in O, (3, 3), one per column in the order of the moments."""
+        """Principal axes of inertia (3, 3): unit vectors in O as columns, in order of ascending moments."""
         return np.linalg.eigh(self.tensor)[1]
 
     def __repr__(self) -> str:
-        """Entries with half widths of 95 % intervals under one power of ten; prior entries are marked."""
+        """Six entries with half widths of 95 % intervals, in one unit; entries from the prior are marked."""
         entries = ", ".join(
             f"{name} {text}" + ("" if source == "measured" else " (prior)")
             for name, text, source in self.rows()
@@ -91,11 +93,16 @@ class InertiaTensor:
 
     @property
     def power_of_ten(self) -> int:
-        """Exponent n of the unit 10^n kg m² in which the entries are printed."""
+        """Exponent n of the unit 10^n kg m² for printing the tensor: that of its largest entry."""
         return int(np.floor(np.log10(np.abs(self.tensor).max())))
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Name, value ± half width (95 %) in 10^power_of_ten kg m², and measured or prior, per entry."""
+        """Six entries as text, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, for tables.
+
+        Returns:
+            One tuple per entry: name; value ± half width of its 95 % interval, in 10^power_of_ten kg m²; and
+            "measured" or "prior".
+        """
         unit = 10.0**self.power_of_ten
         return [
             (
@@ -109,9 +116,10 @@ class InertiaTensor:
 
 @dataclass(frozen=True)
 class PartMass:
-    """Mass of a region, or of a labelled part."""
+    """Mass of a region (shell, interior on one side of a plane) or of a part labelled in the object file."""
 
     name: str
+    """name of the region or part"""
     mass: float
     """mass [kg]"""
     interval95: tuple[float, float]
@@ -121,9 +129,10 @@ class PartMass:
 
 
 class ObjectEstimate:
-    """Everything estimated about one object: centre of mass, inertia tensor, region masses, verdict.
+    """Estimate of one object: centre of mass, inertia tensor, region masses and verdict.
 
     Returned by `analyze.estimate`. Printed, it is a summary of one screen; in a notebook it shows as tables.
+    Vectors and tensors are in O, the frame of the object's shape file.
     """
 
     def __init__(self, answer: Answer) -> None:
@@ -131,65 +140,75 @@ class ObjectEstimate:
 
     @property
     def name(self) -> str:
-        """Name of the object."""
+        """Name of the object, from the object file."""
         return self._answer.estimate.evidence.spec.name
 
     @property
     def mass(self) -> float:
-        """Mass without markers [kg], as given."""
+        """Mass of the object without its markers [kg], from the object file."""
         return self._answer.estimate.inertial.mass
 
     @property
     def mass_sd(self) -> float:
-        """Standard deviation of the mass [kg], as given."""
+        """Standard deviation of the mass without markers [kg], from the object file."""
         return self._answer.estimate.inertial.mass_sd
 
     @property
     def centre_of_mass(self) -> CentreOfMass:
-        """Centre of mass without markers, in O, with its covariance."""
+        """Centre of mass without markers, in the shape file's frame O, with its covariance."""
         com = self._answer.estimate.com
         return CentreOfMass(com.position, com.covariance, com.observed, com.unobserved_direction)
 
     @property
     def inertia(self) -> InertiaTensor:
-        """Inertia tensor about c in the axes of O, with standard deviations and the origin of each entry."""
+        """Inertia tensor about the centre of mass in the axes of O, with sd and origin of each entry."""
         inertial = self._answer.estimate.inertial
         return InertiaTensor(inertial.inertia, inertial.inertia_sd, inertial.measured)
 
     @property
     def parameters_covariance(self) -> Array:
-        """Covariance (10, 10) of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it; SI units."""
+        """Covariance (10, 10) of the ten inertial parameters, SI units, in frame O.
+
+        Order: mass; x, y, z of the centre of mass; Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass.
+        """
         return self._answer.estimate.inertial.covariance
 
     @property
     def regions(self) -> tuple[PartMass, ...]:
-        """Masses of the shell and of the interior above and below the dividing plane."""
+        """Masses of the shell and of the interior on either side of the dividing plane; empty if none."""
         regions = self._answer.result.regions
         return () if regions is None else tuple(_part(each.name, each.mass) for each in regions.regions)
 
     @property
     def parts(self) -> tuple[PartMass, ...]:
-        """Masses of the parts that the object file labels; empty if it labels none."""
+        """Masses of the parts that the object file labels; empty if it labels none, or a filling."""
         parts = self._answer.result.parts
         return () if parts is None else tuple(_part(each.name, each.mass) for each in parts.parts)
 
     @property
     def verdict(self) -> tuple[str, ...]:
-        """Sentences that begin with trust, doubt or repeat; most important first."""
+        """Sentences on what to trust or doubt and which strikes to repeat, most important first.
+
+        Each begins with "trust", "doubt" or "repeat".
+        """
         return tuple(self._answer.result.verdict or ())
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings, one sentence each."""
+        """Warnings about the recordings, the object file and the estimate, one text each; empty if none."""
         return tuple(warning.text for warning in self._answer.result.warnings)
 
     @property
     def answer(self) -> Answer:
-        """Numbers and Result document behind this object; their structure may change between versions."""
+        """Internal estimate and its Result document, both of which may change between versions."""
         return self._answer
 
     def urdf(self) -> str:
-        """The `<inertial>` element of a URDF link whose frame is O."""
+        """`<inertial>` element, as XML text, of a URDF link whose frame is the shape file's frame O.
+
+        Raises:
+            ExportError: the mass or the moments are not physically possible.
+        """
         element = inertial_element(inertial_of(self._answer.result, self.name))
         ET.indent(element)
         return ET.tostring(element, encoding="unicode")
@@ -204,7 +223,8 @@ class ObjectEstimate:
             Path of the file.
 
         Raises:
-            RecordingError: a recording is no longer where it was read.
+            RecordingError: a recording is no longer where it was read, or the virtual recordings hold
+                different ground truths.
             OutputError: the file cannot be written.
         """
         from analyze.report.report import write_report
@@ -217,17 +237,21 @@ class ObjectEstimate:
 
     # The parameter bears the command line option's name.
     def export(self, output: str | Path, format: str = "urdf") -> tuple[Path, ...]:  # noqa: A002
-        """Write the body for a simulator; the file is read back and compared before it is put in place.
+        """Write shape and inertial parameters for a simulator.
+
+        The file is written aside, read back by another library and compared before it is put in place.
 
         Args:
-            output: the file; a mesh is written beside it where the shape is no primitive.
+            output: the file; except for usd, a mesh is written beside it where the shape is no primitive.
             format: urdf, sdf, mjcf or usd.
 
         Returns:
-            Paths of the files written.
+            Paths of the files written: `output`, then the mesh if there is one.
 
         Raises:
-            ExportError: the format is unknown, its reader is missing, or the file differs when read back.
+            ExportError: the format is unknown or does not match the suffix of `output`, the library that
+                reads the format back is missing, the file differs when read back, or mass or moments are
+                not physically possible.
             OutputError: the file cannot be written.
         """
         output = Path(output)
@@ -242,7 +266,10 @@ class ObjectEstimate:
         return tuple(write_body(body, kind, output))
 
     def figures(self) -> dict[str, Figure]:
-        """Figures of the report by name: front, side and top view, moments, regions, predictions."""
+        """Figures of the report by name: front, side, top, moments, regions and predictions.
+
+        "predictions" is absent where no strike could be predicted from the others.
+        """
         from analyze.report.plots import moments_figure, projection_figures, regions_figure
         from analyze.report.prediction_plot import prediction_figure
 
@@ -254,7 +281,10 @@ class ObjectEstimate:
         return found
 
     def strike_figure(self, strike_id: str) -> Figure:
-        """Angle, fit and residual of one strike against time.
+        """Figure of one strike: tipping angle, fit and residual against time.
+
+        Args:
+            strike_id: id of the strike; of several recordings with the recording's number, as `2:s3.1`.
 
         Raises:
             KeyError: no strike has this id, or its marker could not be tracked.
@@ -267,15 +297,18 @@ class ObjectEstimate:
         raise KeyError(f"no strike {strike_id!r} with a tracked marker")
 
     def to_dict(self) -> dict[str, Any]:
-        """The Result document as JSON values; the same entries as `analyze estimate --json`."""
+        """Result document as a dict of JSON values; the entries that `analyze estimate --json` prints."""
         return self._answer.result.model_dump(mode="json")
 
     def to_json(self) -> str:
-        """The Result document as one line; the same bytes as `analyze estimate --json`."""
+        """Result document as one line of JSON; the bytes that `analyze estimate --json` prints."""
         return self._answer.json()
 
     def to_dataframe(self) -> pd.DataFrame:
-        """All quantities, one per row: quantity, value, sd, low95, high95, unit, source, observed; SI units.
+        """Estimated quantities as a pandas table, one scalar per row, in SI units.
+
+        Columns: quantity (its name), value, sd (standard deviation), low95 and high95 (ends of the 95 %
+        interval), unit, source (measured, prior or given) and observed (False if no strike determines it).
 
         Raises:
             ImportError: pandas is not installed.
@@ -286,7 +319,10 @@ class ObjectEstimate:
         return data_frame([dict(zip(columns, row, strict=True)) for row in answer_rows(self._answer.result)])
 
     def __repr__(self) -> str:
-        """Summary of at most one screen: mass, centre of mass, tensor, region masses, verdict."""
+        """Summary of several lines: mass, centre of mass, tensor, region and part masses, verdict.
+
+        At most eight sentences of the verdict are shown.
+        """
         lines = [
             f"{self.name}, {1e3 * self.mass:.1f} g",
             repr(self.centre_of_mass),

@@ -1,4 +1,4 @@
-"""Recording with its strikes, the result of `analyze.load`."""
+"""`Recording` with its strikes and their fits, the result of `analyze.load`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StrikeFit:
-    """Fitted motion of one strike: theta'' = -k sin(phi - theta), or its rolling form."""
+    """Fitted motion of one strike: theta'' = -k sin(phi - theta), or the form for a rolling contact.
+
+    theta is the tipping angle since rest, phi the balance angle and k the rate constant.
+    """
 
     estimator: str
     """name of the estimator: pivot_fit, rolling_fit, moment_balance or sign_change"""
@@ -34,30 +37,35 @@ class StrikeFit:
     phi_sd: float
     """standard deviation of phi [rad]"""
     k: float | None
-    """m g R / I about the contact [rad/s²]; None if the estimator does not report it"""
+    """m g R / I [rad/s²], with R the distance of the centre of mass from the pivot line and I the moment of
+    inertia about the contact; None if the estimator does not report it"""
     k_sd: float | None
     """standard deviation of k [rad/s²]; None if k is"""
     covariance: Array
-    """(2, 2) covariance of (phi, k); rad, rad/s²"""
+    """(2, 2) covariance of (phi, k); rad, rad/s²; the row and column of k are 0 if k is None"""
     time: Array
     """(m,) times of the fitted frames [s], from the strike's first frame"""
     theta: Array
-    """(m,) fitted tipping angle [rad]"""
+    """(m,) fitted tipping angle [rad]; NaN if the estimator fits no curve"""
     residual: Array
-    """(m,) measured minus fitted angle [rad]"""
+    """(m,) measured minus fitted angle [rad]; NaN if the estimator fits no curve"""
 
 
 @dataclass(frozen=True, eq=False)
 class Strike:
-    """Motion of one strike: theta(t), phases, verdict and fit."""
+    """Motion of one strike: tipping angle theta(t), phases, verdict and fit.
+
+    The arrays are empty if no marker could be tracked.
+    """
 
     id: str
+    """id of the strike, such as s3.1"""
     axis_id: str
     """id of the pivot edge in the plan"""
     verdict: str
     """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
     reason: str
-    """explanation of the verdict with its numbers; with its numbers"""
+    """explanation of the verdict, one sentence with its numbers"""
     time: Array
     """(n,) times of the frames [s], from the strike's first frame"""
     theta: Array
@@ -65,19 +73,25 @@ class Strike:
     theta_sd: Array
     """(n,) standard deviation of theta [rad], independent from frame to frame"""
     phases: dict[str, slice]
-    """range of frames of each phase that occurred: rest, strike, stage_one, stage_two, landing"""
+    """range of frames of each phase that occurred: rest, strike (contact), stage_one (rising, before phi),
+    stage_two (falling, after phi), landing"""
     fit: StrikeFit | None
     """fit that the estimate uses; None if the motion could not be fitted"""
     energy_ratio: float | None
-    """energy of the strike over the energy needed to tip; None if the motion could not be fitted"""
+    """kinetic energy after the strike over the energy needed to reach the balance; None if the motion could
+    not be fitted"""
 
     def __repr__(self) -> str:
-        """One line: id, edge, verdict, number of frames, phi."""
+        """One line: id, pivot edge, verdict, number of frames and balance angle phi."""
         fit = "no fit" if self.fit is None else f"phi {np.degrees(self.fit.phi):.2f}°"
         return f"Strike({self.id!r}, axis {self.axis_id}, {self.verdict}, {len(self.time)} frames, {fit})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Scalars and arrays of the strike as JSON values, SI units."""
+        """Strike as a dict of JSON values in SI units; keys of the fit are None if there is none.
+
+        Keys: id, axis_id, verdict, reason, time_s, theta_rad, theta_sd_rad, phases (first frame and end by
+        name), phi_rad, phi_sd_rad, k_rad_s2, k_sd_rad_s2 and energy_ratio.
+        """
         fit = self.fit
         return {
             "id": self.id,
@@ -96,7 +110,9 @@ class Strike:
         }
 
     def to_dataframe(self) -> pd.DataFrame:
-        """theta(t), one frame per row: time_s, theta_rad, theta_sd_rad, phase.
+        """Tipping angle theta(t) as a pandas table, one frame per row.
+
+        Columns: time_s, theta_rad, theta_sd_rad and phase (its name, "" outside all phases).
 
         Raises:
             ImportError: pandas is not installed.
@@ -114,9 +130,10 @@ class Recording:
     """Recording of one object's strikes; markers are tracked when the strikes are first used.
 
     Args:
-        path: the file (MCAP), or one file of a series.
+        path: the recording (MCAP), or one file of a recording that was split into a series of files.
         object_file: object file (TOML) that replaces the recording's; None to use the recording's.
-        progress: called with (text, done, total) before each strike is tracked; None for silence.
+        progress: called with (text, strikes done, strikes in all) before each strike is tracked; None for
+            silence.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -130,37 +147,42 @@ class Recording:
 
     @property
     def object(self) -> ObjectSpec:
-        """Object file as recorded: name, mass, shape, markers."""
+        """Object file stored in the recording: name, mass, shape, markers; not the one that replaces it."""
         return self._head.manifest.object
 
     @property
     def created(self) -> str:
-        """Start time of the recording, ISO 8601."""
+        """Start time of the recording, as ISO 8601 text."""
         return self._head.manifest.created
 
     @property
     def strike_ids(self) -> tuple[str, ...]:
-        """Ids of the strikes, in the recording's order."""
+        """Ids of the recording's strikes in its order; no marker is tracked for them."""
         return self._head.strike_ids
 
     @cached_property
     def evidence(self) -> Evidence:
-        """Tracked markers and fitted motions of all strikes; takes seconds on first use.
+        """Tracked markers and fitted motions of all strikes; computed on first use, in seconds.
 
         Raises:
+            RecordingError: the file cannot be read, is damaged, or holds no strike plan.
             ShapeError: the object's shape cannot be used.
-            PlanError: the plan is of another object.
+            PlanError: the strike plan is of another object, or lacks a strike.
             TrackingError: no marker of any strike can be tracked.
         """
         return read_evidence(self._head, self._object_file, self._progress)
 
     @cached_property
     def strikes(self) -> tuple[Strike, ...]:
-        """Strikes in the recording's order; tracked and fitted on first use."""
+        """Strikes in the recording's order; tracked and fitted on first use.
+
+        Raises:
+            AnalyzeError: the recording, its shape or its plan cannot be used, or no marker can be tracked.
+        """
         return tuple(_strike(self.evidence, motion) for motion in self.evidence.motions)
 
     def __getitem__(self, strike_id: str) -> Strike:
-        """Strike by its id.
+        """Strike with the given id; tracks all strikes on first use.
 
         Raises:
             KeyError: no strike has this id.
@@ -173,7 +195,7 @@ class Recording:
         )
 
     def __repr__(self) -> str:
-        """File, object and ids of the strikes; does not track any marker."""
+        """One line: file, object, mass, number of strikes and up to twelve ids; tracks no marker."""
         ids = ", ".join(self.strike_ids[:12]) + (", ..." if len(self.strike_ids) > 12 else "")
         mass = f"{1e3 * self.object.mass_kg:.1f} g"
         strikes = f"{len(self.strike_ids)} strikes: {ids}"
@@ -184,7 +206,7 @@ class Recording:
         return html_table(title, self._rows())
 
     def summary(self) -> str:
-        """Table of the strikes as text: id, edge, verdict, phi [°], k [rad/s²]."""
+        """Text table of the strikes: id, pivot edge, verdict, balance angle phi [°], k [rad/s²]."""
         return text_table(self._rows())
 
     def _rows(self) -> list[dict[str, str]]:
@@ -200,7 +222,10 @@ class Recording:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Recording and strikes as JSON values, SI units."""
+        """Recording as a dict of JSON values, SI units: path, object, mass_kg, created, strikes.
+
+        "object" is the object's name, "strikes" the list of `Strike.to_dict`.
+        """
         return {
             "path": str(self.path),
             "object": self.object.name,
@@ -210,7 +235,10 @@ class Recording:
         }
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Strikes, one per row: id, axis_id, verdict, phi, k with standard deviations, energy ratio.
+        """Strikes as a pandas table, one per row, in SI units.
+
+        Columns: id, axis_id (pivot edge), verdict, reason, phi_rad, phi_sd_rad, k_rad_s2, k_sd_rad_s2 and
+        energy_ratio.
 
         Raises:
             ImportError: pandas is not installed.

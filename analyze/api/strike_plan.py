@@ -1,4 +1,4 @@
-"""Strike plan, the result of `analyze.plan`."""
+"""`Plan`: the planned strikes of an object, the result of `analyze.plan`."""
 
 from __future__ import annotations
 
@@ -18,18 +18,27 @@ if TYPE_CHECKING:
 
 
 class Plan:
-    """Planned strikes of one object, with the accuracy expected from them."""
+    """Planned strikes of one object, with the accuracy expected from them.
+
+    Returned by `analyze.plan`; in a notebook it shows as a table.
+    """
 
     def __init__(self, planned: PlannedObject) -> None:
         self._planned = planned
 
     @property
     def document(self) -> StrikePlan:
-        """The plan as `analyze plan --json` prints it."""
+        """Plan as a document: the entries that `analyze plan --json` prints."""
         return self._planned.plan
 
     def write(self, output: str | Path) -> Path:
-        """Write the plan as JSON, for `acquire session`.
+        """Write the plan as JSON, the input of `acquire session`.
+
+        Args:
+            output: the JSON file; its folder must exist.
+
+        Returns:
+            Path of the file.
 
         Raises:
             OutputError: the file cannot be written.
@@ -39,11 +48,14 @@ class Plan:
         return output
 
     def to_dict(self) -> dict[str, Any]:
-        """The plan as JSON values."""
+        """Plan as a dict of JSON values; the entries that `analyze plan --json` prints."""
         return self.document.model_dump(mode="json")
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Strikes, one per row: id, axis, plane, heading [°], impulse [N s], predicted phi [°].
+        """Planned strikes as a pandas table, one per row.
+
+        Columns: strike, axis (pivot edge), plane (resting face), heading [°] (turn of object and striker
+        about the vertical), impulse [N s] and phi predicted [°] (balance angle).
 
         Raises:
             ImportError: pandas is not installed.
@@ -51,7 +63,7 @@ class Plan:
         return data_frame(self._rows())
 
     def __repr__(self) -> str:
-        """Table of the planned strikes."""
+        """Text of the plan: object, number of strikes, and a table with one strike per line."""
         return (
             f"{self.document.object_name}, {len(self.document.strikes)} strikes\n{text_table(self._rows())}"
         )

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def data_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Rows as a pandas DataFrame.
+    """Rows as a pandas DataFrame, with the rows' keys as columns.
 
     Raises:
         ImportError: pandas is not installed.
@@ -25,7 +25,7 @@ def data_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as an HTML table under a title; all rows have the keys of the first."""
+    """HTML table under a title; all rows have the keys of the first, which become the header."""
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else {}))
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row.values()) + "</tr>" for row in rows
@@ -34,7 +34,7 @@ def html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def text_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as aligned columns of text; all rows have the keys of the first."""
+    """Text table with aligned columns, header first; "" without rows. All rows have the keys of the first."""
     if not rows:
         return ""
     lines = [[str(name) for name in rows[0]], *([str(cell) for cell in row.values()] for row in rows)]
