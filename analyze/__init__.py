@@ -1,4 +1,4 @@
-"""Percuss, the offline toolkit: plan strikes, read recordings, estimate what is inside an object.
+"""Offline toolkit of Percuss: plan strikes, read recordings, estimate an object's mass distribution.
 
     import analyze
 
@@ -50,7 +50,11 @@ __version__ = version("percuss")
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on its first use (PEP 562), so that `analyze --help` does not load numpy."""
+    """Import a public name on its first use (PEP 562), so that `analyze --help` does not load numpy.
+
+    Raises:
+        AttributeError: `name` is not a public name.
+    """
     if name not in __all__:
         raise AttributeError(f"module 'analyze' has no attribute {name!r}")
     from analyze import api
@@ -59,5 +63,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Public names, for completion."""
+    """Public names in alphabetical order, for tab completion."""
     return sorted(__all__)

@@ -1,4 +1,4 @@
-"""`python -m analyze`."""
+"""Entry point of `python -m analyze`: runs the `analyze` command."""
 
 from analyze.cli import main
 

@@ -1,7 +1,7 @@
-"""The `analyze` command: a group of verbs, each defined in a module of `analyze.verbs`.
+"""Command `analyze`: a group of subcommands (verbs), each defined in a module of `analyze.verbs`.
 
-Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 3 done with failures,
-130 interrupted.
+Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 3 done, but some items
+failed, 130 interrupted.
 """
 
 from __future__ import annotations

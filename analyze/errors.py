@@ -1,20 +1,22 @@
-"""Exceptions that analyze raises on purpose, as a tree.
+"""Exceptions that the package analyze raises on purpose, as a tree.
+
+::
 
     AnalyzeError
-    ├── RecordingError          a file that cannot be read as a recording
+    ├── RecordingError          a file cannot be read as a recording
     │   ├── RecordingCut        the file ends early; `acquire recover` can save the rest
     │   ├── RecordingForeign    the file is not in this project's recording format
     │   └── RecordingVersion    the file was written by another major schema version
-    ├── ShapeError              a shape that is not a closed body, has no unit, or cannot be read
-    ├── PlanError               no set of strikes determines the centre of mass, or the plan is of another
-    object ├── TrackingError           the marker is unknown, seen twice, or not seen ├── MergeError
-    recordings of different objects, or recordings that share a strike ├── EstimationError         too few
-    good strikes
-    ├── ArchiveError            an archive that cannot be listed, or a folder of results that cannot be used
-    ├── CalibrationError        images that show no board, or views that do not determine the camera
-    ├── ImportRefused           a video, image folder or other program's file that cannot become a recording
-    ├── ExportError             a body that cannot be written for a simulator, or is not read back as it was
-    written └── TagError                tags or boards that cannot be printed as asked
+    ├── ShapeError              a shape or object file cannot be used
+    ├── PlanError               strikes cannot be planned, or a plan cannot be used
+    ├── TrackingError           a marker cannot be tracked
+    ├── MergeError              recordings cannot be merged
+    ├── EstimationError         data do not determine the requested quantity
+    ├── ExportError             a body cannot be written for a simulator
+    ├── ImportRefused           a video, image folder or foreign file cannot become a recording
+    ├── CalibrationError        images do not determine the camera
+    ├── ArchiveError            an archive or a folder of results cannot be used
+    └── TagError                tags or boards cannot be printed as asked
 
 `schemas.output_file.OutputError` (a file that cannot be written) is shared by both packages.
 Each message is one line: the file or thing, the fault, the remedy.
@@ -22,60 +24,64 @@ Each message is one line: the file or thing, the fault, the remedy.
 
 
 class AnalyzeError(Exception):
-    """Base of all errors of this package; the CLI prints it as one line and exits with 1."""
+    """Base of the errors that this package raises on purpose; commands print one line and exit with 1."""
 
 
 class RecordingError(AnalyzeError):
-    """A file that cannot be read as a recording."""
+    """A file cannot be read as a recording: missing, damaged, foreign, or without a part that is needed."""
 
 
 class RecordingCut(RecordingError):
-    """A recording that ends early; `acquire recover` can save what it holds."""
+    """A recording ends early; `acquire recover` can save what it holds, unless it is empty."""
 
 
 class RecordingForeign(RecordingError):
-    """A file that is not in this project's recording format."""
+    """A file is not in this project's recording format (MCAP with a Percuss manifest)."""
 
 
 class RecordingVersion(RecordingError):
-    """A recording that was written by another major schema version."""
+    """A recording was written by another major schema version than this program reads."""
 
 
 class ShapeError(AnalyzeError):
-    """A shape that is not a closed body, has no unit, or cannot be read."""
+    """An object file or its shape cannot be used: unreadable, not a closed body, or without a unit."""
 
 
 class PlanError(AnalyzeError):
-    """No set of strikes determines the centre of mass, or the plan is of another object."""
+    """Strikes cannot be planned, or a strike plan cannot be used.
+
+    No set of strikes determines the centre of mass, a rig file or earlier result cannot be used, or the plan
+    is of another object.
+    """
 
 
 class TrackingError(AnalyzeError):
-    """A marker that is unknown, seen twice in one image, or not seen."""
+    """A marker cannot be tracked: unknown, seen twice in one image, not seen, or in unusable images."""
 
 
 class MergeError(AnalyzeError):
-    """Recordings that cannot be merged: of different objects, or with a strike in common."""
+    """Recordings cannot be merged: they are of different objects, or share a strike."""
 
 
 class EstimationError(AnalyzeError):
-    """Data that do not determine the requested quantity."""
+    """Data do not determine the requested quantity, or a strike to exclude is unknown."""
 
 
 class ExportError(AnalyzeError):
-    """A body that cannot be written for a simulator, or is not read back as it was written."""
+    """A body cannot be written for a simulator, or the file is not read back as it was written."""
 
 
 class ImportRefused(AnalyzeError):
-    """A video, image folder or other program's file that cannot become a recording."""
+    """A video, image folder or other program's file cannot be converted to a recording."""
 
 
 class CalibrationError(AnalyzeError):
-    """Images that show no board, or views that do not determine the camera."""
+    """A camera cannot be calibrated: images show no board, or the views do not determine the camera."""
 
 
 class ArchiveError(AnalyzeError):
-    """An archive that cannot be listed, or a folder of results that cannot be used."""
+    """An archive cannot be listed, or its folder of results or a query of them cannot be used."""
 
 
 class TagError(AnalyzeError):
-    """Tags or boards that cannot be printed as asked."""
+    """Tags or calibration boards cannot be printed as requested."""

@@ -1,4 +1,4 @@
-"""Progress of work that takes longer than a second: the callback that reports it, and a progress bar."""
+"""Progress of work that takes longer than a second: the type of its callback, and a progress bar."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ Progress = Callable[[str, int, int], None]
 
 
 def no_progress(_text: str, _done: int, _total: int) -> None:
-    """Discard a progress report."""
+    """Discard a progress report; a `Progress` callback for callers that show none."""
 
 
 class ProgressBar:
     """Progress bar on standard error, shown only on a terminal.
 
-    A `Progress` callback and a context manager.
+    It is a `Progress` callback, called as `bar(text, done, total)`, and a context manager that starts and
+    removes the bar.
     """
 
     def __init__(self) -> None:
@@ -39,7 +40,13 @@ class ProgressBar:
         self._task = self._progress.add_task(self._text, total=1)
 
     def __call__(self, text: str, done: int, total: int) -> None:
-        """Update the bar, and redraw it at once when the step changes."""
+        """Update the bar, and redraw it at once when the step changes.
+
+        Args:
+            text: name of the step.
+            done: units of work done.
+            total: units of work in all.
+        """
         self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
         if text != self._text:
             # A step that holds the interpreter keeps the bar's own thread from redrawing until it ends.
