@@ -1,1 +1,1 @@
-"""Analysis of whole archives: recordings, worker processes, stored results, queries and summaries."""
+"""Analysis of archives of recordings in worker processes; stored results, queries and summaries."""

@@ -1,4 +1,4 @@
-"""Analyses one recording of a batch: writes its row of results, or the reason why there is none."""
+"""Analyse one recording of a batch: write its row of results, or a failure row with the reason."""
 
 from __future__ import annotations
 
@@ -54,15 +54,20 @@ FAILURE_OF_ERROR: tuple[tuple[type[Exception], str], ...] = (
 def analyse(request: Request, scratch: Path) -> Outcome:
     """Analyse one recording and write its row into the folder of results.
 
-    A recording that cannot be analysed gives a row with the reason, not an exception.
+    A recording that cannot be analysed gives a row with the reason, not an exception. Nothing is written for
+    a recording whose content has a result with these settings already.
 
     Args:
         request: the recording, the settings and the folder of results.
-        scratch: an empty folder on the same disk as the results, for unfinished files.
+        scratch: folder on the same disk as the results, for unfinished files.
+
+    Returns:
+        Outcome with the key of the row, or with the failure.
 
     Raises:
         OutputError: the results cannot be written.
         ArchiveError: the object file has changed since the run began.
+        ShapeError: the object file can no longer be read.
     """
     source, output = request.source, Path(request.output)
     request.settings.refuse_changed_object()

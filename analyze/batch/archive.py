@@ -1,4 +1,4 @@
-"""Finds the recordings of an archive in folders, globs and buckets, without opening them.
+"""Find the recordings of an archive in folders, globs and buckets, without opening them.
 
 A recording is identified by its URL, size and time of change.
 """
@@ -43,20 +43,21 @@ class Source:
     """One recording: a file, or a series of files with numbered names."""
 
     files: tuple[SourceFile, ...]
+    """files of the recording, at least one, the first of the series first"""
 
     @property
     def url(self) -> str:
-        """URL of the first file."""
+        """URL, or local path, of the recording's first file."""
         return self.files[0].url
 
     @property
     def size(self) -> int:
-        """Size of all files [bytes]."""
+        """Size of all files of the recording together [bytes]."""
         return sum(file.size for file in self.files)
 
     @property
     def id(self) -> str:
-        """Short hash of URL, size and stamp of all files."""
+        """Hash (32 hexadecimal digits) of URL, size and time of change of the recording's files."""
         text = "\n".join(f"{file.url}\t{file.size}\t{file.stamp}" for file in self.files)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -66,17 +67,23 @@ class Source:
         return "://" not in self.url
 
     def others(self, names: Iterable[str]) -> list[Source]:
-        """Files of the series that do not belong to its recording, each as a recording of its own.
+        """Files with a name of the series that belong to another recording, each as one of its own.
 
         Args:
-            names: names of the files that belong to the recording.
+            names: names of the files that belong to this recording, known once it was opened.
+
+        Returns:
+            One source per such file; the first file is never among them.
         """
         own = set(names)
         return [Source((file,)) for file in self.files[1:] if file.url.rsplit("/", 1)[-1] not in own]
 
 
 def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Source]:
-    """Every recording in the places, each once, in the order of their names.
+    """Find every recording in the given places, each once, in the order of their URLs.
+
+    Files with numbered names (NAME.mcap, NAME-0002.mcap) count as one recording. A `.mcap.part` file (being
+    written, or cut short) counts only while the complete file is missing.
 
     Args:
         places: files, folders (with everything below) and globs; local, or with a protocol that fsspec knows
@@ -116,7 +123,19 @@ class _Place:
 
 
 def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str, dict[str, Any]]]:
-    """The place's root folder, and the file information of the recordings in it by URL."""
+    """List the recordings' files in one place.
+
+    Args:
+        place: file, folder or glob, as the user gave it.
+        exclude: globs of folders that need not be searched; files are not left out here.
+
+    Returns:
+        URL of the folder that exclusions are relative to; and file information by URL (size, type, time of
+        change).
+
+    Raises:
+        ArchiveError: the place does not exist, may not be read, or cannot be listed.
+    """
     system, path = _file_system(place)
     try:
         resolved = _resolve(place, system, path)
@@ -142,7 +161,11 @@ def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str,
 
 
 def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
-    """File system of a place, and the path in it."""
+    """File system of a place (path or URL), and the path in it.
+
+    Raises:
+        ArchiveError: the place is empty, or its protocol is unknown or needs a package that is missing.
+    """
     if not place.strip():
         raise ArchiveError("a place is empty: name a folder, a glob or s3://bucket/folder")
     try:
@@ -176,7 +199,17 @@ def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place
 
 
 def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Size, time of change and type of the place's files and of all files below its folders."""
+    """File information by path of a place's files and of those below its folders.
+
+    Of local folders only recordings are listed, without the folders that `exclude` names.
+
+    Args:
+        place: place on the command line.
+        exclude: globs of folders to leave out.
+
+    Returns:
+        Dict with size [bytes], type and time of change by path.
+    """
     files: dict[str, dict[str, Any]] = {}
     for path in place.paths:
         if not place.system.isdir(path):
@@ -189,7 +222,18 @@ def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, An
 
 
 def _walk(folder: str, root: str, exclude: Sequence[str]) -> Iterator[str]:
-    """Every recording below a local folder; links are followed, but no folder is visited twice."""
+    """Yield the path of every recording's file below a local folder.
+
+    Links are followed, but no folder is visited twice.
+
+    Args:
+        folder: folder to search.
+        root: folder that exclusions are relative to.
+        exclude: globs of folders to leave out.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
 
     def refuse(error: OSError) -> None:
         if not isinstance(error, FileNotFoundError):  # removed meanwhile
@@ -207,7 +251,10 @@ def _walk(folder: str, root: str, exclude: Sequence[str]) -> Iterator[str]:
 
 
 def _local_info(path: str) -> dict[str, Any]:
-    """Size, time of change and type of a link's target; of the link itself if its target is missing."""
+    """Size [bytes], time of change [ns] and type ("file" or "other") of a local path.
+
+    A link stands for its target, or for itself if the target is missing.
+    """
     try:
         about = Path(path).stat()
     except OSError:
@@ -237,7 +284,14 @@ def _excluded(url: str, root: str, exclude: Sequence[str]) -> bool:
 
 
 def _series(urls: list[str]) -> list[list[str]]:
-    """URLs grouped by series: NAME.mcap, NAME-0002.mcap, ... belong together."""
+    """Group URLs by series: NAME.mcap, NAME-0002.mcap, ... belong together if NAME.mcap exists.
+
+    Args:
+        urls: sorted URLs.
+
+    Returns:
+        Lists of URLs, the first file of each series first, in the order of those first files.
+    """
     there = set(urls)
     rows: dict[str, list[str]] = {}
     for url in urls:
@@ -254,7 +308,7 @@ def _source(urls: list[str], infos: dict[str, dict[str, Any]]) -> Source:
 
 
 def _stamp(info: dict[str, Any]) -> str:
-    """The ETag if there is one, else the time of change."""
+    """ETag of a file, else its MD5 hash or time of change, as text; "" if none is known."""
     for name in ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "updated"):
         if info.get(name):
             return str(info[name]).strip('"')

@@ -1,4 +1,4 @@
-"""Runs a batch on a Dask cluster; each task uses a worker process, as on one machine (`worker_process`)."""
+"""Run a batch on a Dask cluster; each task analyses one recording in a worker process of its machine."""
 
 from __future__ import annotations
 
@@ -26,12 +26,19 @@ _this_thread = threading.local()
 def cluster_answers(
     requests: Sequence[Request], scheduler: str, limits: Limits
 ) -> Iterator[Iterator[tuple[Source, Outcome]]]:
-    """Outcomes from a Dask cluster as they arrive; a task whose worker is lost is repeated on another worker.
+    """Analyse recordings on a Dask cluster for the duration of a `with` block.
+
+    Dask repeats a task whose worker is lost on another worker. At the end, unfinished tasks are cancelled.
 
     Args:
         requests: recordings to analyse.
         scheduler: address of the Dask scheduler.
         limits: limits of time and memory per recording.
+
+    Yields:
+        Iterator of recordings with their outcomes, in the order in which they finish. A task that fails
+        yields a failure of kind "died". The iterator raises ArchiveError if the scheduler is lost, a worker
+        has another version of Percuss, or the results cannot be written.
 
     Raises:
         ArchiveError: Dask is not installed, or the scheduler does not answer.
@@ -89,10 +96,21 @@ def cluster_answers(
 
 
 def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], version: str) -> dict[str, Any]:
-    """Analyse one request on a Dask worker; plain values in and out.
+    """Analyse one recording on a Dask worker.
 
-    The worker's process is kept for later requests, and replaced for a run with another folder or other
-    limits.
+    The worker's process is kept for later requests of this thread, and replaced for a run with another folder
+    or other limits.
+
+    Args:
+        fields: the request as JSON values (`Request.json`).
+        limits: time [s] and memory [bytes] per recording.
+        version: analysis version (hash of the code) of the machine that runs the batch.
+
+    Returns:
+        The outcome as JSON values (`Outcome.json`).
+
+    Raises:
+        ArchiveError: this worker has another version of Percuss, or the results cannot be written.
     """
     if version != analysis_version():
         raise ArchiveError(

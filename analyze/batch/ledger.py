@@ -1,7 +1,8 @@
 """Ledger of an archive: the outcome of each recording, so that later runs need not open it.
 
-Each run appends a line per recording as soon as its row is written; the last line of a recording counts. An
-unfinished line, left by a killed run, is ignored: its recording is analysed again, unless its row exists.
+Each run appends a line of JSON per recording as soon as its row of results is written; the line of the latest
+run counts. An unfinished line, left by a killed run, is ignored: its recording is analysed again, unless its
+row exists.
 """
 
 from __future__ import annotations
@@ -21,21 +22,35 @@ FOLDER = "ledger"
 
 @dataclass(frozen=True)
 class Entry:
-    """Outcome of a recording's latest analysis."""
+    """Outcome of a recording's latest analysis: one line of a ledger."""
 
     url: str
+    """URL or local path of the recording's first file"""
     source_id: str
+    """hash of URL, size and time of change of the recording's files"""
     settings: str
+    """hash of the settings of the analysis"""
     analysis_version: str
+    """hash of the code and libraries that computed the result"""
     key: str
     """key of its row of results; "" if it failed"""
     failure: str
+    """kind of failure; "" if it succeeded"""
     reason: str
+    """reason for the failure, one sentence; "" if it succeeded"""
     own_files: list[str]
+    """names of the files that belong to the recording"""
 
 
 def read_ledgers(output: Path) -> dict[str, Entry]:
-    """Latest entry of each recording by its URL, from all ledgers in a folder of results."""
+    """Read all ledgers in a folder of results.
+
+    Args:
+        output: folder of the results; need not exist.
+
+    Returns:
+        Latest entry of each recording by its URL; lines that cannot be read are skipped.
+    """
     found: dict[str, tuple[int, Entry]] = {}
     for path in sorted((output / FOLDER).glob("*.jsonl")):
         for line in path.read_bytes().splitlines():
@@ -51,10 +66,19 @@ def read_ledgers(output: Path) -> dict[str, Entry]:
 
 
 class Ledger:
-    """Ledger that one run appends to; only one run at a time can hold it."""
+    """File of outcomes that one run appends to, locked against other runs of the same shard.
+
+    A context manager that closes and unlocks it. A shard is one part of an archive that is divided over
+    several runs.
+    """
 
     def __init__(self, output: Path, shard: str, run_ns: int) -> None:
-        """Open and lock the ledger.
+        """Open and lock the ledger; missing folders are created.
+
+        Args:
+            output: folder of the results.
+            shard: name of the shard; its ledger is `ledger/<shard>.jsonl`.
+            run_ns: start of the run [ns since 1970], which orders the entries of several runs.
 
         Raises:
             ArchiveError: another run holds it, or the folder cannot be written.
@@ -80,7 +104,7 @@ class Ledger:
             self._file.write(b"\n")
 
     def add(self, entries: Iterable[Entry]) -> None:
-        """Append entries and flush them to the operating system."""
+        """Append entries, one line each, and flush them to the operating system."""
         for entry in entries:
             self._file.write(json.dumps({"run": self._run_ns, **asdict(entry)}).encode() + b"\n")
         self._file.flush()

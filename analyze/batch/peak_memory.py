@@ -1,4 +1,4 @@
-"""Measures the peak of this process's own memory.
+"""Measure the peak of this process's own memory.
 
 Pages of mapped files do not count: the system reclaims them when it needs memory.
 """
@@ -16,7 +16,8 @@ SAMPLE_INTERVAL_S = 0.05
 class PeakMemory:
     """Peak of anonymous and shared memory in a `with` block, sampled every 50 ms.
 
-    `peak_bytes` is 0 if the system does not report it.
+    Attributes:
+        peak_bytes: peak so far [bytes]; 0 if the system does not report it.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,8 @@
-"""Results queried in SQL (DuckDB): tables `recordings`, `strikes`, `moments`, `regions`, `warnings`."""
+"""Query the results of a batch in SQL (DuckDB).
+
+Tables: `recordings`, one row per recording, and `strikes`, `moments`, `regions` and `warnings`, one row per
+entry of the recordings' lists of that name.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +21,18 @@ LIST_TABLES = ("strikes", "moments", "regions", "warnings")
 
 
 def read_recording_rows(output: Path) -> pa.Table:
-    """Table with one row per recording, in the order of their URLs, failures last.
+    """Read the results of a batch: one row per recording in the order of their URLs, failures last.
 
     Copies of the same recording share a row.
 
+    Args:
+        output: folder of the results.
+
+    Returns:
+        Table with the columns of `result_rows.SCHEMA`.
+
     Raises:
-        ArchiveError: there are no results.
+        ArchiveError: there are no results, or a row's file is damaged.
     """
     entries = read_ledgers(output)
     if not entries:
@@ -36,10 +46,17 @@ def read_recording_rows(output: Path) -> pa.Table:
 
 
 def run_query(output: Path, sql: str) -> pa.Table:
-    """Answer to an SQL query, which can read the result tables and nothing else.
+    """Run an SQL query, which can read the tables of the results and nothing else.
+
+    Args:
+        output: folder of the results.
+        sql: the query.
+
+    Returns:
+        Table of the query's rows, with unique column names; empty if the statement returns no rows.
 
     Raises:
-        ArchiveError: there are no results, or the query is not valid.
+        ArchiveError: there are no results, a row's file is damaged, or the query is not valid.
     """
     with connect(read_recording_rows(output)) as connection:
         try:
@@ -54,9 +71,10 @@ _SCHEMALESS = pa.table({})
 
 
 def _unique_and_typed(answer: pa.Table) -> pa.Table:
-    """The answer with unique column names, and with integer sums as integers.
+    """Query result with unique column names, and with decimals as integers, or as floats if not whole.
 
-    Two joined tables may share names; DuckDB returns sums of integers as decimals.
+    Two joined tables may share names: later ones get `_0`, `_1`, ... appended. DuckDB returns sums of
+    integers as decimals.
     """
     names: list[str] = []
     for name in answer.column_names:
@@ -77,7 +95,14 @@ def _integers_if_whole(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 
 def connect(recordings: pa.Table) -> duckdb.DuckDBPyConnection:
-    """Connection to a database in memory with the tables, and without access to the disk or the network."""
+    """Connect to a new database in memory that holds the result tables and cannot reach disk or network.
+
+    Args:
+        recordings: table with one row per recording.
+
+    Returns:
+        The connection, which the caller closes.
+    """
     connection = duckdb.connect(":memory:")
     connection.register("recordings_given", recordings)
     connection.execute("create table recordings as select * from recordings_given")

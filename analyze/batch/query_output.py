@@ -1,4 +1,4 @@
-"""Prints answers of `analyze query` as a table, CSV or JSON, or writes them to a file."""
+"""Print answers of `analyze query` as a table, CSV or JSON, or write them to a file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,13 @@ UNLIMITED_WIDTH = 10_000
 
 
 def print_answer(answer: pa.Table, form: str) -> None:
-    """Print the answer as "table", "csv" or "json" (one line per row)."""
+    """Print the rows of a query on standard output.
+
+    Args:
+        answer: result of the query.
+        form: "csv", "json" (one object per line, null for numbers that are not finite), or "table" for a
+            drawn table with the number of rows below it.
+    """
     if form == "json":
         for row in answer.to_pylist():
             sys.stdout.write(json.dumps(_finite(row), default=str, ensure_ascii=False) + "\n")
@@ -42,7 +48,7 @@ def print_answer(answer: pa.Table, form: str) -> None:
 
 
 def plain_console() -> Console:
-    """Console without markup, as wide as its terminal, or of unlimited width where output is redirected."""
+    """Console without markup; as wide as its terminal, or 10 000 columns where output is redirected."""
     console = Console(highlight=False, markup=False, emoji=False)
     return (
         console
@@ -52,7 +58,7 @@ def plain_console() -> Console:
 
 
 def save_answer(answer: pa.Table, path: Path) -> None:
-    """Write the answer in the format of the path's suffix.
+    """Write the rows of a query to a file, as Parquet or CSV by the path's suffix.
 
     Raises:
         ArchiveError: the suffix is neither .parquet nor .csv.
@@ -76,7 +82,11 @@ def _csv(answer: pa.Table) -> bytes:
 
 
 def _flat(column: pa.ChunkedArray) -> Any:
-    """Column in a form that CSV can hold: lists and structures as JSON, intervals and bytes as text."""
+    """Column in a form that CSV can hold.
+
+    Lists and structures become JSON text, intervals and bytes their Python text; other columns stay as they
+    are, missing values missing.
+    """
     if pa.types.is_nested(column.type):
         return pa.array(
             [
@@ -91,7 +101,7 @@ def _flat(column: pa.ChunkedArray) -> Any:
 
 
 def _finite(value: Any) -> Any:
-    """The value with None in place of numbers that are not finite, which JSON cannot represent."""
+    """Copy of a value, nested or not, with None in place of NaN and infinities, which JSON cannot hold."""
     if isinstance(value, dict):
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""Rows of results: the table's schema (SI units), a row per recording, and its Parquet files."""
+"""Rows of results, one per recording: columns (SI units), and reading and writing as Parquet files."""
 
 from __future__ import annotations
 
@@ -102,7 +102,10 @@ STAMPS = ("seconds", "peak_memory_bytes", "analysed_at", "estimated_by", "result
 
 
 def answer_columns(answer: Answer) -> dict[str, Any]:
-    """Columns of a recording's row that its estimate determines, by name."""
+    """Values of a recording's row that its estimate determines, by column name; None where unknown.
+
+    The other columns (URL, status, key, time and memory used) come from the batch run.
+    """
     evidence, result = answer.estimate.evidence, answer.result
     manifest = evidence.manifest
     centre, tensor = _numbers(result.centre_of_mass.value), result.inertia
@@ -170,7 +173,7 @@ def answer_columns(answer: Answer) -> dict[str, Any]:
 
 
 def write_row(row: Mapping[str, Any], path: Path) -> None:
-    """Write a table of one row; columns that it does not name are null.
+    """Write a Parquet file with one row; columns of `SCHEMA` that the row does not name are null.
 
     Raises:
         OutputError: the file cannot be written.
@@ -179,10 +182,10 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
 
 
 def write_rows(rows: pa.Table, path: Path) -> None:
-    """Write rows into one file.
+    """Write rows into one Parquet file, which appears complete or not at all.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     buffer = BytesIO()
     pq.write_table(rows, buffer, compression="zstd")
@@ -190,7 +193,7 @@ def write_rows(rows: pa.Table, path: Path) -> None:
 
 
 def read_rows(paths: Sequence[Path]) -> pa.Table:
-    """Rows of all files as one table.
+    """Read the rows of Parquet files as one table in the order of the files; empty without files.
 
     Raises:
         ArchiveError: a file is damaged.
@@ -243,7 +246,10 @@ def _numbers(value: object, count: int = 3) -> list[float | None]:
 
 
 def _matrix(value: object) -> list[list[float | None]]:
-    """Rows of a 3 x 3 matrix, from three rows or from nine numbers row by row (a result's sd)."""
+    """Rows of a 3 x 3 matrix, from three rows or from nine numbers row by row (a result's sd).
+
+    Entries that are not finite, and all entries if `value` is not a list, are None.
+    """
     if not isinstance(value, list):
         return [[None] * 3] * 3
     return [

@@ -1,4 +1,4 @@
-"""Runs an analysis over an archive: selects recordings, starts workers, records their outcomes."""
+"""Run an analysis over an archive: select recordings, start workers, record their outcomes."""
 
 from __future__ import annotations
 
@@ -30,13 +30,15 @@ class BatchOptions:
     """Options of one batch run."""
 
     jobs: int = field(default_factory=lambda: max(1, len(os.sched_getaffinity(0))))
+    """largest number of worker processes on this machine; by default the CPU cores it may use"""
     limits: Limits = field(default_factory=Limits)
+    """limits of time and memory per recording"""
     only_failed: bool = False
     """True to analyse only recordings that failed before"""
     verify: bool = False
-    """True to compare every recording's content with its seal"""
+    """True to analyse every recording anew and compare its content with its seal, the hash stored in it"""
     shard: tuple[int, int] = (1, 1)
-    """number of this shard, from 1, and number of shards"""
+    """number of this shard (part of the archive), from 1, and number of shards"""
     scheduler: str = ""
     """address of a Dask scheduler; "" for processes of this machine"""
 
@@ -46,6 +48,7 @@ class Work:
     """Recordings of an archive, divided by whether they have to be analysed."""
 
     todo: tuple[Source, ...]
+    """recordings to analyse"""
     unchanged: tuple[Entry, ...]
     """recordings already analysed with these settings, unchanged since"""
     failed_before: tuple[Entry, ...]
@@ -57,10 +60,13 @@ class Report:
     """Outcomes of one run."""
 
     outcomes: tuple[Outcome, ...]
+    """outcomes of the recordings analysed, in the order in which they finished"""
     unchanged: int
+    """number of recordings that were analysed before and have not changed"""
     failed_before: tuple[Entry, ...]
     """recordings that failed before and were not analysed again"""
     interrupted: bool = False
+    """True if Ctrl-C ended the run early"""
 
     @property
     def failures(self) -> tuple[Outcome, ...]:
@@ -71,13 +77,19 @@ class Report:
 def plan_work(
     sources: Sequence[Source], output: Path, settings: BatchSettings, options: BatchOptions
 ) -> Work:
-    """Decide which recordings to analyse, without opening one.
+    """Decide which recordings of this run's shard to analyse, without opening any.
+
+    A recording is analysed if its files, the settings or the code have changed since its last analysis, if
+    its row of results is missing, or if `options` ask for it.
 
     Args:
         sources: recordings of the archive.
         output: folder of the results; need not exist.
         settings: settings of the analysis.
         options: options of the run.
+
+    Returns:
+        Recordings to analyse, and ledger entries of those that need not be.
     """
     number, shards = options.shard
     mine = (
@@ -121,9 +133,19 @@ def run_batch(
     options: BatchOptions,
     callback: OutcomeCallback | None = None,
 ) -> Report:
-    """Analyse the recordings of `work`.
+    """Analyse the recordings of `work.todo`; write a row of results and a ledger line for each.
 
     Ctrl-C ends the run in an orderly way: finished results stay, and the next run analyses the rest.
+
+    Args:
+        work: recordings to analyse.
+        output: folder of the results; created if missing.
+        settings: settings of the analysis.
+        options: options of the run.
+        callback: called after each recording; None for silence.
+
+    Returns:
+        Outcomes of the run.
 
     Raises:
         ArchiveError: the results cannot be written, another run writes them, or the scheduler cannot be
@@ -162,7 +184,10 @@ def run_batch(
 def _answers(
     requests: Sequence[Request], output: Path, options: BatchOptions
 ) -> AbstractContextManager[Iterator[Answer]]:
-    """Outcomes of the requests as they arrive, from a cluster or from processes of this machine."""
+    """Analyse requests on a cluster or on this machine for the duration of a `with` block.
+
+    The context manager returned yields an iterator of recordings with their outcomes, as they finish.
+    """
     if options.scheduler:
         from analyze.batch.cluster import cluster_answers
 
@@ -193,7 +218,7 @@ def _local_answers(
 
 
 class _SharedQueue:
-    """Iterator of requests that several threads can share."""
+    """Queue of requests that several threads can take from."""
 
     def __init__(self, requests: Iterable[Request]) -> None:
         self._requests = iter(requests)
@@ -206,7 +231,13 @@ class _SharedQueue:
 
 
 def _serve(worker: WorkerProcess, waiting: _SharedQueue, done: queue.Queue[Answer | BaseException]) -> None:
-    """Analyse requests with one worker until none is left or the worker is stopped."""
+    """Analyse requests with one worker until none is left or the worker is stopped.
+
+    Args:
+        worker: worker process.
+        waiting: requests not taken yet; shared with other threads.
+        done: gets a recording with its outcome per request, or the exception that ended this thread.
+    """
     try:
         while (request := waiting.take()) is not None:
             done.put((request.source, worker.analyse(request)))
@@ -232,9 +263,18 @@ def _supersede(
     output: Path,
     ledger: Ledger,
 ) -> None:
-    """Record an outcome, and remove the row that it replaces unless another recording needs it.
+    """Record an outcome in the ledger; remove the row that it replaces unless another recording needs it.
 
-    A failure on an unchanged recording is due to the settings or the network: an earlier result of it stays.
+    A failure on an unchanged recording is due to the settings or the network: an earlier result of the
+    recording stays.
+
+    Args:
+        known: latest ledger entry by URL; the recording's entry is replaced in place.
+        source: the recording.
+        outcome: its outcome.
+        settings: settings of the analysis.
+        output: folder of the results.
+        ledger: ledger of this run.
     """
     entry = Entry(
         outcome.url,
@@ -265,7 +305,11 @@ def _supersede(
 def _remove_rows_of_missing_files(output: Path, known: Iterable[Entry]) -> None:
     """Remove failure rows of local files that no longer exist, such as a `.part` file that was recovered.
 
-    Results always stay.
+    Rows of successful analyses always stay.
+
+    Args:
+        output: folder of the results.
+        known: latest ledger entry of each recording.
     """
     for entry in known:
         if entry.failure and "://" not in entry.url and not os.path.lexists(entry.url):
@@ -273,7 +317,7 @@ def _remove_rows_of_missing_files(output: Path, known: Iterable[Entry]) -> None:
 
 
 def _remove_dead_scratch(output: Path) -> None:
-    """Remove scratch folders of killed runs of this machine."""
+    """Remove folders of unfinished files that ended processes of this machine left in the results."""
     for folder in (output / SCRATCH).iterdir():
         host, _, process = folder.name.rpartition("-")[0].rpartition("-")
         if host == socket.gethostname() and process.isdigit() and not Path(f"/proc/{process}").exists():
@@ -281,10 +325,11 @@ def _remove_dead_scratch(output: Path) -> None:
 
 
 def refuse_as_output(output: Path) -> None:
-    """Refuse a results folder that cannot be written, before any work.
+    """Raise ArchiveError if `output` cannot be a folder of results; call it before any work.
 
     Raises:
-        ArchiveError: it is a file, or its place cannot be written.
+        ArchiveError: `output` is a file, or there is no permission to write in it or its nearest existing
+            parent folder.
     """
     if output.exists() and not output.is_dir():
         raise ArchiveError(f"{output}: is a file: name a folder for the results with --out")

@@ -27,9 +27,10 @@ A recording may take minutes, so rich's default of 30 s is too short.
 
 
 class BatchProgress:
-    """Progress bar on standard error with rate, remaining time and failures.
+    """Progress bar on standard error with rate, remaining time and failures, shown only on a terminal.
 
-    Each failure is printed as a line.
+    Each failure is printed as a line, on a terminal or not. A context manager that starts and removes the
+    bar.
     """
 
     def __init__(self, total: int) -> None:
@@ -52,7 +53,7 @@ class BatchProgress:
         self._task = self._progress.add_task("analysing", total=max(total, 1), rate="", failures="")
 
     def __call__(self, outcome: Outcome, done: int, total: int) -> None:
-        """Add one recording's outcome.
+        """Show one recording's outcome: advance the bar, and print a line if it failed.
 
         Args:
             outcome: outcome of the recording.
@@ -84,7 +85,12 @@ class BatchProgress:
 
 
 def render_report(report: Report, output: Path) -> None:
-    """Print the outcome of a run in a few lines."""
+    """Print the counts of a batch run: analysed, unchanged, failed by kind, not tried again.
+
+    Args:
+        report: outcomes of the run.
+        output: folder of the results, named in the first line.
+    """
     console = Console(highlight=False, soft_wrap=True)
     done = [outcome for outcome in report.outcomes if not outcome.failure]
     known = sum(outcome.known for outcome in done)

@@ -1,4 +1,4 @@
-"""Settings and version of an analysis: its result depends on them and on the recording."""
+"""Settings and version of a batch analysis, which with the recording's content determine its result."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ class BatchSettings:
     """Settings for the analysis of every recording of a batch."""
 
     object_path: str = ""
-    """object file to use instead of the recordings' own; "" for theirs"""
+    """path of the object file to use instead of the recordings' own; "" for theirs"""
     object_sha256: str = ""
-    """hash of that file and its shape"""
+    """hash of the object file at `object_path` and its shape file; "" without one"""
     estimator: str = ""
-    """estimator, as in `EstimateOptions`; "" for the one that suits each strike"""
+    """estimator of the balance angle phi and rate constant k, such as pivot_fit; "" for the one that suits
+    each strike"""
     seed: int = 0
-    """seed of the random generator"""
+    """seed of the random draws behind intervals of region masses"""
 
     @property
     def digest(self) -> str:
-        """Short hash of all settings that affect the results."""
+        """Hash (16 hexadecimal digits) of all settings that affect the results; the file's path does not."""
         fields = {name: value for name, value in asdict(self).items() if name != "object_path"}
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -52,22 +53,24 @@ class BatchSettings:
         """Settings with an object file in place of the recordings' own.
 
         Raises:
-            AnalyzeError: it cannot be read.
+            AnalyzeError: the object file or its shape file cannot be read.
         """
         return cls(object_path=str(path.resolve()), object_sha256=_sha256_of(path))
 
     def refuse_changed_object(self) -> None:
-        """Refuse an object file that is no longer the one whose hash is in the results' keys.
+        """Raise ArchiveError if the object file has changed since the settings were made.
+
+        Nothing is checked if the recordings' own object files are used.
 
         Raises:
-            ArchiveError: it changed during the run.
-            AnalyzeError: it cannot be read.
+            ArchiveError: the object file changed during the run.
+            AnalyzeError: the object file or its shape file cannot be read.
         """
         if self.object_path and _sha256_of(Path(self.object_path)) != self.object_sha256:
             raise ArchiveError(f"{self.object_path}: changed during the run: start the run again")
 
     def json(self) -> dict[str, Any]:
-        """The settings as JSON values."""
+        """Settings as a dict of JSON values, keyed by the fields' names."""
         return asdict(self)
 
 
@@ -80,7 +83,10 @@ def _sha256_of(path: Path) -> str:
 
 @cache
 def analysis_version() -> str:
-    """Short hash of the code and libraries that compute the numbers: other versions may give others."""
+    """Hash (16 hexadecimal digits) of the code and library versions that compute the results.
+
+    Modules without effect on them (commands, reports, replays) are left out. Computed once per process.
+    """
     digest = hashlib.sha256()
     for package in _PACKAGES:
         for path in sorted((_ROOT / package).rglob("*.py")):
@@ -93,5 +99,10 @@ def analysis_version() -> str:
 
 
 def key_of(content_id: str, settings: BatchSettings) -> str:
-    """Key of a result: a hash of the recording's content, the analysis and its settings."""
+    """Key of a result: hash (32 hexadecimal digits) of recording content, analysis version and settings.
+
+    Args:
+        content_id: hash of the recording's content.
+        settings: settings of the analysis.
+    """
     return hashlib.sha256(f"{content_id}\n{analysis_version()}\n{settings.digest}".encode()).hexdigest()[:32]

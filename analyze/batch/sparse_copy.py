@@ -1,8 +1,9 @@
-"""Sparse local copies of recordings in a bucket: everything but the images outside the strikes' windows.
+"""Sparse local copies of recordings in a bucket: all but the images outside the strikes' windows.
 
-Bytes that are not fetched are a hole in a file of full length, which takes no disk space and needs no special
-reader. No reader touches a hole: the summary lists every chunk's place, and images are read in the strikes'
-windows only.
+A strike's window is the span of time that is recorded around it. Bytes that are not fetched are a hole in a
+file of full length, which takes no disk space and needs no special reader. No reader touches a hole: the MCAP
+file's summary lists the place of every chunk (block of messages), and images are read in the strikes' windows
+only.
 """
 
 from __future__ import annotations
@@ -36,27 +37,40 @@ MAX_REQUEST_BYTES = 1 << 25
 
 @dataclass
 class _Remote:
-    """One remote file of a recording, and its local copy."""
+    """One remote file of a recording and its local copy, which is filled piece by piece."""
 
     system: fsspec.AbstractFileSystem
     path: str
+    """path of the remote file in `system`"""
     size: int
+    """size of the remote file [bytes]"""
     copy: Path
+    """path of the local copy"""
     fetched: int = 0
-    """bytes"""
+    """number of bytes fetched so far"""
 
     @property
     def url(self) -> str:
-        """URL with its protocol, for messages."""
+        """URL of the remote file with its protocol, for messages."""
         return self.path if "://" in self.path else str(self.system.unstrip_protocol(self.path))
 
     def fetch_all(self) -> None:
-        """Fetch the whole file."""
+        """Fetch the whole remote file into the local copy, which is created if missing.
+
+        Raises:
+            RecordingCut: the file became shorter meanwhile.
+            OSError: the file cannot be fetched.
+        """
         self.copy.touch()
         self.fetch([(0, self.size)])
 
     def fetch(self, ranges: Sequence[tuple[int, int]]) -> None:
-        """Fetch [start, stop) ranges, merging those that are near."""
+        """Fetch byte ranges [start, stop) into the local copy, which must exist; near ranges are merged.
+
+        Raises:
+            RecordingCut: the remote file became shorter meanwhile.
+            OSError: it cannot be fetched.
+        """
         with self.copy.open("r+b") as file:
             for start, stop in _merged(ranges):
                 data = self._bytes(start, stop)
@@ -81,16 +95,20 @@ class _Remote:
 
 @contextmanager
 def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Iterator[Path]:
-    """Copy a recording from a bucket; the local path of its first file. The copies are removed at the end.
+    """Copy a recording from a bucket for the duration of a `with` block.
 
     Args:
         source: recording in the bucket.
-        folder: folder for the copies.
-        whole: True to fetch every byte, which verifying the content hash needs.
+        folder: folder for the copies, which are removed at the end.
+        whole: True to fetch every byte, which verifying the content hash needs; False to leave out images
+            outside the strikes' windows.
+
+    Yields:
+        Local path of the recording's first file.
 
     Raises:
-        OSError: it cannot be fetched.
-        RecordingError: it is damaged.
+        OSError: the recording cannot be fetched.
+        RecordingError: the recording is damaged, cut short, or in another format.
     """
     copies: list[Path] = []
     try:
@@ -113,7 +131,16 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
 
 
 def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry]]]) -> None:
-    """Fetch the images in the strikes' windows; `first` is the first file's copy without images."""
+    """Fetch the image chunks that overlap a strike's window into the local copies.
+
+    Args:
+        first: copy of the recording's first file, without its images.
+        remotes: each file with its image chunks in the order of the file.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+        OSError: the images cannot be fetched.
+    """
     with open_recording(first) as recording:
         windows = [(strike.window_start_ns, strike.window_end_ns) for strike in recording.strikes]
     for remote, chunks in remotes:
@@ -129,7 +156,19 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry
 
 
 def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
-    """Path of a copy of a remote recording without its images, and the number of bytes fetched for it."""
+    """Copy one remote file of a recording without its images.
+
+    Args:
+        url: URL of the file.
+        folder: folder for the copy, which the caller removes.
+
+    Returns:
+        Path of the copy, and number of bytes fetched for it.
+
+    Raises:
+        OSError: the file cannot be fetched.
+        RecordingError: the file is damaged, cut short, or in another format.
+    """
     system, path = url_to_fs(url)
     remote = _Remote(system, path, int(system.info(path)["size"]), folder / url.rsplit("/", 1)[-1])
     _without_images(remote, url)
@@ -137,7 +176,19 @@ def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
 
 
 def _without_images(remote: _Remote, url: str) -> list[ChunkEntry]:
-    """Fetch everything but the image chunks, and return those."""
+    """Fetch a file except its image chunks, and write empty indexes of these into the copy.
+
+    Args:
+        remote: the file; its copy is created or overwritten.
+        url: its URL, for messages.
+
+    Returns:
+        The image chunks: those whose messages are all of topics that end in "/image".
+
+    Raises:
+        RecordingError: the file is damaged, cut short, or in another format.
+        OSError: the file cannot be fetched.
+    """
     with remote.copy.open("wb") as file:
         file.truncate(remote.size)
     magic = len(container.MAGIC)
@@ -185,7 +236,18 @@ def _summary_start(remote: _Remote, url: str) -> int:
 def _parse_summary(
     remote: _Remote, start: int
 ) -> tuple[list[ChunkEntry], dict[int, str], list[tuple[int, int]]]:
-    """Chunks, topics by channel, and byte ranges of attachments and metadata, as the summary lists them."""
+    """Read the summary of an MCAP file from its local copy.
+
+    Args:
+        remote: the file, whose copy holds the summary.
+        start: offset of the summary [bytes].
+
+    Returns:
+        Chunks; topics by channel id; and byte ranges [start, stop) of attachments and metadata.
+
+    Raises:
+        ContainerError: the summary is damaged, or points outside the file.
+    """
     with remote.copy.open("rb") as file:
         file.seek(start)
         summary = memoryview(file.read(remote.size - FOOTER_AND_MAGIC - start))
@@ -215,7 +277,10 @@ def _parse_chunk_entry(body: memoryview, file_size: int) -> ChunkEntry:
 
 
 def _merged(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """Ranges that cover the given ones in fewer requests, none larger than MAX_REQUEST_BYTES."""
+    """Yield byte ranges that cover the given ones in few requests of at most MAX_REQUEST_BYTES each.
+
+    Ranges that lie at most MAX_GAP_BYTES apart are fetched together with the gap; larger ones are divided.
+    """
     start = stop = -1
     for each_start, each_stop in sorted(ranges):
         if (

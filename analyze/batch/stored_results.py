@@ -1,8 +1,8 @@
-"""Reads rows of results, and gathers them in one file so that a query need not open thousands.
+"""Read rows of results, and gather them in one file so that a query need not open thousands.
 
 A row's key is a hash of the recording's content, the analysis and its settings: a row never changes except
-for its stamps, so gathered rows stay valid. Failures are not gathered, since a later try may fail for another
-reason.
+for its stamps (time and memory used, program version), so gathered rows stay valid. Failures are not
+gathered, since a later try may fail for another reason.
 """
 
 from __future__ import annotations
@@ -24,12 +24,20 @@ GATHER_FROM_ROWS = 50
 
 
 def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
-    """Existing rows of the given results, followed by those of the given failures.
+    """Read rows of results and of failures; rows that do not exist are left out.
+
+    Where 50 or more results have files of their own, the results read are written to `gathered.parquet`.
 
     Args:
         output: folder of the results.
         keys: keys of results, in the order of the rows returned.
-        failures: source ids of failures, whose rows follow.
+        failures: source ids (hashes of URL, size and time of change) of failed recordings.
+
+    Returns:
+        Table with a row per result, followed by a row per failure.
+
+    Raises:
+        ArchiveError: a row's file is damaged.
     """
     gathered = _read_gathered(output / GATHERED)
     place = {key: i for i, key in enumerate(gathered["key"].to_pylist())}
@@ -46,7 +54,7 @@ def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> 
 
 
 def _read_gathered(path: Path) -> pa.Table:
-    """Gathered rows; none if the file is missing, damaged or of another version."""
+    """Read gathered rows; an empty table if the file is missing, damaged or has other columns."""
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException):

@@ -40,13 +40,18 @@ QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
 
 @dataclass(frozen=True)
 class Repeated:
-    """Repeatability of one quantity of one object over its sessions, in `unit`."""
+    """Repeatability of one quantity of one object over its sessions (recordings), in `unit`."""
 
     object: str
+    """name of the object"""
     object_sha256: str
+    """hash of the object file and its shape"""
     quantity: str
+    """name of the quantity, such as Ixx"""
     unit: str
+    """unit of the quantity: mm, g cm² or g"""
     sessions: int
+    """number of sessions with a value"""
     mean: float
     """mean weighted by the stated sd"""
     scatter: float
@@ -54,20 +59,19 @@ class Repeated:
     stated: float
     """median of the stated sd"""
     chi_square: float
-    """chi-square of the sessions about their mean, per degree of freedom.
-
-    Far above 1 if they scatter more than stated
-    """
+    """chi-square of the sessions about their mean, per degree of freedom; far above 1 if they scatter more
+    than stated, NaN for one session"""
     drift: float
-    """drift per day; NaN if the sessions span less than an hour"""
+    """drift per day; NaN for fewer than three sessions with a start time, or if they span less than an
+    hour"""
     drift_sd: float
-    """sd of the drift"""
+    """sd of the drift; NaN if `drift` is"""
     drift_half: float
-    """half width of the drift's 95 % interval (Student's t, for few sessions)"""
+    """half width of the drift's 95 % interval (Student's t, for few sessions); NaN if `drift` is"""
 
     @property
     def stands_out(self) -> str:
-        """Scatter or drift that is unlikely to be chance, as text; "" if there is none."""
+        """Words on scatter or drift of the quantity that is unlikely to be chance; "" if there is none."""
         said: list[str] = []
         if (
             self.sessions > 1
@@ -87,22 +91,27 @@ class Summary:
     """Summary of all results of an archive."""
 
     recordings: int
-    """number of distinct recordings with results"""
+    """number of distinct recordings with results, without those that failed"""
     failures: tuple[tuple[str, int, str], ...]
     """kind of failure, number of recordings, one example of the reason"""
     repeated: tuple[Repeated, ...]
+    """repeatability of each measured quantity of each object, by object"""
     objects: tuple[tuple[str, str, int, int, int, int], ...]
     """name, SHA-256, sessions, strikes recorded, strikes used, sessions timed by no rig's clock"""
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:
-        """Quantities that scatter or drift beyond chance, the worst first."""
+        """Quantities that scatter or drift beyond chance, in order of falling chi-square."""
         found = [each for each in self.repeated if each.stands_out]
         return tuple(sorted(found, key=lambda each: -each.chi_square))
 
 
 def summarise(rows: pa.Table) -> Summary:
-    """Summary of a table of recordings (`read_recording_rows`)."""
+    """Summarise the results of an archive.
+
+    Args:
+        rows: table with one row per recording, from `read_recording_rows`.
+    """
     listed = rows.to_pylist()
     good = [row for row in listed if row["status"] == "ok"]
     by_object: dict[tuple[str, str], list[dict[str, Any]]] = {}
@@ -182,7 +191,16 @@ def _statistics(
     factor: float,
     known: Sequence[tuple[float, float, float]],
 ) -> Repeated:
-    """Repeatability from (value, sd, seconds) of each session."""
+    """Repeatability of one quantity of one object from its value in each session.
+
+    Args:
+        name: name of the object.
+        sha256: hash of the object file and its shape.
+        quantity: name of the quantity.
+        unit: unit of the result.
+        factor: factor from SI units to `unit`.
+        known: value and standard deviation in SI units, and start time [s since 1970], of each session.
+    """
     value, sd, when = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
     weight = 1.0 / sd**2
     mean = float(weight @ value / weight.sum())
@@ -205,7 +223,17 @@ def _statistics(
 
 
 def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:
-    """Slope per day and its sd; NaN for fewer than three sessions or less than an hour."""
+    """Slope of a weighted straight line through the sessions' values.
+
+    Args:
+        value: (n,) values.
+        sd: (n,) stated standard deviations.
+        when: (n,) start times [s]; sessions with NaN are left out.
+
+    Returns:
+        Slope per day and its standard deviation, from the stated ones or from the scatter about the line
+        where that is larger; both NaN for fewer than three sessions or a span of less than an hour.
+    """
     known = np.isfinite(when)
     value, sd, when = value[known], sd[known], when[known]
     if len(when) < 3 or np.ptp(when) < 3600:

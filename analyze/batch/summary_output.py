@@ -1,4 +1,4 @@
-"""Prints summaries of an archive, or writes them as HTML, CSV or Parquet."""
+"""Print the summary of an archive's results, or write it as HTML, CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ MAX_SHOWN = 20
 
 
 def render_summary(summary: Summary) -> None:
-    """Print the summary."""
+    """Print a summary of an archive's results on standard output.
+
+    Tables: quantities that scatter or drift beyond chance, objects, repeatability per object, and failures.
+    """
     console = plain_console()
     if summary.standing_out:
         _print_standing_out(console, summary)
@@ -93,7 +96,7 @@ def _print_standing_out(console: Console, summary: Summary) -> None:
 
 
 def _print_failures(console: Console, summary: Summary) -> None:
-    """Print the recordings without a result, by kind of failure."""
+    """Print a table of the recordings without a result by kind of failure, or one line if none failed."""
     if not summary.failures:
         console.print(f"{summary.recordings} recordings, none failed")
         return
@@ -107,7 +110,13 @@ def _print_failures(console: Console, summary: Summary) -> None:
 
 
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
-    """Mean, scatter, stated sd, chi-square and drift as text; "–" for a missing value."""
+    """Table cells of a quantity's repeatability.
+
+    Returns:
+        Mean with unit; standard deviation from session to session; stated standard deviation; chi-square per
+        degree of freedom; drift per day ± half width of its 95 % interval, with unit. A value that is NaN is
+        "–".
+    """
     digits = 3 if each.unit == "mm" else 1
     drift = (
         "–"
@@ -124,7 +133,7 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
 
 
 def stands_out_text(each: Repeated) -> str:
-    """Reason why a quantity stands out, in words with its figures."""
+    """Sentence with figures on a quantity that scatters or drifts more than chance explains."""
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (
@@ -134,9 +143,13 @@ def stands_out_text(each: Repeated) -> str:
 
 
 def save_summary(summary: Summary, path: Path) -> list[Path]:
-    """Write the summary in the format of the path's suffix, and return the paths written.
+    """Write a summary of an archive's results as HTML, CSV or Parquet, by the path's suffix.
 
-    As CSV or Parquet, the tables of objects and failures go beside that of repeatability, named after it.
+    As CSV or Parquet, `path` holds the table of repeatability; the tables of objects and failures are written
+    beside it as `<stem>-objects` and `<stem>-failures` with the same suffix.
+
+    Returns:
+        Paths of the files written, `path` first.
 
     Raises:
         ArchiveError: the suffix is unknown.

@@ -21,17 +21,21 @@ class Request:
     """Request to analyse one recording."""
 
     source: Source
+    """recording in the archive"""
     settings: BatchSettings
+    """settings of the analysis"""
     output: str
+    """path of the folder of results"""
     verify: bool = False
+    """True to compare the recording's content with its seal (the hash stored when it was recorded)"""
 
     def json(self) -> dict[str, Any]:
-        """The request as JSON values."""
+        """Request as a dict of JSON values, the input of `from_fields`."""
         return asdict(self)
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Request:
-        """The request from JSON values."""
+        """Build a request from the JSON values that `json` returned."""
         files = tuple(SourceFile(**each) for each in fields["source"]["files"])
         return cls(Source(files), BatchSettings(**fields["settings"]), fields["output"], fields["verify"])
 
@@ -41,25 +45,43 @@ class Outcome:
     """Outcome of one recording's analysis."""
 
     url: str
+    """URL or local path of the recording's first file"""
     source_id: str
+    """hash of URL, size and time of change of the recording's files"""
     key: str = ""
     """key of its row of results; "" if it failed"""
     failure: str = ""
     """kind of failure; "" if it succeeded"""
     reason: str = ""
+    """reason for the failure, one sentence; "" if it succeeded"""
     seconds: float = 0.0
+    """time that the analysis took [s]"""
     known: bool = False
     """True if the same content had been analysed before"""
     own_files: list[str] = field(default_factory=list[str])
     """names of the files that belong to its recording"""
 
     def json(self) -> dict[str, Any]:
-        """The outcome as JSON values."""
+        """Outcome as a dict of JSON values, keyed by the fields' names."""
         return asdict(self)
 
 
 def write_failure(request: Request, failure: str, reason: str, seconds: float, scratch: Path) -> Outcome:
-    """Write the failure row of a recording whose worker ended, and return its outcome."""
+    """Write the failure row of a recording whose worker ended or was stopped at its time limit.
+
+    Args:
+        request: request that was not answered; its folder of results must exist.
+        failure: kind of failure.
+        reason: reason, one sentence.
+        seconds: time that the analysis took [s].
+        scratch: folder for the unfinished file, on the disk of the results.
+
+    Returns:
+        Outcome with the failure.
+
+    Raises:
+        OutputError: the row cannot be written.
+    """
     source = request.source
     from analyze.batch.result_rows import write_row  # slow to import, and an unchanged archive needs no row
 

@@ -31,7 +31,7 @@ ERROR_TAIL_BYTES = 2000
 
 
 class WorkerStoppedError(Exception):
-    """The worker was stopped during an analysis; the recording has no outcome."""
+    """The worker process was stopped before it finished an analysis; the recording has no outcome."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,20 @@ class Limits:
     """Limits of one recording's analysis."""
 
     seconds: float = 900.0
+    """longest time that an analysis may take [s]"""
     memory_bytes: int = 4 << 30
-    """0 for no limit"""
+    """largest data memory of the worker process [bytes]; 0 for no limit"""
 
 
 class WorkerProcess:
-    """Worker process, started when first needed and again after it ended.
+    """Worker process that analyses recordings one after the other, within limits of time and memory.
 
-    Used by one thread; `stop` may be called from another.
+    It is started when first needed, and again after it ended. Used by one thread; `stop` may be called from
+    another. A context manager that ends the process.
+
+    Args:
+        output: folder of the results; a folder for unfinished files is created in it.
+        limits: limits of time and memory per recording.
     """
 
     def __init__(self, output: Path, limits: Limits) -> None:
@@ -62,9 +68,13 @@ class WorkerProcess:
     def analyse(self, request: Request) -> Outcome:
         """Analyse one recording; if the process ends or takes too long, write a failure row.
 
+        Returns:
+            Outcome of the recording, which may be a failure.
+
         Raises:
             WorkerStoppedError: `stop` was called.
-            ArchiveError: the results cannot be written.
+            ArchiveError: the worker cannot write the results, or the object file changed during the run.
+            OutputError: the failure row cannot be written.
         """
         start = time.monotonic()
         process = self._running()
@@ -86,13 +96,13 @@ class WorkerProcess:
         return Outcome(**answer)
 
     def stop(self) -> None:
-        """Kill the process; a waiting `analyse` raises WorkerStoppedError."""
+        """Kill the worker process for good; `analyse`, waiting or called later, raises WorkerStoppedError."""
         self._stopped = True
         if self._process is not None:
             self._process.kill()
 
     def close(self) -> None:
-        """End the process and remove its unfinished files."""
+        """Kill the worker process for good and remove its unfinished files."""
         self.stop()
         self._end()
         self._errors.close()
