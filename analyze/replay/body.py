@@ -1,4 +1,7 @@
-"""Drawing of the object in its own frame: shape, equi-planes, centre of mass, regions and voxels."""
+"""Draw an object in its own frame O: shape, equi-planes, centre of mass, mass regions and voxels.
+
+An equi-plane is the plane through a strike's pivot axis that contains the centre of mass.
+"""
 
 from __future__ import annotations
 
@@ -37,21 +40,25 @@ class SceneInputs:
     """Object model, plan, camera and markers from which the scene of a strike is drawn."""
 
     model: ObjectModel
+    """exterior of the object"""
     plan: StrikePlan
+    """strike plan of the recording"""
     camera: CameraModel
+    """first camera, with its pose in the world frame W of heading 0"""
     markers: tuple[Marker, ...]
+    """markers on the object"""
 
     def planned(self, plan_strike_id: str) -> PlannedStrike | None:
-        """Entry of the plan with this id; None if the plan has none."""
+        """Planned strike with the given id; None if the plan has none."""
         return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
 
     def camera_of(self, planned: PlannedStrike) -> CameraModel:
-        """Camera in the world frame of a planned strike, whose x axis is the strike's heading."""
+        """Camera with its pose in W turned by a strike's heading, in which the object tips towards +x."""
         return turned_camera(self.camera, planned.heading_rad)
 
 
 def flat_mesh(model: ObjectModel, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
-    """Mesh of the exterior with flat shaded faces, in one colour (RGBA)."""
+    """Mesh of the exterior in O [m] with flat shaded faces, in one colour (RGBA, 0 to 255)."""
     corners = model.vertices[model.faces].reshape(-1, 3)
     normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -64,7 +71,13 @@ def flat_mesh(model: ObjectModel, colour: tuple[int, int, int, int]) -> rr.Mesh3
 
 
 def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None:
-    """Log the object's half transparent faces and its sharp edges."""
+    """Log the object's half transparent faces and its sharp edges.
+
+    Args:
+        stream: destination.
+        root: parent entity, in the object's frame.
+        model: exterior of the object.
+    """
     mesh = flat_mesh(model, (190, 200, 215, 45))
     stream.log(f"{root}/shape", mesh, static=True)
     edges = rr.LineStrips3D(
@@ -113,7 +126,10 @@ def log_inside(
 def _centre(
     stream: rr.RecordingStream, root: str, model: ObjectModel, answer: DrawnAnswer, *, named: bool
 ) -> None:
-    """Log the 95 % ellipsoid of the centre of mass, enlarged where it would be too small to be seen."""
+    """Log the 95 % ellipsoid of the centre of mass, enlarged where it would be too small to be seen.
+
+    If `named`, a cross and a label "centre of mass" are logged too.
+    """
     reach = float(model.extent.max())
     half, axes = views.ellipsoid(answer.com.covariance, _MIN_HALF_AXIS * reach)
     ball = rr.Ellipsoids3D(
@@ -134,7 +150,10 @@ def _centre(
 
 
 def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> None:
-    """Log the cells of the voxel map, coloured by density from dark (low) to bright (high)."""
+    """Log the cells of the voxel map (estimated density), coloured from dark (low) to bright (high).
+
+    Of many cells a sample of 4000 to 8000 is logged; nothing is logged if the answer has no map.
+    """
     voxels = answer.voxels
     if voxels is None:
         return
@@ -147,9 +166,9 @@ def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> No
 
 
 def _shade(level: Array) -> NDArray[np.uint8]:
-    """Colours (n, 3) of levels (n,) from 0 (dark blue) to 1 (bright yellow), with evenly rising lightness.
+    """Colours (n, 3), 0 to 255, of levels (n,) from 0 (dark blue) to 1 (bright yellow).
 
-    The end colours are those of cividis.
+    Lightness rises evenly. Levels outside are clipped. The end colours are those of the colour map cividis.
     """
     dark, middle, bright = np.array([10, 40, 100]), np.array([125, 124, 120]), np.array([253, 231, 55])
     at = np.clip(level, 0.0, 1.0)[:, None]

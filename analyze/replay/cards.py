@@ -1,4 +1,7 @@
-"""Placement cards as a rerun recording: one step per strike, with object, line, striker and camera in W."""
+"""Placement cards (pictures that show how to set up each strike) as a recording for the viewer rerun.
+
+One step per strike, with object, line on the table, striker and camera in the world frame W.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ _IMAGE_PLANE_DISTANCE_M = 0.05
 def write_card_scenes(
     plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, camera: CameraModel, output: Path
 ) -> None:
-    """Write the cards as a rerun recording (.rrd); the file appears complete or not at all.
+    """Write the placement cards of a plan as a file for rerun (.rrd), complete or not at all.
 
     Args:
         plan: strikes to be drawn, in their order.
@@ -68,7 +71,15 @@ def write_card_scenes(
 def log_scenes(
     stream: rr.RecordingStream, plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, camera: CameraModel
 ) -> None:
-    """Log the scenes of all cards to a stream."""
+    """Log the scene of each strike's placement card to a stream, one step of the timeline per strike.
+
+    Args:
+        stream: destination.
+        plan: strikes to be drawn, in their order.
+        model: exterior of the object.
+        spec: object description with its tags.
+        camera: intrinsics used for planning; its pose comes from the plan.
+    """
     _log_static(stream, model, spec)
     for card in placement_cards(plan, model, spec):
         stream.set_time(STRIKE, sequence=card.number)
@@ -76,7 +87,7 @@ def log_scenes(
 
 
 def _log_static(stream: rr.RecordingStream, model: ObjectModel, spec: ObjectSpec) -> None:
-    """Log the static entities: the table, and the object in its own frame."""
+    """Log the entities that all strikes share: the table, and the object with its tags in its own frame."""
     size = float(model.extent.max())
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     table = rr.Boxes3D(
@@ -118,7 +129,12 @@ def _tag(stream: rr.RecordingStream, path: str, marker: MarkerSpec) -> None:
 
 
 def _quads(fields: Array, height: float) -> Array:
-    """Corners (n, 4, 3) in M of rectangles (n, 4), given as x, y, width, height."""
+    """Corners (n, 4, 3) [m] of rectangles in the marker's frame M, at z = `height` [m].
+
+    Args:
+        fields: (n, 4) x, y, width and height of each rectangle [m].
+        height: z of all corners [m].
+    """
     x, y, width, high = fields.T
     flat = np.stack([[x, y], [x + width, y], [x + width, y + high], [x, y + high]]).transpose(2, 0, 1)
     return np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
@@ -187,7 +203,7 @@ def _strike(stream: rr.RecordingStream, card: Card, camera: CameraModel) -> None
 
 
 def card_text(card: Card) -> str:
-    """Text of a card as Markdown."""
+    """Instructions and figures of a strike's placement card, as Markdown."""
     strike = card.strike
     before = "Put it down as in the picture"
     if card.number > 1:

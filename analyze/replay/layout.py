@@ -27,21 +27,22 @@ class StrikePage:
     """Page of one strike, named by the strike's id and its verdict."""
 
     strike_id: str
+    """Id of the strike."""
     verdict: str = ""
-    """Empty if it is not known yet."""
+    """Verdict on the strike in words, such as "rocked back"; "" if it is not known yet."""
 
 
 def timeline_of(page: str | None) -> str:
-    """Name of the timeline that a page uses."""
+    """Name of the timeline of a page: "session" for the session's page, else "since_contact"."""
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 
 
 def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None) -> rrb.Blueprint:
-    """Blueprint of all pages.
+    """Layout of all pages, as rerun's blueprint: answer, strikes, session.
 
     Args:
         pages: pages of the strikes, in their order.
-        front: page shown first: ANSWER, SESSION_PAGE or a strike's id.
+        front: page shown first: ANSWER, SESSION_PAGE or a strike's id; the answer if there is no such page.
         bounds: lower and upper bounds (2, 3) [m] of the object in its frame; None if not known yet.
     """
     names = [ANSWER, *(page.strike_id for page in pages), SESSION_PAGE]

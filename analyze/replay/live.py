@@ -1,4 +1,4 @@
-"""Reader of a recording that is still being written: messages, strikes as they arrive, their images."""
+"""Read a recording that is still being written: messages and strikes as they arrive, and images."""
 
 from __future__ import annotations
 
@@ -21,9 +21,12 @@ _IMAGE_RETENTION_NS = 120_000_000_000
 
 
 class LiveRecording:
-    """Recording that is still being written, with the images that are still needed.
+    """Recording that is still being written, with the images that are still needed in memory.
 
-    `poll` reads the messages added; `forget_until` releases images.
+    `poll` reads the messages added; `forget_until` releases images. A context manager that closes the file.
+
+    Args:
+        path: the file that is being written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,22 +45,22 @@ class LiveRecording:
 
     @property
     def path(self) -> Path:
-        """Path of the current file."""
+        """Path of the recording's file that is being read; it changes as a continuous recording goes on."""
         return self._series.path
 
     @property
     def ready(self) -> bool:
-        """True if manifest and plan have been written."""
+        """True if the recording's manifest (its description) and strike plan have been read."""
         return self._series.manifest is not None and self._series.plan is not None
 
     @property
     def finished(self) -> bool:
-        """True if the current file is complete; in a continuous recording another file may follow."""
+        """True if the file being read is complete; in a continuous recording another file may follow."""
         return self._series.finished
 
     @property
     def manifest(self) -> SessionManifest:
-        """Manifest of the current file.
+        """Manifest (description of session, object and cameras) of the file being read.
 
         Raises:
             RecordingError: the manifest has not been written yet.
@@ -68,7 +71,7 @@ class LiveRecording:
 
     @property
     def plan(self) -> StrikePlan:
-        """Plan of the session.
+        """Strike plan of the session.
 
         Raises:
             RecordingError: the plan has not been written yet.
@@ -80,7 +83,11 @@ class LiveRecording:
 
     @property
     def object_spec(self) -> ObjectSpec:
-        """Object description, as given by the user."""
+        """Object file of the recording: name, mass, shape, markers.
+
+        Raises:
+            RecordingError: the manifest has not been written yet.
+        """
         return self.manifest.object
 
     @property
@@ -89,7 +96,12 @@ class LiveRecording:
         return self._series.shape_bytes
 
     def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:
-        """Read the messages on small topics and the strikes since the last call, without waiting.
+        """Read the messages that were written since the last call, without waiting.
+
+        Images and frame metadata of the first camera are kept, images for at most 120 s.
+
+        Returns:
+            Messages on all other topics; and the strikes whose records have arrived.
 
         Raises:
             RecordingError: the file is damaged, or not a recording.
@@ -116,7 +128,7 @@ class LiveRecording:
         return small, strikes
 
     def forget_until(self, time_ns: int) -> None:
-        """Release images and frame metadata up to and including `time_ns`."""
+        """Release images and frame metadata with log times up to and including `time_ns` [ns]."""
         while self._images and self._images[0].log_time_ns <= time_ns:
             self._images.popleft()
         while self._meta_ns and self._meta_ns[0] <= time_ns:
@@ -124,13 +136,23 @@ class LiveRecording:
             self._metas.popleft()
 
     def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
-        """Metadata of each frame of the first camera, within the given log times [ns]."""
+        """Yield the metadata of each kept frame of the first camera in order of arrival.
+
+        Args:
+            start_ns: first log time [ns]; None for no limit.
+            end_ns: last log time [ns], inclusive; None for no limit.
+        """
         for time_ns, meta in zip(list(self._meta_ns), list(self._metas), strict=True):
             if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
                 yield meta
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Images of the first camera in order of time, within the given log times [ns]."""
+        """Yield the kept images of the first camera in order of time.
+
+        Args:
+            start_ns: first log time [ns]; None for no limit.
+            end_ns: last log time [ns], inclusive; None for no limit.
+        """
         for message in sorted(self._images, key=lambda each: each.log_time_ns):
             if (start_ns is None or message.log_time_ns >= start_ns) and (
                 end_ns is None or message.log_time_ns <= end_ns

@@ -33,10 +33,20 @@ def pose_at_rest(
     camera: CameraModel,
     contact_ns: int,
 ) -> tuple[Array, Array]:
-    """R_world_object (3, 3) and p_world_object (3,) [m] at rest, measured from the markers.
+    """Pose of the object at rest before a strike, measured from the marker with most frames at rest.
 
-    Theta is measured from this pose (motion/tip_angle.py). Without a marker whose place on the object is
-    known, it is the planned pose.
+    The tipping angle theta is measured from this pose (motion/tip_angle.py). Without a marker whose place on
+    the object is known and that has three frames at rest, it is the planned pose.
+
+    Args:
+        planned: planned strike.
+        tracks: tracked markers of the strike.
+        markers: markers on the object.
+        camera: camera with its pose in W, the world frame of the strike.
+        contact_ns: log time of the contact [ns].
+
+    Returns:
+        Rotation R_world_object (3, 3) and position p_world_object (3,) [m].
     """
     R_planned, p_planned = (
         np.array(planned.R_world_object, dtype=float),
@@ -67,7 +77,10 @@ def pose_at_rest(
 
 
 def project_to_pixels(camera: CameraModel, points_world: Array) -> Array:
-    """Raw pixels (..., 2) of points (..., 3) [m] in W; NaN for points behind the camera."""
+    """Project points (..., 3) [m] in W to raw (distorted) pixels (..., 2).
+
+    Points behind the camera, or less than 20 mm in front of it, are NaN.
+    """
     R, t = world_to_camera(camera)
     in_camera = points_world @ R.T + t
     near = in_camera[..., 2] < _MIN_DEPTH_M
@@ -76,9 +89,19 @@ def project_to_pixels(camera: CameraModel, points_world: Array) -> Array:
 
 
 def wireframe(model: ObjectModel, camera: CameraModel, R: Array, p: Array) -> list[list[Array]]:
-    """Lines (m, 2) [px] of the object in each of the poses R (n, 3, 3), p (n, 3).
+    """Lines of the object on the camera's image, in each of n poses.
 
-    The lines are the sharp edges if there are few of them, else the outline.
+    The lines are the sharp edges if there are 1 to 60 of them, else the outline of the convex hull.
+
+    Args:
+        model: exterior of the object.
+        camera: camera with its pose in W.
+        R: (n, 3, 3) rotations from O to W.
+        p: (n, 3) positions of O's origin in W [m].
+
+    Returns:
+        For each pose a list of lines, each (m, 2) raw pixels; edges that reach behind the camera are left
+        out.
     """
     edges = sharp_edges(model.vertices, model.faces)
     turned = np.swapaxes(R, 1, 2)
@@ -99,9 +122,16 @@ def _outline(points: Array) -> list[Array]:
 
 
 def axis_line(camera: CameraModel, pivot: Array, half_length: float) -> Array:
-    """Raw pixels (m, 2) of the pivot axis through `pivot` (3,) [m] in W, near end first.
+    """Points of the pivot axis, which lies along W's y axis, on the camera's image.
 
-    Points behind the camera are left out.
+    Args:
+        camera: camera with its pose in W.
+        pivot: (3,) point on the axis in W [m].
+        half_length: distance [m] from `pivot` to either end.
+
+    Returns:
+        Raw pixels (m, 2) in order of rising y, the end on the camera's side first; at most 24. Points behind
+        the camera are left out.
     """
     along = np.linspace(-half_length, half_length, 24)[:, None] * np.array([0.0, 1.0, 0.0])
     line = project_to_pixels(camera, pivot + along)
@@ -109,7 +139,15 @@ def axis_line(camera: CameraModel, pivot: Array, half_length: float) -> Array:
 
 
 def sharp_edges(vertices: Array, faces: IntArray) -> list[Array]:
-    """Edges, each (2, 3) [m], between faces whose normals differ by more than 20 degrees."""
+    """Edges of a mesh between triangles whose normals differ by more than 20 degrees.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) vertex indices of the triangles, all in one orientation.
+
+    Returns:
+        End points (2, 3) [m] of each edge.
+    """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)

@@ -1,4 +1,4 @@
-"""Colours of a replay: safe for colour-blind viewers (Okabe & Ito 2008), lightened for a dark ground."""
+"""Colours of a replay: safe for colour-blind viewers (Okabe & Ito 2008), lightened for dark ground."""
 
 Colour = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""

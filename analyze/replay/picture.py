@@ -1,4 +1,4 @@
-"""Screenshots of a replay from a viewer without a screen."""
+"""Screenshots of a replay, from the viewer rerun running without a screen."""
 
 from __future__ import annotations
 
@@ -16,12 +16,18 @@ _LOAD_TIMEOUT_S, _DRAWING_TIME_S, _SAVE_ATTEMPTS = 60.0, 1.5, 4
 
 
 def screenshot(rrd: Path, picture: Path, seconds: float = 0.2, timeline: str = SINCE_CONTACT) -> None:
-    """Write a PNG of the replay's front page at a time [s] on a timeline.
+    """Write a PNG of a replay's front page at one time.
 
     This needs a Vulkan driver; Mesa's software driver is sufficient.
 
+    Args:
+        rrd: file of the replay (.rrd).
+        picture: the PNG file.
+        seconds: time on the timeline [s].
+        timeline: name of the timeline: "since_contact", with time 0 at each strike's contact, or "session".
+
     Raises:
-        ReplayError: the viewer does not start, or shows nothing.
+        ReplayError: the viewer does not start, shows nothing, or writes no picture.
     """
     with headless_viewer(rrd) as client:
         client.set_time(timeline, duration=seconds, play_state="paused")
@@ -34,7 +40,13 @@ def screenshot(rrd: Path, picture: Path, seconds: float = 0.2, timeline: str = S
 
 @contextmanager
 def headless_viewer(rrd: Path) -> Iterator[ViewerClient]:
-    """Run a viewer without a screen that has loaded a file.
+    """Run the viewer rerun without a screen for the duration of a `with` block.
+
+    Args:
+        rrd: file of the replay (.rrd) to load.
+
+    Yields:
+        Client of the viewer, once it has loaded the file.
 
     Raises:
         ReplayError: the viewer does not start, or a request to it fails within this context.
@@ -52,7 +64,13 @@ def headless_viewer(rrd: Path) -> Iterator[ViewerClient]:
 
 
 def _save(client: ViewerClient, picture: Path) -> None:
-    """Save a screenshot, with retries: the viewer's limit of 15 s can be too short for software rendering."""
+    """Save a screenshot as PNG, in up to four attempts.
+
+    The viewer's limit of 15 s can be too short for software rendering.
+
+    Raises:
+        RuntimeError: the last attempt failed.
+    """
     for left in reversed(range(_SAVE_ATTEMPTS)):
         try:
             client.save_screenshot(str(picture))
@@ -64,7 +82,14 @@ def _save(client: ViewerClient, picture: Path) -> None:
 
 
 def _loaded(viewer: Viewer) -> ViewerClient:
-    """Connect to the viewer and wait until it has loaded the recording."""
+    """Connect to the viewer and wait until it has loaded the recording, at most about 60 s.
+
+    Returns:
+        Client of the viewer.
+
+    Raises:
+        RuntimeError, OSError: the viewer ended, does not answer, or does not show the recording.
+    """
     deadline = time.monotonic() + _LOAD_TIMEOUT_S
     while True:
         try:

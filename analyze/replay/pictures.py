@@ -1,7 +1,7 @@
-"""Images of a strike, by default reduced in rate and encoded as JPEG.
+"""Send the images of a strike to a replay, by default reduced in rate and encoded as JPEG.
 
-rerun 0.41 does not draw encoded images at negative times, which frames before the contact have. A few of
-those frames are therefore sent as plain images as well, drawn beneath the others.
+The viewer rerun 0.41 does not draw encoded images at negative times, which frames before the contact have. A
+few of those frames are therefore sent as plain images as well, drawn beneath the others.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRI
 
 @dataclass(frozen=True)
 class ImageChoice:
-    """Selection and encoding of the images."""
+    """Selection and encoding of the images that a replay sends."""
 
     every_frame: bool = False
     """True to send all frames, False to send at most `FRAME_RATE` per second."""
@@ -42,7 +42,12 @@ class ImageChoice:
 
 
 def limit_frame_rate(frames: Iterable[ImageFrame], rate_hz: float) -> Iterator[ImageFrame]:
-    """Frames thinned to about `rate_hz`: each at least 0.9 / rate_hz after the last one kept."""
+    """Yield frames thinned to about `rate_hz` [Hz]: each at least 0.9 / rate_hz after the last one kept.
+
+    Args:
+        frames: frames in order of time; the first is kept.
+        rate_hz: rate [Hz].
+    """
     shown_ns: int | None = None
     for frame in frames:
         if shown_ns is None or frame.time_ns - shown_ns >= 0.9e9 / rate_hz:
@@ -57,7 +62,9 @@ def send_pictures(
     contact_ns: int | None,
     choice: ImageChoice | None = None,
 ) -> int:
-    """Send images as they are read, and return their number.
+    """Send images to a replay in batches as they are read.
+
+    A few images before the contact are sent a second time without encoding, to `<path>_before`.
 
     Args:
         timelines: timelines of the stream.
@@ -65,6 +72,9 @@ def send_pictures(
         frames: images in order of time.
         contact_ns: time of the strike's contact [ns]; None outside a strike.
         choice: selection and encoding; None for the default.
+
+    Returns:
+        Number of images sent.
 
     Raises:
         RecordingError: reading `frames` failed; the images before the failure are sent.
@@ -88,7 +98,7 @@ def send_pictures(
 
 
 class _ImagesBeforeContact:
-    """Sender of a few plain images before the contact."""
+    """Sender of a few images without encoding before a strike's contact, about ten at equal intervals."""
 
     def __init__(
         self, timelines: Timelines, path: str, first: ImageFrame, contact_ns: int | None, choice: ImageChoice
@@ -104,7 +114,7 @@ class _ImagesBeforeContact:
             timelines.stream.log(path, rr.Image.from_fields(draw_order=_DRAW_ORDER_BENEATH), static=True)
 
     def take(self, frame: ImageFrame) -> None:
-        """Send the frame if the next plain image is due."""
+        """Send the frame without encoding if it is before the contact and the next image is due."""
         if self._contact_ns is None or not self._next_ns <= frame.time_ns < self._contact_ns:
             return
         self._next_ns = frame.time_ns + self._step_ns

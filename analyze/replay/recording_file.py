@@ -1,4 +1,4 @@
-"""Lookup of a recording's file, without imports that take time to load."""
+"""Find a recording's file, and whether it is still being written; without slow imports."""
 
 from __future__ import annotations
 
@@ -17,18 +17,26 @@ second."""
 
 @dataclass(frozen=True)
 class RecordingFile:
-    """File of a recording."""
+    """File of a recording, and whether it is still being written."""
 
     path: Path
+    """path of the file that exists"""
     growing: bool
     """True if the file is still being written."""
 
 
 def find_recording(file: Path) -> RecordingFile:
-    """File of the recording with the given name: NAME.mcap may still be NAME.mcap.part, or the reverse.
+    """Find the file of a recording: NAME.mcap may still be NAME.mcap.part, or the reverse.
+
+    Args:
+        file: path as the user gave it.
+
+    Returns:
+        The file that exists; it counts as growing if it is a `.part` file written to within 10 s.
 
     Raises:
-        RecordingError: the file does not exist, cannot be read, or is not a recording.
+        RecordingError: the file does not exist, cannot be read, is empty and no longer written to, or is not
+            a recording.
     """
     path = file
     if not file.exists() and file.suffix != _PART and (part := file.with_name(file.name + _PART)).exists():
@@ -51,7 +59,7 @@ def find_recording(file: Path) -> RecordingFile:
 
 
 def is_fresh(path: Path) -> bool:
-    """True if the file was written to within the last `STILL_S`, or has just been given its final name."""
+    """True if a `.part` file was written to within the last 10 s, or has been given its final name."""
     try:
         return time.time() - path.stat().st_mtime < STILL_S
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Replay of a recording: the order in which its parts are sent.
+"""Replay a recording: send its parts in order, from a whole, damaged or growing file.
 
 The first strike's images are sent before any numerical module is imported.
 """
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Outcome of a replay: problems, and the time to show first."""
+    """Outcome of a replay: its problems, and the time to show first."""
 
     problems: list[str]
     """Problems, one line each: damage of the recording, else the reason why there is no answer."""
@@ -63,11 +63,16 @@ def replay_recording(
         place: file of the recording, and whether it is still growing.
         target: destination.
         options: options given by the user.
-        progress: called with (text, done, total).
+        progress: called with (name of the step, units of work done, units in all).
+
+    Returns:
+        Problems, and the time to show first.
 
     Raises:
         RecordingError: nothing of the recording can be read.
-        ReplayError: the target does not accept data.
+        ReplayError: the target does not accept data, or the options name a strike or page that a complete
+            recording does not have.
+        ViewerClosed: the user closed the viewer before everything was sent.
     """
     if place.growing:
         return _follow(place.path, target, options, progress)
@@ -228,7 +233,10 @@ def _send_events(recording: Recording, show: _RunningReplay) -> None:
 
 
 def _send_images_without_strikes(recording: Recording, show: _RunningReplay, options: ReplayOptions) -> None:
-    """Send images of a recording that was cut before the record of its first strike."""
+    """Send images of a recording without a strike, such as one cut before the record of its first strike.
+
+    At most 600 images at 5 Hz are sent; damage of the recording is added to the sender's list.
+    """
     try:
         frames = islice(limit_frame_rate(recording.images(), _NO_STRIKE_RATE_HZ), _MAX_NO_STRIKE_IMAGES)
         send_pictures(show.timelines, "/session/camera", frames, None, options.images)

@@ -1,4 +1,4 @@
-"""Sender of a recording: for each strike its images and then its motion, at the end the answer."""
+"""Send a recording to a replay: for each strike its images and its motion, at the end the answer."""
 
 from __future__ import annotations
 
@@ -35,12 +35,13 @@ class ReplayOptions:
     exclude: frozenset[str] = frozenset()
     """Ids of strikes that the answer leaves out."""
     images: ImageChoice = field(default_factory=ImageChoice)
+    """Selection and encoding of the images."""
     page: str | None = None
     """Page shown in front; None for the newest strike and, at the end, the answer."""
 
 
 class Sender:
-    """Sender of one recording's pages to a stream.
+    """Sender of one recording's pages to the stream of a replay.
 
     Args:
         timelines: timelines of the stream.
@@ -64,7 +65,12 @@ class Sender:
     # --- pages
 
     def add_pages(self, records: Sequence[pb.StrikeRecord], *, more: bool) -> None:
-        """Add pages for these strikes; `more` is True if further strikes may follow."""
+        """Add pages for strikes and send the layout with the newest in front, or the first if no more follow.
+
+        Args:
+            records: strikes.
+            more: True if further strikes may follow.
+        """
         self._pages += [StrikePage(record.strike_id) for record in records]
         send_state_names(self._timelines, [record.strike_id for record in records])
         self._send_progress(more=more)
@@ -72,7 +78,11 @@ class Sender:
         self.send_layout(newest)
 
     def send_layout(self, front: str) -> None:
-        """Send the layout with the page `front` in front, unless the user asked for another one."""
+        """Send the layout of all pages.
+
+        Args:
+            front: page to show first, unless the user asked for another one.
+        """
         self._stream.send_blueprint(layout(self._pages, self._options.page or front, self._bounds()))
 
     def _bounds(self) -> Array | None:
@@ -90,7 +100,10 @@ class Sender:
         self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
     def shown_moment_s(self) -> float:
-        """Time since contact [s] at which the page in front shows a tipping object."""
+        """Time since contact [s] at which the page in front shows an object near its balance.
+
+        That of the strike whose page the user asked for, else of the first good strike, else 0.2 s.
+        """
         from analyze.replay.views import balance_moment
         from schemas.strike_result import Verdict
 
@@ -102,7 +115,12 @@ class Sender:
     # --- strikes
 
     def send_images(self, source: StrikeSource, record: pb.StrikeRecord) -> None:
-        """Send a strike's images, up to the first damaged one."""
+        """Send a strike's images, up to the first damaged one; damage is added to `damage`.
+
+        Args:
+            source: recording.
+            record: the strike as recorded.
+        """
         root = strike_path(record.strike_id)
         self._send_text(
             f"{root}/text",
@@ -117,7 +135,16 @@ class Sender:
             self.damage.append(str(error))
 
     def analyse_strike(self, source: StrikeSource, record: pb.StrikeRecord, *, more: bool) -> None:
-        """Measure a strike's motion and send it. The first call imports the numerical modules."""
+        """Measure a strike's motion and send it, or the reason why it cannot be measured.
+
+        The first call imports the numerical modules and sends the object's shape. Reasons are added to
+        `damage` or `no_answer`.
+
+        Args:
+            source: recording.
+            record: the strike as recorded; its page must have been added.
+            more: True if further strikes may follow.
+        """
         from analyze.pipeline.read_evidence import read_strike
         from analyze.replay.strike_scene import send_strike
 
@@ -171,7 +198,13 @@ class Sender:
     # --- the answer
 
     def send_answer(self, head: RecordingHead) -> None:
-        """Send the joint estimate, or the reason why there is none, and put the answer in front."""
+        """Send the estimate from all strikes, or the reason why there is none, and put the answer in front.
+
+        A reason replaces the list `no_answer`. If the user asked for another page, that is in front.
+
+        Args:
+            head: identity of the recording.
+        """
         from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
         from analyze.pipeline.merge import resolve_exclusions
         from analyze.pipeline.read_evidence import evidence_from_readings

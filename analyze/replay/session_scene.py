@@ -29,7 +29,12 @@ _WARNING_KINDS = {pb.StrikerEvent.FAULT, pb.StrikerEvent.MISSED, pb.StrikerEvent
 
 
 def send_event(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
-    """Send one message of a topic in `LOGGED_TOPICS`, as a line of text or as a change of state.
+    """Send one message of striker, session or log to a replay, as a line of text or a change of state.
+
+    Args:
+        timelines: timelines of the stream.
+        message: message of a topic in `LOGGED_TOPICS`.
+        records: strikes; a message within a strike's window gets that strike's time too.
 
     Raises:
         RecordingError: the message does not have its topic's type.
@@ -81,7 +86,12 @@ def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequenc
 
 
 def send_state_names(timelines: Timelines, strike_ids: Iterable[str] = ()) -> None:
-    """Send names and colours for the states of the session and of the striker in these strikes."""
+    """Send names and colours for the states of the session, and of the striker in session and strikes.
+
+    Args:
+        timelines: timelines of the stream.
+        strike_ids: strikes whose pages show the striker's state.
+    """
     timelines.name_states("/session/state", SESSION)
     timelines.name_states("/session/striker", STRIKER)
     for strike_id in strike_ids:
@@ -89,10 +99,10 @@ def send_state_names(timelines: Timelines, strike_ids: Iterable[str] = ()) -> No
 
 
 def send_health(timelines: Timelines, recording: Recording) -> None:
-    """Send lost frames and clock quality over the time of the session.
+    """Send curves and a text on lost frames and clock quality over the time of the session.
 
     Raises:
-        RecordingError: the file is damaged; the part before the damage is sent.
+        RecordingError: the file is damaged; curves that were read before the damage are sent.
     """
     name = recording.camera
     found = [
@@ -149,14 +159,30 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
 
 
 def _step(timelines: Timelines, path: str, time_ns: IntArray, total: IntArray) -> None:
-    """Send a step curve by the points next to its steps and its two ends."""
+    """Send a step curve by its two ends and the points next to its steps.
+
+    Args:
+        timelines: timelines of the stream.
+        path: entity of the curve.
+        time_ns: (n,) log times [ns].
+        total: (n,) values, constant between steps.
+    """
     rises = np.flatnonzero(np.diff(total))
     shown = np.unique(np.concatenate([[0, len(total) - 1], rises, rises + 1]))
     timelines.send_curve(path, time_ns[shown], None, total[shown].astype(np.float64))
 
 
 def _clock_drift(host_ns: IntArray, device_ns: IntArray) -> tuple[float, Array]:
-    """Drift [ppm] of a device's clock, and the deviation (n,) [ns] of its readings from a straight line."""
+    """Drift of a device's clock against the host's, by a straight line through the samples.
+
+    Args:
+        host_ns: (n,) times of the samples on the host's clock [ns].
+        device_ns: (n,) times of the samples on the device's clock [ns].
+
+    Returns:
+        Drift [ppm], and deviation (n,) [ns] of the device's readings from the line; zeros for fewer than
+        three samples or an end that is not after the start.
+    """
     at = (host_ns - host_ns[0]).astype(np.float64)
     ahead = (device_ns - device_ns[0]).astype(np.float64) - at
     if len(at) < 3 or at[-1] <= 0:

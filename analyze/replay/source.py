@@ -1,4 +1,4 @@
-"""Opening of recordings for a replay, damaged ones included."""
+"""Open a recording for a replay, a damaged one as far as it can be read."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def open_readable_part(path: Path) -> tuple[Recording, str | None]:
-    """Open a recording as far as it can be read.
+    """Open a recording, whole or damaged, as far as it can be read.
 
     Returns:
-        The recording, and its damage in one line; None if it is whole.
+        The recording, which the caller closes; and its damage in one line, or None if it is whole.
 
     Raises:
         RecordingError: nothing can be read, or the file has another major schema version.

@@ -37,7 +37,9 @@ def send_strike(
     body: SceneInputs,
     colour: Colour,
 ) -> None:
-    """Send the measured motion of a strike: tags, curves, phases, overlay and scene, but not its images.
+    """Send the measured motion of a strike to a replay: tags, curves, phases, overlay and scene.
+
+    Its images are sent apart. Without a tipping angle at two frames, only text and tags are sent.
 
     Args:
         timelines: timelines of the stream.
@@ -74,7 +76,17 @@ def send_strike_inside(
     answer: DrawnAnswer,
     colours: Mapping[str, Colour],
 ) -> None:
-    """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, and regions."""
+    """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, and mass regions.
+
+    Nothing is sent for a strike without a tipping angle at two frames.
+
+    Args:
+        timelines: timelines of the stream.
+        motion: motion of the strike.
+        body: object, plan and camera.
+        answer: estimate to be drawn.
+        colours: colour of each strike, by its id.
+    """
     planned, angle = body.planned(motion.plan_strike_id), motion.angle
     if planned is None or angle is None or len(angle.time_ns) < 2:
         return
@@ -96,7 +108,7 @@ def send_strike_inside(
 
 
 def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[MarkerTrack]) -> None:
-    """Send the outlines of the detected tags, with the first corner of each marked."""
+    """Send the outlines of the detected tags in each frame, with the first corner of each marked."""
     rows = sorted(
         (int(time_ns), number, i)
         for number, track in enumerate(tracks)
@@ -131,7 +143,10 @@ def _over_image(
     body: SceneInputs,
     planned: PlannedStrike,
 ) -> None:
-    """Send the object at the fitted angle and the pivot axis, as an overlay on the image."""
+    """Send the pivot axis and the object at the fitted angle, as lines over the strike's images.
+
+    Without fitted curves only the axis is sent.
+    """
     camera = body.camera_of(planned)
     rest = overlay.pose_at_rest(planned, tracks, body.markers, camera, contact_ns)
     pivot = rest[0] @ np.array(planned.pivot.point) + rest[1]
@@ -205,7 +220,7 @@ def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion,
 def _passage(
     timelines: Timelines, path: str, contact_ns: int, fit: MotionFit, fitted: views.FittedCurves
 ) -> None:
-    """Mark the time at which the fitted motion passes the balance."""
+    """Mark the time at which the fitted motion passes the balance angle; nothing if it does not."""
     above = np.flatnonzero(fitted.theta >= fit.phi)
     if not len(above) or above[0] == 0:
         return

@@ -1,4 +1,4 @@
-"""Destinations of a replay: a viewer's window, a browser, or a file."""
+"""Destinations of a replay: the viewer rerun in a window, a browser, or a file."""
 
 from __future__ import annotations
 
@@ -25,27 +25,27 @@ class ViewerClosed(Exception):
 
 
 class Target(Protocol):
-    """Destination of a replay."""
+    """Destination of a replay: called with the stream at each stage of the sending."""
 
     def connect(self, stream: rr.RecordingStream) -> None:
         """Connect the stream to this destination."""
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Deliver what is in the stream: the images of at least one strike."""
+        """Deliver what is in the stream: images of at least one strike, which the user can look at."""
         ...
 
     def check(self) -> None:
-        """Raise ViewerClosed if the user closed the viewer."""
+        """Raise ViewerClosed if the user closed the viewer, ReplayError if it failed."""
         ...
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Finish the replay; everything is in the stream."""
+        """Finish the replay, after everything was put into the stream."""
         ...
 
 
 class ToViewer:
-    """Running viewer, in a window or as a server for browsers."""
+    """Destination of a replay: a running viewer, in a window or as a server for browsers."""
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
@@ -60,7 +60,12 @@ class ToViewer:
         stream.connect_grpc(self._viewer.url)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Flush the stream."""
+        """Flush the stream to the viewer.
+
+        Raises:
+            ViewerClosed: the user closed the viewer.
+            ReplayError: the viewer failed, or does not accept data.
+        """
         self._flush(stream)
 
     def check(self) -> None:
@@ -71,7 +76,12 @@ class ToViewer:
             raise ViewerClosed
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Flush and close the stream."""
+        """Flush the stream to the viewer and close it.
+
+        Raises:
+            ViewerClosed: the user closed the viewer.
+            ReplayError: the viewer failed, or does not accept data.
+        """
         self._flush(stream)
         stream.disconnect()
 
@@ -83,7 +93,7 @@ class ToViewer:
             raise ReplayError(f"rerun's viewer does not accept data: {error}") from None
 
     def wait(self) -> None:
-        """Wait until the user closes the viewer.
+        """Wait until the user closes the viewer, without a limit of time.
 
         Raises:
             ReplayError: the viewer failed.
@@ -95,7 +105,7 @@ class ToViewer:
 
 
 class ToBrowser(ToViewer):
-    """Web viewer of rerun.
+    """Destination of a replay: rerun's web viewer, shown in a browser.
 
     Args:
         viewer: running server of the web viewer.
@@ -110,12 +120,20 @@ class ToBrowser(ToViewer):
         self._page, self._announce, self._open = viewer.page, announce_address, open_browser
 
     def connect(self, stream: rr.RecordingStream) -> None:
-        """Connect the stream, and announce the address."""
+        """Wait until the server accepts data, connect the stream, and announce the page's address.
+
+        Raises:
+            ReplayError: the server does not accept data.
+        """
         super().connect(stream)
         self._announce(self._page)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Flush the stream, and open the browser after the first strike."""
+        """Flush the stream; on the first call, open the browser if requested.
+
+        Raises:
+            ReplayError: the server failed, or does not accept data.
+        """
         super().first_strike_sent(stream)
         if self._open:
             self._open = False
@@ -123,7 +141,7 @@ class ToBrowser(ToViewer):
 
 
 class ToFile:
-    """Recording file of rerun (.rrd).
+    """Destination of a replay: a file of rerun (.rrd).
 
     Args:
         part: path while the file is being written.
@@ -135,7 +153,7 @@ class ToFile:
         self.output = output
 
     def connect(self, stream: rr.RecordingStream) -> None:
-        """Write to the file."""
+        """Start writing the stream to the temporary file `part`."""
         stream.save(self._part)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
@@ -153,7 +171,18 @@ class ToFile:
 
 @contextmanager
 def to_window(recording_bytes: int, headless_port: int | None = None) -> Iterator[ToViewer]:
-    """Start the viewer in a window; with `headless_port` it runs without a screen, for measurements."""
+    """Run the viewer rerun in a window for the duration of a `with` block.
+
+    Args:
+        recording_bytes: size of the recording, from which the memory limit follows.
+        headless_port: port on which to run without a screen, for measurements; None for a window.
+
+    Yields:
+        The viewer as a destination, which may not accept data yet.
+
+    Raises:
+        ReplayError: rerun's viewer is not installed.
+    """
     with native_viewer(recording_bytes, headless=headless_port is not None, port=headless_port) as viewer:
         yield ToViewer(viewer)
 
@@ -162,14 +191,32 @@ def to_window(recording_bytes: int, headless_port: int | None = None) -> Iterato
 def to_browser(
     recording_bytes: int, announce_address: Callable[[str], None], *, open_browser: bool
 ) -> Iterator[ToViewer]:
-    """Start the web viewer; `announce_address` is called with its address."""
+    """Serve rerun's web viewer on this computer for the duration of a `with` block.
+
+    Args:
+        recording_bytes: size of the recording, from which the memory limit follows.
+        announce_address: called with the page's address once the server answers.
+        open_browser: True to open a browser once the first strike was sent.
+
+    Yields:
+        The server as a destination, which may not accept data yet.
+
+    Raises:
+        ReplayError: rerun's viewer is not installed.
+    """
     with web_viewer(recording_bytes) as viewer:
         yield ToBrowser(viewer, announce_address, open_browser=open_browser)
 
 
 @contextmanager
 def to_file(output: Path | None) -> Iterator[ToFile]:
-    """Write a .rrd that appears at `output` complete or not at all; None writes a temporary file.
+    """Write a replay to a file (.rrd) that appears complete or not at all.
+
+    Args:
+        output: the file; None for a temporary file, which is removed at the end of the `with` block.
+
+    Yields:
+        The file as a destination.
 
     Raises:
         ReplayError: the file cannot be written.

@@ -1,4 +1,7 @@
-"""Timelines of a replay: `since_contact`, with time 0 at each strike's contact, and `session`."""
+"""Timelines of a replay: `since_contact`, with time 0 at each strike's contact, and `session`.
+
+Times of a recording are log times, in nanoseconds of its common clock.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ def contact_of(record: pb.StrikeRecord) -> int:
 
 
 def strike_path(strike_id: str) -> str:
-    """Entity path under which everything of a strike is logged."""
+    """Entity path in the replay under which everything of a strike is logged."""
     return rr.new_entity_path(["strike", strike_id])
 
 
@@ -37,14 +40,25 @@ class Timelines:
         self.origin_ns = origin_ns
 
     def set_time(self, time_ns: int, contact_ns: int | None) -> None:
-        """Set the time of what is logged next; `contact_ns` is None outside a strike."""
+        """Set the time of what is logged next to the stream.
+
+        Args:
+            time_ns: log time [ns].
+            contact_ns: log time of the strike's contact [ns]; None outside a strike, which leaves the
+                timeline `since_contact` unset.
+        """
         self.stream.reset_time()
         if contact_ns is not None:
             self.stream.set_time(SINCE_CONTACT, duration=(time_ns - contact_ns) * 1e-9)
         self.stream.set_time(SESSION, duration=(time_ns - self.origin_ns) * 1e-9)
 
     def time_columns(self, time_ns: IntArray, contact_ns: int | None) -> list[rr.TimeColumn]:
-        """Time columns for rows with log times (n,) [ns]."""
+        """Time columns for rows of data: `since_contact`, where there is a strike, and `session`.
+
+        Args:
+            time_ns: (n,) log times of the rows [ns].
+            contact_ns: log time of the strike's contact [ns]; None outside a strike.
+        """
         session = rr.TimeColumn(SESSION, duration=(time_ns - self.origin_ns) * 1e-9)
         return (
             [session]
@@ -53,7 +67,14 @@ class Timelines:
         )
 
     def send_curve(self, path: str, time_ns: IntArray, contact_ns: int | None, values: Array) -> None:
-        """Send a curve of values (n,) over log times (n,) [ns]."""
+        """Send a curve to the stream; nothing if it has no points.
+
+        Args:
+            path: entity of the curve.
+            time_ns: (n,) log times [ns].
+            contact_ns: log time of the strike's contact [ns]; None outside a strike.
+            values: (n,) values.
+        """
         if len(time_ns):
             values = np.asarray(values, dtype=np.float64)
             self.stream.send_columns(
@@ -63,7 +84,12 @@ class Timelines:
             )
 
     def name_states(self, path: str, states: dict[str, int]) -> None:
-        """Set names and colours (0xRRGGBBAA) of a state's values."""
+        """Set labels and colours of a state's values.
+
+        Args:
+            path: entity of the state.
+            states: colour 0xRRGGBBAA by value; the label is the value with spaces for underscores.
+        """
         names = [name.replace("_", " ") for name in states]
         self.stream.log(
             path,
@@ -72,7 +98,14 @@ class Timelines:
         )
 
     def change_state(self, path: str, state: str | None, time_ns: int, contact_ns: int | None) -> None:
-        """Change a state at `time_ns` [ns]; None ends it."""
+        """Log a change of state.
+
+        Args:
+            path: entity of the state.
+            state: new value; None ends the state.
+            time_ns: log time of the change [ns].
+            contact_ns: log time of the strike's contact [ns]; None outside a strike.
+        """
         self.set_time(time_ns, contact_ns)
         self.stream.log(
             path,

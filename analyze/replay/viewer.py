@@ -1,4 +1,4 @@
-"""Processes of rerun: the viewer, and the server of its web viewer.
+"""Processes of the viewer rerun: its window, and the server of its web viewer.
 
 They listen on loopback only, which has to be requested: rerun binds 0.0.0.0 by default.
 """
@@ -33,7 +33,7 @@ _WITHOUT_SCREEN = "use --web for a browser, --save for a file or --screenshot fo
 
 
 class ReplayError(AnalyzeError):
-    """The viewer cannot be started, or shows nothing."""
+    """A replay cannot be shown or written: viewer, output file, or a strike or page that does not exist."""
 
 
 @dataclass(frozen=True)
@@ -41,30 +41,33 @@ class Viewer:
     """Running process of rerun: the native viewer, or the server of the web viewer."""
 
     process: subprocess.Popen[bytes]
+    """The process."""
     port: int
-    """Port of its gRPC server."""
+    """Port of its gRPC server, which takes the data."""
     output: IO[bytes]
+    """File that its standard output and error are written to."""
     web_port: int | None = None
+    """Port of the web viewer's page; None for the native viewer."""
 
     @property
     def url(self) -> str:
-        """Address at which the viewer accepts data."""
+        """Address at which the viewer accepts data, in rerun's form."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
     @property
     def page(self) -> str:
-        """Address of the web viewer's page."""
+        """Address of the web viewer's page; meaningful only if `web_port` is set."""
         return f"http://{LOOPBACK}:{self.web_port}/?url=rerun%2Bhttp%3A%2F%2F{LOOPBACK}%3A{self.port}%2Fproxy"
 
     def ended(self) -> bool:
-        """True if the process was closed or has failed."""
+        """True if the viewer's process has ended: it was closed, or has failed."""
         return self.process.poll() is not None
 
     def wait_until_ready(self) -> None:
-        """Wait until the process accepts data.
+        """Wait until the viewer accepts data on its ports.
 
         Raises:
-            ReplayError: the process ended, or does not accept data within `_START_TIMEOUT_S`.
+            ReplayError: the process ended, or does not accept data within 30 s per port.
         """
         for port in [self.port, *([self.web_port] if self.web_port else [])]:
             deadline = time.monotonic() + _START_TIMEOUT_S
@@ -79,7 +82,7 @@ class Viewer:
                 time.sleep(0.02)
 
     def why_ended(self) -> str:
-        """Reason why the process ended, and the remedy, in one line."""
+        """Reason why the viewer's process ended, from the last line of its output, and the remedy."""
         self.output.seek(0)
         last = [line for line in self.output.read().decode(errors="replace").splitlines() if line.strip()][
             -1:
@@ -96,13 +99,19 @@ class Viewer:
 def native_viewer(
     recording_bytes: int, files: Sequence[Path] = (), *, headless: bool = False, port: int | None = None
 ) -> Iterator[Viewer]:
-    """Run the viewer in a window, or without a screen, until the context ends.
+    """Run the viewer rerun in a window, or without a screen, for the duration of a `with` block.
 
     Args:
         recording_bytes: size of the recording, from which the memory limit follows.
         files: files that the viewer opens at its start.
         headless: True to run without a screen, for pictures.
         port: port to listen on; None for any free one.
+
+    Yields:
+        The running process, which may not accept data yet.
+
+    Raises:
+        ReplayError: rerun's viewer is not installed.
     """
     port = port or _free_port()
     options = [
@@ -122,7 +131,17 @@ def native_viewer(
 
 @contextmanager
 def web_viewer(recording_bytes: int) -> Iterator[Viewer]:
-    """Serve the web viewer and its data on loopback until the context ends."""
+    """Serve rerun's web viewer and its data on loopback for the duration of a `with` block.
+
+    Args:
+        recording_bytes: size of the recording, from which the memory limit follows.
+
+    Yields:
+        The running server, which may not accept data yet.
+
+    Raises:
+        ReplayError: rerun's viewer is not installed.
+    """
     port, web_port = _free_port(), _free_port()
     options = ["--serve-web", "--bind", LOOPBACK, "--port", str(port), "--web-viewer-port", str(web_port)]
     # A browser may connect late or again: the data sent so far has to be kept.
@@ -155,7 +174,10 @@ def _started(arguments: list[str], port: int, web_port: int | None = None) -> It
 
 @contextmanager
 def _end_on_signals() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into KeyboardInterrupt, so that no viewer is left behind."""
+    """Turn SIGTERM and SIGHUP into KeyboardInterrupt within a `with` block, so that no viewer is left.
+
+    Outside the main thread, which alone can handle signals, nothing changes.
+    """
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -177,7 +199,11 @@ def _limit(recording_bytes: int) -> str:
 
 
 def _executable() -> str:
-    """Path of the viewer itself; `python -m rerun` would start it as a child that outlives its parent."""
+    """Path of the viewer's executable; `python -m rerun` would start a child that outlives its parent.
+
+    Raises:
+        ReplayError: the package rerun_cli holds no viewer.
+    """
     folder = Path(rerun_cli.__file__).parent
     found = next((folder / name for name in ("rerun", "rerun.exe") if (folder / name).exists()), None)
     if found is None:

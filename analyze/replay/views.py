@@ -38,9 +38,10 @@ _MAX_REGION_POINTS = 700
 
 @dataclass(frozen=True)
 class DrawnRegion:
-    """Cells of one mass region, in O."""
+    """Cells of one mass region (shell or interior side of a plane), in the object's frame O."""
 
     name: str
+    """Name of the region."""
     mass: float
     """Mass [kg]."""
     points: Array
@@ -49,18 +50,23 @@ class DrawnRegion:
 
 @dataclass(frozen=True)
 class DrawnAnswer:
-    """Parts of an estimate that are drawn."""
+    """Parts of an estimate that a replay draws."""
 
     result: Result
+    """Result document of the estimate."""
     planes: tuple[EquiPlane, ...]
+    """Equi-planes of the strikes used: planes through the pivot axis that contain the centre of mass."""
     com: CentreOfMass
+    """Centre of mass of the object without its markers."""
     regions: tuple[DrawnRegion, ...]
+    """Mass regions, the shell first."""
     voxels: VoxelMap | None = None
+    """Density per cell; None to draw none."""
 
 
 @dataclass(frozen=True)
 class MeasuredCurves:
-    """Measured motion of a strike: angle, rate and acceleration over time."""
+    """Measured motion of a strike: tipping angle, rate and acceleration over time."""
 
     time_ns: IntArray
     """(n,) log times [ns]."""
@@ -74,7 +80,7 @@ class MeasuredCurves:
 
 @dataclass(frozen=True)
 class FittedCurves:
-    """Fitted motion of a strike, within the window of the fit."""
+    """Fitted motion of a strike at the m frames of the fit's window."""
 
     time_ns: IntArray
     """(m,) log times [ns]."""
@@ -89,7 +95,7 @@ class FittedCurves:
 
 
 def drawn_answer(estimate: Estimate) -> DrawnAnswer:
-    """Parts of an estimate that are drawn, with a sample of each region's cells."""
+    """Parts of an estimate that a replay draws, with a sample of at most 700 cells per mass region."""
     distribution, cells = estimate.distribution, estimate.cells
     upper = cells.points @ distribution.dividing_plane_normal > distribution.dividing_plane_offset
     inside = cells.interior >= cells.shell
@@ -102,7 +108,10 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
 
 
 def balance_moment(motion: TipMotion | None) -> float:
-    """Time since contact [s] at which the object balances on its edge; 0.2 s if it is not known."""
+    """Time since contact [s] at which the object is near its balance; 0.2 s if it is not known.
+
+    It is the duration of stage one, the phase between the strike and the balance.
+    """
     if (
         motion is not None
         and motion.angle is not None
@@ -116,7 +125,7 @@ def balance_moment(motion: TipMotion | None) -> float:
 
 
 def measured_curves(angle: TipAngle) -> MeasuredCurves:
-    """Measured angle, rate and acceleration of a strike."""
+    """Measured angle, rate and acceleration of a strike; rate and acceleration are 0 for a single frame."""
     if len(angle.time_ns) < 2:
         return MeasuredCurves(
             angle.time_ns, angle.theta, np.zeros_like(angle.theta), np.zeros_like(angle.theta)
@@ -127,7 +136,10 @@ def measured_curves(angle: TipAngle) -> MeasuredCurves:
 
 
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
-    """Fitted motion at the frames of the fit's window; None if the fit has no k."""
+    """Fitted motion at the frames of the fit's window; rate and acceleration by differences.
+
+    None if the fit has no k (rate constant of the motion), or its window has fewer than three frames.
+    """
     first, last = fit.window
     time_ns = angle.time_ns[first:last]
     if fit.k is None or len(time_ns) < 3:
@@ -138,7 +150,7 @@ def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
 
 
 def fitted_angle(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAngle:
-    """Fitted angle at the frames of the fit's window; all other quantities are as measured."""
+    """Tip angle with the fitted theta at the frames of the fit's window; all else is as measured."""
     first, last = fit.window
     return TipAngle(
         fitted.time_ns,
@@ -156,9 +168,10 @@ def object_poses(
     flank: SupportFunction | None = None,
     rest: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
-    """R_world_object (n, 3, 3) and p_world_object (n, 3) [m] of a tipping object.
+    """Poses of a tipping object at n frames: the frame O of its shape file in the world frame W.
 
-    The rest pose is turned by theta about the pivot line, and moved by rolling and slip.
+    The rest pose is turned by theta about the pivot line, which lies along W's y axis, and moved along x by
+    rolling and slip.
 
     Args:
         planned: planned strike, with pivot and pose.
@@ -166,6 +179,9 @@ def object_poses(
         flank: support function of the flank on which the object rolls, which moves the line itself; None for
             an edge.
         rest: R_world_object (3, 3) and p_world_object (3,) [m] at theta = 0; the planned pose if None.
+
+    Returns:
+        Rotations R_world_object (n, 3, 3), and positions p_world_object (n, 3) [m] of O's origin.
     """
     R_rest, p_rest = rest or (np.array(planned.R_world_object), np.array(planned.p_world_object))
     pivot = R_rest @ np.array(planned.pivot.point) + p_rest
@@ -180,16 +196,22 @@ def object_poses(
 
 
 def phase_spans(phases: Phases) -> list[tuple[str, int, int]]:
-    """Phases that occurred, as (name, start, stop) with frame indices."""
+    """Phases of a strike that occurred, in order, as (name, first frame, frame after the last)."""
     found = [(name, getattr(phases, name)) for name in PHASE_NAMES]
     return [(name, window[0], window[1]) for name, window in found if window is not None]
 
 
 def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float = 1.12) -> Array:
-    """Polygon (n, 3) [m] in which the plane through `point` (3,) with unit `normal` (3,) cuts the hull.
+    """Polygon in which a plane cuts the object's convex hull, enlarged so that it can be seen.
 
-    Its corners are in order; it is (0, 3) if the plane misses the hull. It is enlarged by the factor `margin`
-    about its centre, so that it can be seen.
+    Args:
+        model: exterior of the object.
+        point: (3,) point on the plane, in O [m].
+        normal: (3,) unit normal of the plane, in O.
+        margin: factor by which the polygon is enlarged about its centre.
+
+    Returns:
+        Corners (n, 3) in O [m], in order around the polygon; (0, 3) if the plane misses the hull.
     """
     hull = ConvexHull(model.hull_vertices)
     edges = np.unique(np.sort(hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
@@ -218,9 +240,16 @@ def fan_triangles(corners: Array) -> IntArray:
 
 
 def ellipsoid(covariance: Array, least: float) -> tuple[Array, Array]:
-    """Half axes (3,) [m] of the 95 % ellipsoid, at least `least`, and their directions as columns (3, 3).
+    """Half axes of the 95 % ellipsoid of a point, and their directions.
 
     A half axis is 2.795 sd (chi squared with 3 degrees of freedom).
+
+    Args:
+        covariance: (3, 3) covariance of the point [m²].
+        least: smallest half axis [m]; shorter ones are enlarged to it.
+
+    Returns:
+        Half axes (3,) [m], ascending; and rotation (3, 3) with their unit directions as columns.
     """
     values, vectors = np.linalg.eigh(covariance)
     vectors = vectors * np.sign(np.linalg.det(vectors))
@@ -228,5 +257,5 @@ def ellipsoid(covariance: Array, least: float) -> tuple[Array, Array]:
 
 
 def _thinned(points: Array) -> Array:
-    """Random sample of at most `_MAX_REGION_POINTS` points; a regular grid would shimmer."""
+    """Random sample of at most 700 of the points (n, 3), always the same; a regular grid would shimmer."""
     return np.random.default_rng(0).permutation(points)[:_MAX_REGION_POINTS]

@@ -1,4 +1,4 @@
-"""Texts of a replay as Markdown."""
+"""Texts of a replay's pages as Markdown: the answer, each strike, and reasons why there is none."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 
 def answer_text(name: str, result: Result) -> str:
-    """Text of the answer's page: centre of mass, table of quantities, verdict and warnings."""
+    """Text of the answer's page: centre of mass, table of quantities, verdict and warnings.
+
+    Args:
+        name: name of the object, the heading.
+        result: Result document of the estimate.
+    """
     used = sum(strike.used for strike in result.strikes)
     lines = [
         f"# {name}",
@@ -57,12 +62,17 @@ def waiting_text(name: str, done: int, total: int | None) -> str:
 
 
 def no_answer_text(name: str, problems: Sequence[str]) -> str:
-    """Text of the answer's page when there is no answer."""
+    """Text of the answer's page when the recording gives no answer.
+
+    Args:
+        name: name of the recording, the heading.
+        problems: reasons, one line each.
+    """
     return "\n".join([f"# {name}", "", "**No answer.**", "", *(f"- {problem}" for problem in problems)])
 
 
 def strike_text(motion: TipMotion) -> str:
-    """Text of a strike's page: verdict, fits, residual and energy ratio."""
+    """Text of a strike's page: verdict, fits with 95 % intervals, residual and energy ratio."""
     lines = [f"**{motion.strike_id}: {motion.verdict.value.replace('_', ' ')}.** {motion.reason}", ""]
     for fit, used in ((motion.fit, "used"), *((other, "for comparison") for other in motion.alternatives)):
         if fit is not None:
