@@ -1,4 +1,7 @@
-"""Consistency of the estimators of a strike, of the paper's centre of mass with ours, of recordings."""
+"""Consistency tests: between recordings, between a strike's estimators, and with the paper's method.
+
+The paper is VISAPP 2013; its centre of mass is computed in paper.py.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -31,7 +34,7 @@ THREE_ERRORS_AS_ONE = 2.5 / 3.30
 
 @dataclass(frozen=True)
 class Agreement:
-    """Likelihood-ratio test of one centre of mass for all recordings against one for each."""
+    """Result of the test of one centre of mass for all recordings against one for each recording."""
 
     largest_shift: float
     """Largest distance [m] of a recording's own centre of mass from the first recording's."""
@@ -42,7 +45,7 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """True if one centre of mass explains all recordings."""
+        """True if one centre of mass explains all recordings: `chi_squared` is within `limit`."""
         return self.chi_squared <= self.limit
 
 
@@ -60,11 +63,14 @@ def agreement(
     recording has the prior's sd.
 
     Args:
-        planes: Equi-planes of the strikes used.
-        recorded_in: (strikes,) number of each strike's recording.
-        com: Centre of mass estimated from all strikes, in O.
+        planes: Equi-planes of the strikes used: per strike, the plane through pivot line and c.
+        recorded_in: (strikes,) number of each strike's recording; the smallest counts as the first one.
+        com: Centre of mass estimated from all strikes, in the object frame O.
         systematic: Shared errors that `com` was estimated with.
         prior: Prior of c that `com` was estimated with.
+
+    Returns:
+        Largest shift of c [m], decrease of chi^2 and its critical value; the test holds for one recording.
     """
     model = JointModel(planes, systematic)
     at = np.concatenate([com.position, np.zeros(model.count - COM.stop)])
@@ -91,24 +97,33 @@ class EstimatorDisagreement:
     """Two estimators of one strike that differ by more than their standard deviations allow."""
 
     strike_id: str
+    """Id of the strike."""
     used: str
     """Name of the estimator used."""
     other: str
     """Name of the estimator that differs from it."""
     phi_off: float
-    """phi of the other estimator minus phi of the one used [rad]."""
+    """phi, the balance angle, of the other estimator minus that of the one used [rad]."""
     sigmas: float
     """Standardised difference of phi, or of k if `k_off` is given."""
     k_off: float | None = None
-    """Relative difference of k; None if it is phi that disagrees."""
+    """k = m g R / I_edge of the other estimator over that of the one used, minus 1; None if it is phi that
+    disagrees."""
 
 
 def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisagreement, ...]:
     """Pairs of estimators of one strike whose phi or k differ by more than `MAX_SIGMAS` sd.
 
-    An alternative with violated assumptions is not compared (the fit lists them), nor a sign change of a
-    strike that rocked back: there is no passage of balance to find. Both estimators use the same frames;
-    adding their variances therefore overstates the expected difference.
+    The estimator used is compared with each alternative. Skipped are motions without a fit, alternatives
+    whose assumptions are violated (the fit lists them), and alternatives without k (sign_change) of strikes
+    that did not tip over: they do not pass the balance that it looks for. Both estimators use the same
+    frames; adding their variances therefore overstates the expected difference.
+
+    Args:
+        motions: Motions of the strikes, with their fits: phi, the balance angle [rad], and k [rad/s^2].
+
+    Returns:
+        One entry per alternative that differs, in the order of the motions; empty if none does.
     """
     found: list[EstimatorDisagreement] = []
     for motion in motions:
@@ -146,7 +161,7 @@ class CentreDifference:
     distance: float
     """Distance between the two [m]."""
     sigmas: float
-    """Difference in standard deviations, as one standardised error."""
+    """Norm of the difference in standard deviations, times `THREE_ERRORS_AS_ONE`."""
 
     @property
     def agree(self) -> bool:
@@ -159,14 +174,17 @@ def centre_difference(
 ) -> CentreDifference:
     """Difference between the paper's centre of mass and ours, with its significance.
 
-    The paper states no standard deviation: each of its planes is given the variance of its angle plus that of
-    a uniform error of up to `paper.err`.
+    The paper (VISAPP 2013) states no standard deviation: each of its planes is given the variance of its
+    angle plus that of a uniform error of up to `paper.err`.
 
     Args:
-        paper: Centre found from `planes`, in O.
-        planes: Equi-planes with the paper's angles phi.
+        paper: The paper's centre of mass, found from `planes`, in the object frame O.
+        planes: Equi-planes (planes through pivot line and centre of mass) at the paper's balance angles.
         com: Our centre of mass of the same body, in O.
-        prior: Prior of c, used for both.
+        prior: Prior of the centre of mass, used for both.
+
+    Returns:
+        Distance [m], and the difference as one standardised error.
     """
     off = paper.position - com.position
     information = np.diag(prior.sd**-2)

@@ -1,4 +1,4 @@
-"""The body as small cells, each in the shell or in the interior."""
+"""Division of the body into small cells, each in its shell (the outer wall) or in its interior."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ ASSUMED_SHELL_FRACTION = 0.025
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells that fill the body, each in the shell or in the interior."""
+    """Cells that fill the body, each in the shell (the outer wall) or in the interior."""
 
     points: Array
-    """(n, 3) centroids [m] in O."""
+    """(n, 3) centroids [m], in the object frame O."""
     shell: Array
     """(n,) volumes [m^3]; 0 for cells of the interior."""
     interior: Array
@@ -44,11 +44,15 @@ class Cells:
 
     @property
     def centroid(self) -> Array:
-        """Centroid (3,) of the uniform solid [m], in O."""
+        """Centroid (3,) [m] of the body as a uniform solid, in the object frame O."""
         return self.volumes @ self.points / self.volumes.sum()
 
     def principal_directions(self) -> Array:
-        """Principal directions (3, 3) as unit rows in O, longest first, largest component positive."""
+        """Principal directions of the uniform solid (3, 3), unit rows in the object frame O.
+
+        The direction of largest extent (variance of the volume) is first; the component of largest size in
+        each row is positive.
+        """
         values, vectors = np.linalg.eigh(np.cov((self.points - self.centroid).T, aweights=self.volumes))
         rows = vectors.T[np.argsort(-values, kind="stable")]
         largest = np.take_along_axis(rows, np.argmax(np.abs(rows), axis=1)[:, None], axis=1)
@@ -65,7 +69,10 @@ class ShellCells:
 
 
 def cells_from_voxels(voxels: Voxels) -> Cells:
-    """Cells of a voxelised body; a voxel that the shell's inner side cuts becomes two cells."""
+    """Cells of a voxelised body; a voxel that the shell's inner side cuts becomes two cells.
+
+    A part in the shell, or in the interior, of at most `MIN_CELL_FRACTION` of its voxel is left out.
+    """
     shell, volumes = voxels.shell, voxels.volumes
     in_wall, inside = shell > MIN_CELL_FRACTION, shell < 1 - MIN_CELL_FRACTION
     wall = np.concatenate([(volumes * shell)[in_wall], np.zeros(int(inside.sum()))])
@@ -82,14 +89,23 @@ def cells_from_voxels(voxels: Voxels) -> Cells:
 
 
 def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
-    """Inertia tensor (3, 3) [kg m^2] about `about` (3,) [m, in O] of cells with `masses` (n,) [kg]."""
+    """Inertia tensor (3, 3) [kg m^2] of n cells about a point, axes of the object frame O.
+
+    Args:
+        cells: Cells of the body.
+        masses: (n,) masses of the cells [kg].
+        about: (3,) the point [m], in O.
+    """
     arm = cells.points - about
     second = (arm * masses[:, None]).T @ arm
     return (np.trace(second) + masses @ cells.own_inertia) * np.eye(3) - second
 
 
 def candidate_shell_thicknesses(model: ObjectModel) -> Array:
-    """Candidate thicknesses (w,) [m] of a shell whose thickness is not given, in a geometric series."""
+    """Candidate thicknesses (5,) [m] of a shell whose thickness is not given, in a geometric series.
+
+    They range from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
+    """
     size = model.volume ** (1 / 3)
     grown = (MAX_SHELL_FRACTION / MIN_SHELL_FRACTION) ** (
         np.arange(SHELL_THICKNESS_COUNT) / (SHELL_THICKNESS_COUNT - 1)
@@ -98,5 +114,8 @@ def candidate_shell_thicknesses(model: ObjectModel) -> Array:
 
 
 def shell_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
-    """Thickness of the shell [m]: as given, or assumed from the object's size."""
+    """Thickness of the shell [m]: as the object file gives it, otherwise assumed from the object's size.
+
+    The assumed thickness is `ASSUMED_SHELL_FRACTION` of the cube root of the volume.
+    """
     return spec.shell_thickness_m or ASSUMED_SHELL_FRACTION * model.volume ** (1 / 3)

@@ -20,20 +20,26 @@ UNOBSERVED_FRACTION = 0.15
 def centre_of_mass(
     planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior
 ) -> CentreOfMass:
-    """Centre of mass c (3,) [m, in O] nearest all equi-planes, n_j.(c - p_j) = 0, from phi alone.
+    """Centre of mass c (3,) [m] nearest all equi-planes, n_j.(c - p_j) = 0, from balance angles phi alone.
 
-    Unknowns beside c are the shared errors, with priors (joint_model.py): the lean of the vertical towards
-    W's x and y, the shape's scale, the edges' radius, and per axis the edge's place (two directions across
-    itself), its own radius and, per heading, an angle; every levelling of the table has its own lean. Repeats
-    of one axis therefore average their own scatter only. The lean changes phi of a tip at heading h by lean .
-    (cos h, sin h): strikes over one edge at two headings, best 180 deg apart, separate the lean from all else
-    (half the difference of their phi). Residuals are angles, n_j.(c - p_j) / R_j at the measured phi_j;
-    weights then follow R_j and no c is favoured for being near an edge.
+    The equi-plane of strike j passes through its pivot line and c; n_j is its unit normal, p_j a point on the
+    line and R_j the distance of c from it. Unknowns beside c are the shared errors, with priors
+    (joint_model.py): the lean of the vertical from the table's normal towards x and y of the world frame W,
+    the shape's scale, the edges' radius, per axis the edge's place forward, its own radius and, per heading,
+    an angle, and per resting face its place along its normal; every levelling of the table (set-up with one
+    tilt) has its own lean. Repeats of one axis therefore average their own scatter only. The lean changes phi
+    of a tip at heading h (direction on the table) by lean . (cos h, sin h): strikes over one edge at two
+    headings, best 180 deg apart, separate the lean from all else (half the difference of their phi).
+    Residuals are angles, about n_j.(c - p_j) / R_j at the measured phi_j; weights then follow R_j and no c is
+    favoured for being near an edge.
 
     Args:
-        planes: Equi-planes in O, one per strike.
+        planes: Equi-planes in the object frame O, one per strike.
         systematic: Standard deviations of the shared errors.
         prior: Prior of c; determines the directions that strikes do not observe.
+
+    Returns:
+        c in O with covariance, residual and share of information per strike, and the table's tilts.
 
     Raises:
         EstimationError: there is no plane.
@@ -43,7 +49,7 @@ def centre_of_mass(
 
 
 def require_planes(planes: Sequence[EquiPlane]) -> None:
-    """Raise an error if there is no equi-plane.
+    """Raise an error if there is no equi-plane, that is no usable strike.
 
     Raises:
         EstimationError: there is no plane.
@@ -56,8 +62,12 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
     """Centre of mass with covariance, residuals and shares of information, from a joint solution.
 
     Args:
-        solution: Solution of the joint problem, by phi alone or with k.
-        prior: Prior of c that the problem was solved with.
+        solution: Solution of the joint problem, by the strikes' balance angles phi alone or with their k.
+        prior: Prior of the centre of mass c that the problem was solved with.
+
+    Returns:
+        c in the object frame O; it counts as observed if the sd of its least certain direction is below
+        `UNOBSERVED_FRACTION` of the prior's. The equi-planes in it are corrected for the estimated tilt.
     """
     model, x, covariance = solution.model, solution.x, solution.covariance
     position = x[COM]
@@ -91,7 +101,7 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
 
 def _precision_of_phi(solution: JointSolution) -> Array:
-    """Marginal precision (strikes,) of phi [1/rad^2], k integrated out."""
+    """Marginal precision (strikes,) [1/rad^2] of each strike's balance angle phi, its k integrated out."""
     W = solution.data.whiten
     inverse = np.swapaxes(W, 1, 2) @ W
     used = solution.data.uses_k > 0
@@ -101,7 +111,10 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 
 
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
-    """Estimated tilt of the table on levelling number `level` (pipeline `levelling_indices`)."""
+    """Estimated tilt of the table (2,) [rad], with covariance and prior sd, on levelling `level` from 0.
+
+    A levelling is a set-up of the table with one unknown tilt.
+    """
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)
     return TableTilt(

@@ -1,4 +1,4 @@
-"""Checks of a joint solution: leave-one-out predictions, gravity, bounds of moments and c."""
+"""Checks of a joint solution: leave-one-out predictions, gravity, bounds of moments and centre of mass."""
 
 from __future__ import annotations
 
@@ -21,9 +21,13 @@ SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Leave-one-out prediction of a strike's phi and k, compared with the measured ones."""
+    """Leave-one-out prediction of a strike's phi and k, compared with the measured ones.
+
+    phi is the balance angle, k = m g R / I_edge the stiffness of the tip's pendulum equation.
+    """
 
     strike_id: str
+    """Id of the strike."""
     phi: float
     """Predicted phi [rad]."""
     phi_off: float
@@ -37,7 +41,7 @@ class LeaveOneOut:
     sigmas: float
     """Differences of phi and k together, as one standardised error."""
     k: float
-    """Predicted k [rad/s^2], under the first recording's gravity."""
+    """Predicted k [rad/s^2], for gravity at the place of the first recording."""
     by_others: Array
     """(2, 2) covariance of the predicted (phi, ln k)."""
     own: Array
@@ -51,7 +55,10 @@ class LeaveOneOut:
 
 @dataclass(frozen=True)
 class GravityEstimate:
-    """Estimate of g from the strikes alone; axes with different R separate g from the moments of inertia."""
+    """Gravity g estimated from the strikes alone, relative to the stated one.
+
+    Axes at different distances R from the centre of mass separate g from the moments of inertia.
+    """
 
     relative: float
     """Estimated over stated g, minus 1."""
@@ -65,10 +72,16 @@ class GravityEstimate:
 
 
 def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
-    """Leave-one-out predictions of phi and ln k of every strike, linear about the solution.
+    """Leave-one-out predictions of every strike's balance angle phi and ln k, linear about the solution.
 
-    The two carry all the information that theta(t) has about the body; their prediction of theta(t) itself is
-    in motion/predicted_motion.py.
+    phi and k carry all the information that the tipping angle theta(t) has about the body; the prediction of
+    theta(t) itself is in motion/predicted_motion.py.
+
+    Args:
+        solution: Joint solution of all strikes.
+
+    Returns:
+        One prediction per strike, in the order of the solution's planes.
     """
     model, x, weight = solution.model, solution.x, solution.weight
     information = np.linalg.inv(solution.covariance)
@@ -122,12 +135,18 @@ def estimated_gravity(
 ) -> GravityEstimate:
     """Gravity's magnitude estimated from phi and k of all strikes, relative to the stated one.
 
+    The joint problem is solved again with `OPEN_GRAVITY_RELATIVE_SD` as gravity's relative sd.
+
     Args:
-        planes: Equi-planes of the strikes, in O.
+        planes: Equi-planes of the strikes (plane through pivot line and centre of mass), in the object
+            frame O, with their balance angles phi and k.
         systematic: Standard deviations of the shared errors.
-        prior: Prior of c.
+        prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
         initial: Solution with the stated gravity, to start from.
+
+    Returns:
+        Estimated over stated gravity minus 1, with its sd.
     """
     open_scale = replace(moments.scale, gravity_sd=OPEN_GRAVITY_RELATIVE_SD * moments.scale.gravity)
     found = solve_joint(planes, systematic, prior, replace(moments, scale=open_scale), initial)
@@ -138,11 +157,13 @@ def estimated_gravity(
 
 
 def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> float:
-    """Distance of c outside the shape's hull in standard deviations; 0 if it lies inside.
+    """Distance of the centre of mass outside the shape's hull in standard deviations; 0 if it lies inside.
+
+    It is the largest distance over all planes of the hull, each divided by the sd along its normal.
 
     Args:
-        com: (3,) c [m], in O.
-        covariance: (3, 3) of c [m^2].
+        com: (3,) centre of mass [m], in the object frame O.
+        covariance: (3, 3) covariance of `com` [m^2].
         hull_planes: (p, 4) outward n and d of the hull's planes, n.x + d = 0 [m].
     """
     height = hull_planes[:, :3] @ com + hull_planes[:, 3]
@@ -153,13 +174,18 @@ def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> fl
 def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[str]:
     """Ids of axes whose moment no mass distribution within the hull with centre of mass c can have.
 
-    I_c,l / m = g R / k - (R + rho)^2 must not be negative, and not above the second moments about c across
-    the axis: along any direction these are at most (b - c)(c - a) where the body extends from a to b (Bhatia
-    and Davis 2000).
+    I_c,l / m = g R / k - (R + rho)^2, the moment per kilogram about the line l through c parallel to the
+    axis, must not be negative, and not above the second moments about c across the axis: along any direction
+    these are at most (b - c)(c - a) where the body extends from a to b (Bhatia and Davis 2000). R is the
+    distance of c from the centre line of the edge's rounding, rho its radius. A bound counts as crossed by
+    more than `SIGMAS` standard deviations.
 
     Args:
-        solution: Joint solution with k.
-        hull_vertices: (h, 3) [m], in O.
+        solution: Joint solution with k; strikes whose k is not used are skipped.
+        hull_vertices: (h, 3) vertices of the shape's hull [m], in the object frame O.
+
+    Returns:
+        Sorted ids; empty if all moments are possible.
     """
     model, x, P = solution.model, solution.x, solution.covariance
     about_com, by = model.about_com(x)
@@ -189,10 +215,11 @@ class Checks:
     left_out: tuple[LeaveOneOut, ...]
     """Leave-one-out predictions, one per strike."""
     gravity: GravityEstimate
+    """Gravity estimated from the strikes alone, relative to the stated one."""
     impossible_axes: tuple[str, ...]
     """Ids of axes with an impossible moment of inertia."""
     sigmas_outside_hull: float
-    """Distance of c outside the hull in standard deviations; 0 if it lies inside."""
+    """Distance of the centre of mass outside the hull in standard deviations; 0 if it lies inside."""
 
 
 def check_solution(
@@ -203,15 +230,19 @@ def check_solution(
     solution: JointSolution,
     hull: tuple[Array, Array],
 ) -> Checks:
-    """Carry out all checks of a joint solution.
+    """Check a joint solution: leave-one-out predictions, gravity, moments and centre of mass.
 
     Args:
-        planes: Equi-planes of the strikes, in O.
+        planes: Equi-planes of the strikes (plane through pivot line and centre of mass), in the object
+            frame O.
         systematic: Standard deviations of the shared errors.
-        prior: Prior of c.
+        prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
-        solution: Solution of the joint problem of these.
+        solution: Solution of the joint problem of these four.
         hull: Vertices (h, 3) [m] and planes (p, 4) (outward n.x + d = 0) of the shape's hull, in O.
+
+    Returns:
+        Results of all checks; nothing is raised where one fails.
     """
     return Checks(
         leave_one_out(solution),

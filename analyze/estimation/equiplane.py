@@ -1,4 +1,7 @@
-"""Equi-planes: planes through a pivot's centre line and the centre of mass (VISAPP 2013, eq. 4)."""
+"""Equi-planes: planes through a pivot's centre line and the centre of mass c (VISAPP 2013, eq. 4).
+
+The centre line is that of the pivot edge's rounding; phi is the balance angle at which c stands above it.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,15 @@ AXIS_TOLERANCE = 1e-3
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane of one strike in O, from the fit that its motion uses.
+    """Equi-plane of one strike in the object frame O, from the fit that its motion uses.
 
     Args:
         strike_id: Id of the strike, unique in the recording.
         planned: Rest pose of the object, and its pivot in O.
         motion: Motion of the strike, with a fit.
+
+    Returns:
+        Plane through the pivot's centre line and the centre of mass, with the fit's phi, k and their errors.
 
     Raises:
         EstimationError: the motion has no fit, or the plan's pivot does not lie along W's y.
@@ -33,12 +39,16 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
 
 
 def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -> EquiPlane:
-    """Equi-plane of one strike in O, from the fit of any estimator.
+    """Equi-plane of one strike in the object frame O, from the fit of any estimator.
 
     Args:
         strike_id: Id of the strike, unique in the recording.
         planned: Rest pose of the object, and its pivot in O.
-        fit: phi [rad], k [rad/s^2] and their covariance (2, 2).
+        fit: Balance angle phi [rad], k [rad/s^2] and their covariance (2, 2). If the contact rolls on a
+            curve, its circle of curvature replaces the pivot's point and radius.
+
+    Returns:
+        Plane through the pivot's centre line and the centre of mass, with the fit's phi, k and their errors.
 
     Raises:
         EstimationError: the plan's pivot does not lie along W's y.
@@ -88,44 +98,51 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
 
 
 def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
-    """Unit normal (3,) of an equi-plane in O, n = (Rot(-phi) up) x l (VISAPP 2013, eq. 4).
+    """Unit normal (3,) of an equi-plane in the object frame O, n = (Rot(-phi) up) x l (VISAPP 2013, eq. 4).
 
-    Its derivative is d(n.(c - p))/dphi = -R, with R the distance of c from the centre line.
+    For a point c in the plane, at distance R from the pivot's centre line through p: d(n.(c - p))/dphi = -R.
 
     Args:
-        direction: (3,) unit pivot axis l in O; +theta about it tips.
-        up: (3,) unit, W's z in O at rest.
-        phi: Angle [rad] at which c stands above the contact.
+        direction: (3,) unit pivot axis l in O; a positive turn about it tips the object.
+        up: (3,) unit vector in O that points upwards at rest.
+        phi: Balance angle [rad], at which the centre of mass stands above the contact.
     """
     return np.cross(balance_direction(direction, up, phi), direction)
 
 
 def upright_in_gravity(plane: EquiPlane, lean: float) -> EquiPlane:
-    """Equi-plane corrected for the vertical's lean [rad] from the table's normal, along the tip.
+    """Equi-plane corrected for the lean of the vertical from the table's normal; a copy with a new normal.
 
-    Uncorrected, the plane is vertical with respect to the table and misses c by R times the lean.
+    Uncorrected, the plane is perpendicular to the table at balance and misses the centre of mass by R times
+    the lean, with R its distance from the pivot's centre line.
+
+    Args:
+        plane: Equi-plane as fitted.
+        lean: Lean of the vertical in the direction of the tip [rad].
     """
     return replace(plane, normal=equiplane_normal(plane.direction, plane.up, plane.phi - lean))
 
 
 def balance_direction(direction: Array, up: Array, phi: float) -> Array:
-    """Unit vector (3,) in O from the centre line to c at balance: `up` turned by -phi about l.
+    """Unit vector (3,) from the pivot's centre line to the centre of mass: `up` turned by -phi about l.
+
+    It points upwards in the world when the object stands at balance.
 
     Args:
-        direction: (3,) unit pivot axis l in O; +theta about it tips.
-        up: (3,) unit, W's z in O at rest.
-        phi: Angle [rad] at which c stands above the contact.
+        direction: (3,) unit pivot axis l in the object frame O; a positive turn about it tips the object.
+        up: (3,) unit vector in O that points upwards at rest.
+        phi: Balance angle [rad], at which the centre of mass stands above the contact.
     """
     return np.cos(phi) * up - np.sin(phi) * np.cross(direction, up)
 
 
 def standing_angle(points: Array, direction: Array, up: Array, pivot: Array) -> Array:
-    """Tipping angle (...) [rad] at which points stand above the pivot line.
+    """Tipping angle (...) [rad] at which points stand above the pivot line, between -pi and pi.
 
     Args:
-        points: (..., 3) [m], in O.
-        direction: (3,) unit direction of the line in O; +theta about it tips.
-        up: (3,) unit, W's z in O at rest.
+        points: (..., 3) points [m], in the object frame O.
+        direction: (3,) unit direction of the line in O; a positive turn about it tips the object.
+        up: (3,) unit vector in O that points upwards at rest.
         pivot: (3,) point on the line [m], in O.
     """
     arm = points - pivot

@@ -1,9 +1,10 @@
 """Level, mass and density of a filling, and the shell's thickness where it is not given.
 
 The body is a shell of one density, a filling of one density inside it below the plane u.x = h, and empty
-above. With h and the shell's thickness given, all that was measured is linear in the two masses (as in
-part_masses.py): the masses are integrated out exactly, h and the thickness on a grid that is refined around
-the data's maximum. The prior is uniform in the level, in the logarithm of the thickness, and in each mass
+above; u is the direction that pointed upwards when the object was filled, h the level. With h and the shell's
+thickness given, all that was measured is linear in the two masses (as in part_masses.py): the masses are
+integrated out exactly, h and the thickness on a grid that is refined around the
+data's maximum. The prior is uniform in the level, in the logarithm of the thickness, and in each mass
 between zero and that of lead; or the filling's density is given with its sd. The filling is assumed to turn
 rigidly with the body: powder that does not flow, or a frozen, set or viscous filling. A free liquid does not.
 """
@@ -49,13 +50,13 @@ class Container(ShellCells):
     """Cells of the body for one shell thickness, with the vertices of its hull."""
 
     corners: Array
-    """(n, 3) vertices of the body's hull [m], in O."""
+    """(n, 3) vertices of the body's hull [m], in the object frame O."""
 
     def heights(self, along: Array) -> tuple[Array, Array]:
-        """Heights (n,) and half heights (n,) [m] of all cells along the unit vector `along` (3,).
+        """Heights (n,) from O's origin and half heights (n,) [m] of all cells along the unit `along` (3,).
 
-        A cell does not extend beyond the inside's ends: its half height is at most the distance to the nearer
-        end.
+        A half height is half the pitch, reduced so that the cell does not extend beyond the ends of the
+        inside, but not below `MIN_HALF_HEIGHT_FRACTION` of the pitch.
         """
         height = self.cells.points @ along
         low, high = self.ends(along)
@@ -66,7 +67,10 @@ class Container(ShellCells):
         )
 
     def ends(self, along: Array) -> tuple[float, float]:
-        """Lowest and highest place [m] of the inside along the unit vector `along` (3,)."""
+        """Lowest and highest place [m] of the inside along the unit `along` (3,), from O's origin.
+
+        They are the ends of the hull, moved inwards by the shell's thickness.
+        """
         height = self.corners @ along
         return float(height.min()) + self.thickness, float(height.max()) - self.thickness
 
@@ -83,7 +87,7 @@ class KnownDensity:
 
 @dataclass(frozen=True)
 class Marginal:
-    """Marginal posterior of one quantity."""
+    """Marginal posterior of one quantity, in that quantity's unit."""
 
     value: float
     """Posterior mean."""
@@ -100,7 +104,7 @@ class FillLevel:
     """Posterior of a filling and of the shell around it."""
 
     along: Array
-    """(3,) unit vector u in O, upwards when the object was filled."""
+    """(3,) unit vector u in the object frame O that pointed upwards when the object was filled."""
     level: Marginal
     """Level h along u from O's origin [m]."""
     filled: Marginal
@@ -125,18 +129,22 @@ def fill_level(
     density: KnownDensity | None,
     rng: np.random.Generator,
 ) -> FillLevel:
-    """Posterior of level, mass and density of an object's filling (method 6).
+    """Posterior of level, mass and density of an object's filling (method.md, section 6).
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
         shells: One if the shell's thickness is given; otherwise several, thinnest first, to interpolate
             between.
-        along: (3,) direction in O that pointed upwards when the object was filled; any length.
+        along: (3,) direction in the object frame O that pointed upwards when the object was filled; any
+            length.
         density: Density of the filling; None if it is not known.
         rng: Random generator of the draws; the same seed gives the same result.
 
+    Returns:
+        Mean, sd and 95 % interval of each quantity; the shell's thickness only if several shells are given.
+
     Raises:
-        EstimationError: the object has no inside.
+        EstimationError: one of the shells leaves no inside.
     """
     u = along / np.linalg.norm(along)
     if not all(shell.cells.interior.any() for shell in shells):
@@ -158,7 +166,16 @@ def _refined_grid(
     whole: tuple[float, float],
     about: Array,
 ) -> _Grid:
-    """Grid whose levels cover the posterior closely, with moments about `about` (3,) [m, in O]."""
+    """Grid whose levels cover the posterior closely, after at most `_MAX_REFINEMENTS` refinements.
+
+    Args:
+        moments: Measured mass, centre of mass and moments of the whole object.
+        shells: Cells for one or more shell thicknesses, thinnest first.
+        along: (3,) unit vector in the object frame O, along which levels are measured.
+        density: Density of the filling; None if it is not known.
+        whole: Lowest and highest possible level [m].
+        about: (3,) point about which the model's moments of inertia are taken [m], in O.
+    """
     levels = np.linspace(*whole, LEVEL_GRID_POINTS)
     grid = _Grid(moments, shells, along, density, levels, about)
     for _ in range(_MAX_REFINEMENTS):
@@ -175,13 +192,27 @@ class _Best:
     """Maximum-likelihood point of the grid."""
 
     centre: Array
-    """(3,) centre of mass of the model [m], in O."""
+    """(3,) centre of mass of the model [m], in the object frame O."""
     misfit: float
     """Rms of the standardised residuals."""
 
 
 class _Grid:
-    """Grid of t shell thicknesses times h levels, with the masses of shell and filling integrated out."""
+    """Posterior of shell thickness and fill level on a grid of t thicknesses times h levels.
+
+    The masses of shell and filling are integrated out.
+
+    Attributes:
+        levels: (h,) levels from O's origin [m].
+        swept: True if the shell's thickness is unknown (several shells given).
+        thickness: (t,) thicknesses of the shell [m].
+        shell_volume, volume: (t, h) volumes of the shell and of the inside below the level [m^3].
+        filled: (t, h) filled share of the inside's volume.
+        precision: (t, h, 2, 2) inverse covariance of the masses of shell and filling [1/kg^2].
+        masses: (t, h, 2) likeliest masses of shell and filling [kg], not bounded.
+        chi2: (t, h) chi^2 at the masses within their bounds; infinite for next to no filling.
+        log: (t, h) log posterior up to a constant.
+    """
 
     def __init__(
         self,
@@ -234,7 +265,7 @@ class _Grid:
         self.log = prior - 0.5 * self.chi2 - 0.5 * np.linalg.slogdet(self.precision)[1]
 
     def near(self, levels: Array) -> tuple[float, float]:
-        """Range [m] of levels that a finer grid should cover, given this grid's `levels` (h,) [m]."""
+        """Lowest and highest level [m] for a finer grid to cover, given the `levels` (h,) [m] of this one."""
         least = np.min(self.chi2, axis=0)
         inner = np.isfinite(least)
         padded = np.concatenate([[np.inf], least, [np.inf]])
@@ -252,7 +283,7 @@ class _Grid:
         return float(levels[first]), float(levels[last])
 
     def best(self) -> _Best:
-        """Point of the grid with the smallest chi^2."""
+        """Centre of mass and misfit at the point of the grid with the smallest chi^2."""
         t, h = np.unravel_index(int(np.argmin(self.chi2)), self.chi2.shape)
         masses = np.clip(self.masses[t, h], 0.0, None)
         first = self._per_kilogram[t, h, 1:4] @ masses / max(float(masses.sum()), 1e-12)
@@ -298,10 +329,20 @@ class _Grid:
 def _contents(
     shell: Container, along: Array, levels: Array, moments: MeasuredMoments, about: Array
 ) -> tuple[Array, Array, Array]:
-    """Volume, first moment about c and moments of inertia about `about` (3,), f numbers at unit density.
+    """Volume and moments of the shell, of the inside below each level, and of the whole inside.
+
+    They are f = 4 + a numbers at unit density: volume [m^3], first moment about the measured centre of mass
+    [m^4], and moments of inertia about the a measured directions through `about` [m^5].
+
+    Args:
+        shell: Cells for one thickness of the shell.
+        along: (3,) unit vector in the object frame O, along which levels are measured.
+        levels: (h,) levels from O's origin [m].
+        moments: Measured centre of mass and directions of the moments.
+        about: (3,) point [m], in O.
 
     Returns:
-        Of the shell (f,), of the inside below each of `levels` (h, f), and of the whole inside (f,).
+        Arrays of the shell (f,), of the inside below each level (h, f), and of the whole inside (f,).
     """
     cells = shell.cells
     arm = cells.points - about
@@ -313,7 +354,10 @@ def _contents(
 
 
 def _interpolated(nodes: Array, at: Array, values: Array) -> Array:
-    """Linear interpolation (t, ...) at `at` (t,) of `values` (n, ...) given at `nodes` (n,)."""
+    """Linear interpolation (t, ...) at `at` (t,) of `values` (n, ...) given at ascending `nodes` (n,).
+
+    A single node gives its `values` unchanged.
+    """
     if len(nodes) == 1:
         return values
     above = np.clip(np.searchsorted(nodes, at), 1, len(nodes) - 1)
@@ -324,7 +368,11 @@ def _interpolated(nodes: Array, at: Array, values: Array) -> Array:
 
 
 def _marginal(draws: Array, widest: float) -> Marginal:
-    """Marginal posterior of `draws` (n,); `widest` is the width of the range of possible values."""
+    """Mean, sd and shortest 95 % interval of `draws` (n,) of one quantity.
+
+    The quantity counts as observed if the interval is narrower than `_UNOBSERVED_WIDTH` of `widest`, the
+    width of the range of possible values.
+    """
     low, high = (float(end[0]) for end in narrowest_intervals(np.sort(draws)[:, None]))
     return Marginal(
         float(draws.mean()), float(draws.std()), (low, high), high - low < _UNOBSERVED_WIDTH * widest

@@ -1,4 +1,4 @@
-"""Moments of inertia and inertia tensor about c (method 5 and 7).
+"""Moments of inertia and inertia tensor about the centre of mass c (method.md, sections 5 and 7).
 
 The paper's own moment (VISAPP 2013, eq. 5) is in paper.py.
 """
@@ -27,18 +27,22 @@ class ShapePrior:
     """Prior of the inertia per kilogram: midway between a uniform solid and all mass in the shell.
 
     1 sigma of an entry is the difference of the two, and at least a quarter of the geometric mean of the
-    diagonal entries of its row and column.
+    diagonal entries of its row and column. The shell is the body's outer wall.
     """
 
     centroids: Array
-    """(2, 3) centroids of the uniform solid and of the shell [m], in O."""
+    """(2, 3) centroids of the uniform solid and of the shell [m], in the object frame O."""
     about_centroids: Array
     """(2, 3, 3) inertia per kilogram of the two about their centroids [m^2]."""
 
     def __call__(self, com: Array) -> UnitPrior:
-        """Prior of the inertia per kilogram about c (3,) [m, in O].
+        """Prior mean and sd, each (3, 3) [m^2], of the inertia per kilogram about the centre of mass.
 
-        The two distributions are not moved to c; the added squared offset is small and widens the prior.
+        The uniform solid and the shell are not moved to `com`; the parallel-axis term of their distance from
+        it is small and widens the prior.
+
+        Args:
+            com: (3,) centre of mass [m], in the object frame O.
         """
         off = self.centroids - com
         moved = np.sum(off**2, axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
@@ -49,7 +53,7 @@ class ShapePrior:
 
 
 def shape_prior(cells: Cells) -> ShapePrior:
-    """Prior of the inertia per kilogram from the shape alone."""
+    """Prior of the inertia per kilogram from the shape alone, by its cells in shell and interior."""
     shares = [cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()]
     centroids = [share @ cells.points for share in shares]
     return ShapePrior(
@@ -61,12 +65,12 @@ def shape_prior(cells: Cells) -> ShapePrior:
 
 
 def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
-    """Moment of inertia about the contact line at balance, I_edge = m g R / k [kg m^2] (method 5).
+    """Moment of inertia about the contact line at balance, I_edge = m g R / k [kg m^2] (method.md, 5).
 
     Args:
-        plane: Equi-plane of the strike, with k [rad/s^2].
-        distance: Distance R of c from the centre line of the edge's rounding [m].
-        scale: Mass and gravity.
+        plane: Equi-plane of the strike, with its fitted k [rad/s^2].
+        distance: Distance R of the centre of mass from the centre line of the edge's rounding [m].
+        scale: Mass m and gravity g.
 
     Raises:
         ValueError: the plane has no k.
@@ -83,17 +87,22 @@ def inertial_parameters(
     scale: Scale,
     shape: ShapePrior,
 ) -> InertialParameters:
-    """Mass, centre of mass c and inertia tensor about c, in O, from phi and k of all strikes together.
+    """Mass, centre of mass c and inertia tensor about c, from phi and k of all strikes together.
 
-    k = m g R / (I_c,l + m (R + rho)^2): the motion determines the inertia per kilogram and the mass is
-    stated, so the two are independent. Directions that no axis observes are determined by the shape's prior.
+    phi is a strike's balance angle and k = m g R / (I_c,l + m (R + rho)^2), with I_c,l the moment about the
+    line through c along the pivot axis l, rho the edge's radius and R the distance of c from its centre line:
+    the motion determines the inertia per kilogram and the mass is stated, so the two are independent.
+    Directions that no axis observes are determined by the shape's prior.
 
     Args:
-        planes: Equi-planes in O, one per strike; a plane without k contributes to c only.
+        planes: Equi-planes in the object frame O, one per strike; one without k contributes to c only.
         systematic: Standard deviations of the shared errors.
         com_prior: Prior of c.
         scale: Mass and gravity.
         shape: Prior of the moments.
+
+    Returns:
+        Mass, c and tensor in O, with covariances, moments per axis and the entries that strikes determine.
 
     Raises:
         EstimationError: there is no plane.
@@ -110,9 +119,13 @@ def inertial_parameters_from_joint(
     """Mass, centre of mass and inertia tensor of a joint solution, with their covariance (10, 10).
 
     Args:
-        solution: Solution of the joint problem with k.
-        com_prior: Prior of c that the problem was solved with.
+        solution: Solution of the joint problem of all strikes' balance angles and k.
+        com_prior: Prior of the centre of mass that the problem was solved with.
         scale: Mass and gravity that the problem was solved with.
+
+    Returns:
+        Parameters of the body that tipped, in the object frame O. A tensor entry counts as measured if its
+        sd is below `MEASURED_FRACTION` of the prior's; axes with a k have their moments, sorted by id.
     """
     model, x, P = solution.model, solution.x, solution.covariance
     J, by = unit_inertia(x[SECOND])
@@ -167,7 +180,7 @@ def inertial_parameters_from_joint(
 
 
 def _with_mass(rows: Array, P: Array, values: Array, scale: Scale) -> Array:
-    """Covariance (1 + n, 1 + n) of the mass and n quantities, those with a value proportional to it.
+    """Covariance (1 + n, 1 + n) of the mass and n quantities, which are proportional to it or independent.
 
     Args:
         rows: (n, count) derivatives of the quantities by the unknowns.

@@ -1,7 +1,7 @@
-"""Joint estimate of c, second moments and shared errors (docs/explanation/method.md, section 7).
+"""Joint estimate of centre of mass c, second moments and shared errors (docs/explanation/method.md, 7).
 
-The data are phi and k of every strike: with their covariance they contain all the information of a free tip
-about the body, since the fit of the motion integrates out its start.
+The data are phi (balance angle) and k = m g R / I_edge of every strike: with their covariance they contain
+all the information of a free tip about the body, since the fit of the motion integrates out its start.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ GYRATION_OVER_COM_SD = 0.5
 
 @dataclass(frozen=True)
 class UnitPrior:
-    """Prior of the inertia tensor about c per kilogram, from the shape."""
+    """Prior of the inertia tensor about the centre of mass per kilogram, from the shape."""
 
     mean: Array
     """(3, 3) mean [m^2]."""
@@ -60,7 +60,7 @@ class MomentModel:
 
 @dataclass(frozen=True)
 class StrikeData:
-    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k)."""
+    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k); phi is the balance angle."""
 
     log_k: Array
     """(strikes,) ln k, k in [rad/s^2]; 0 where it is not used."""
@@ -71,7 +71,7 @@ class StrikeData:
 
     @property
     def parts(self) -> Array:
-        """Number (strikes,) of measured quantities of each strike, 1 or 2."""
+        """Number (strikes,) of measured quantities of each strike: 1 for phi alone, 2 for phi and ln k."""
         return 1.0 + self.uses_k
 
 
@@ -89,6 +89,7 @@ class JointSolution:
     spread: float
     """Observed over stated variance of the strikes' scatter, at least 1 (Birge ratio squared)."""
     data: StrikeData
+    """Measured ln k and whitening matrices."""
     moment_prior: UnitPrior | None
     """Prior of the moments at the estimated c; None if k is not used."""
 
@@ -100,17 +101,22 @@ def solve_joint(
     moments: MomentModel | None = None,
     initial: JointSolution | None = None,
 ) -> JointSolution:
-    """Solve the joint problem by Gauss-Newton with the exact Jacobian and robust weights.
+    """Estimate centre of mass c, second moments and shared errors jointly from phi and k of all strikes.
 
-    A strike far off all others loses weight (Huber 1964, with redescending weights). If the strikes scatter
-    more than their standard deviations allow, all random parts are widened (Birge 1932).
+    Gauss-Newton with the exact Jacobian and robust weights, at most `MAX_ITERATIONS` steps. A strike far off
+    all others loses weight (Huber 1964, with redescending weights). If the strikes scatter more than their
+    standard deviations allow, all random parts are widened (Birge 1932).
 
     Args:
-        planes: Equi-planes in O, one per strike, at least one.
+        planes: Equi-planes (plane through pivot line and c) in the object frame O with their balance angles
+            phi and k, one per strike, at least one.
         systematic: Standard deviations of the shared errors.
         prior: Prior of c.
         moments: Inputs for k, to estimate the second moments too; None to use phi alone.
-        initial: Solution of a problem with the same unknowns, to start from.
+        initial: Solution of a problem with the same unknowns, to start from; ignored if their number differs.
+
+    Returns:
+        Unknowns at the maximum of the posterior, with covariance and robust weights.
     """
     model = JointModel(planes, systematic, None if moments is None else moments.scale)
     data = _strike_data(planes, systematic, moments is not None)
@@ -149,7 +155,10 @@ def solve_joint(
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
-    """Data of the strikes; k is used if `with_k`, for planes that have one."""
+    """Measured ln k and whitening matrices of the strikes; k is used if `with_k`, for planes that have one.
+
+    The sd of phi, the balance angle, includes the scatter from strike to strike (`strike_angle_sd`).
+    """
     n = len(planes)
     covariance = np.tile(np.eye(2), (n, 1, 1))
     log_k, uses_k = np.zeros(n), np.zeros(n)
@@ -166,7 +175,10 @@ def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with
 
 
 def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
-    """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count)."""
+    """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count).
+
+    Residuals are modelled minus measured at the unknowns `x` (count,); 0 for an ln k that is not used.
+    """
     log_k, by_log_k = model.log_k(x)
     both = np.stack([model.residual(x), (log_k - data.log_k) * data.uses_k], axis=1)
     rows = np.stack([model.design(x), by_log_k * data.uses_k[:, None]], axis=1)
@@ -174,24 +186,35 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
 
 
 def _standardised(model: JointModel, data: StrikeData, x: Array) -> Array:
-    """Standardised residuals (strikes, 2) of (phi, ln k)."""
+    """Standardised residuals (strikes, 2) of (phi, ln k), modelled minus measured, at the unknowns `x`."""
     both = np.stack([model.residual(x), (model.log_k(x)[0] - data.log_k) * data.uses_k], axis=1)
     return np.einsum("sij,sj->si", data.whiten, both)
 
 
 def _standardised_error(z: Array, data: StrikeData) -> Array:
-    """Standardised error (strikes,) of each strike, phi and ln k together."""
+    """Error (strikes,) of each strike in standard deviations, phi and ln k together as one error.
+
+    `z` (strikes, 2) are the standardised residuals of (phi, ln k).
+    """
     return np.sqrt(np.sum(z**2, axis=1)) * np.where(data.uses_k > 0, TWO_ERRORS_AS_ONE, 1.0)
 
 
 def _information(rows: Array, weight: Array) -> Array:
-    """Information (count, count) of the strikes, from `rows` (strikes, 2, count) and weights (strikes,)."""
+    """Information (inverse covariance, (count, count)) about the unknowns that the strikes contribute.
+
+    Args:
+        rows: (strikes, 2, count) derivatives of the standardised residuals by the unknowns.
+        weight: (strikes,) robust weights.
+    """
     flat = rows.reshape(-1, rows.shape[-1])
     return flat.T @ (flat * np.repeat(weight, 2)[:, None])
 
 
 def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
-    """Standardised deviation (6,) from the shape's prior of the inertia, with derivative (6, count)."""
+    """Deviation (6,) of the inertia per kilogram from the shape's prior, in its sd, and its derivative.
+
+    The entries are in the order xx, yy, zz, xy, xz, yz; the derivative by the unknowns `x` is (6, count).
+    """
     J, by = unit_inertia(x[SECOND])
     sd = symmetric_entries(shape.sd)
     rows = np.zeros((6, len(x)))
@@ -200,7 +223,13 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 
 
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
-    """Information (count, count) of the priors at the unknowns `x` (count,)."""
+    """Information (inverse covariance, (count, count)) of the priors, linear about the unknowns `x` (count,).
+
+    Args:
+        diagonal: (count,) inverse variances of the unknowns' own priors.
+        shape: The shape's prior of the moments; None if no moments are estimated.
+        x: (count,) unknowns.
+    """
     precision = np.diag(diagonal)
     if shape is not None:
         rows = _shape_rows(shape, x)[1]
@@ -217,7 +246,20 @@ def _step(
     z: Array,
     rows: Array,
 ) -> Array:
-    """Unknowns (count,) after a Gauss-Newton step, halved until the misfit falls; `z`, `rows` as of `x`."""
+    """Unknowns (count,) after one Gauss-Newton step, halved until the misfit does not rise.
+
+    Args:
+        model: Model of balance angle phi and ln k of the strikes.
+        data: Measured ln k and whitening matrices.
+        prior: Prior mean (count,) and inverse variances (count,) of the unknowns, and the shape's prior.
+        x: (count,) unknowns before the step.
+        weight: (strikes,) robust weights.
+        z: (strikes, 2) standardised residuals at `x`.
+        rows: (strikes, 2, count) derivatives of `z`.
+
+    Returns:
+        `x` itself if twelve halvings do not suffice.
+    """
     start, diagonal, shape = prior
 
     def misfit(x: Array, z: Array) -> float:
@@ -241,7 +283,13 @@ def _step(
 
 
 def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float:
-    """Effective number of parameters that the data determine: trace of the hat matrix."""
+    """Effective number of parameters that the strikes, not the priors, determine: trace of the hat matrix.
+
+    Args:
+        precision: (count, count) information of the priors.
+        rows: (strikes, 2, count) derivatives of the standardised residuals.
+        weight: (strikes,) robust weights.
+    """
     information = _information(rows, weight)
     return float(np.trace(np.linalg.solve(precision + information, information)))
 
@@ -249,7 +297,8 @@ def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float
 def _initial_weights(planes: Sequence[EquiPlane], sd: Array) -> Array:
     """Initial robust weights (strikes,), from the distance to the median phi of three or more repeats.
 
-    Repeats share axis, heading and levelling of the table; `sd` (strikes,) [rad] is that of phi.
+    phi is the balance angle, `sd` (strikes,) its standard deviation [rad]. Repeats share axis, heading
+    (direction of the tip on the table) and levelling of the table; with fewer than three the weight is 1.
     """
     weight = np.ones(len(planes))
     for i, plane in enumerate(planes):

@@ -3,8 +3,9 @@
     phi = atan2(-forward, height) + lean of the vertical + angle errors
     ln k = ln g + ln R - ln(l.J.l + (R + rho)^2) + error of the axis
 
-with (forward, height) the arm from the edge's centre line to c, R its length, J the inertia about c per
-kilogram and rho the edge's radius. A larger radius moves the centre line inwards, up and away from the tip:
+with phi the balance angle, k = m g R / I_edge, c the centre of mass, (forward, height) the arm from the
+edge's centre line to c, R its length, g gravity, J the inertia about c per kilogram, l the unit direction of
+the edge and rho its radius. A larger radius moves the centre line inwards, up and away from the tip:
 phi changes in proportion to cos phi - sin phi, which vanishes at 45 degrees, so that upright and 45-degree
 tips together determine the radius. The equations do not contain the mass: motions determine J, not I.
 """
@@ -43,13 +44,21 @@ MIN_DISTANCE = 1e-3
 
 
 class JointModel:
-    """Model of phi and ln k of all strikes as functions of one vector x (count,) of unknowns.
+    """Model of balance angle phi and ln k of all strikes as functions of one vector x (count,) of unknowns.
 
-    x holds c (3) [m, in O], the second moments' six numbers, then the shared errors, each in units of its sd:
-    the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, four per axis (the
-    edge's place forward, an angle, its own radius, a part of k), the place of each face rested on (all its
-    edges lie in it), two of lean for each further levelling, and an angle for each further heading of an axis
-    (the camera sees another side).
+    x holds the centre of mass c (3) [m, in the object frame O], the second moments' six numbers
+    (second_moments.py), then the shared errors, each in units of its sd: the vertical's lean from the table's
+    normal towards x and y of the world frame W, the shape's scale, the edges' radius, gravity, four per axis
+    (the edge's place forward, an angle, its own radius, a part of k), the place of each face rested on (all
+    its edges lie in it), two of lean for each further levelling of the table, and an angle for each further
+    heading of an axis (the camera sees another side).
+
+    Attributes:
+        planes: equi-planes of the strikes, whose phi the model is compared with.
+        axes: number of pivot axes.
+        faces: number of resting faces.
+        tilts: prior of the lean of each levelling.
+        count: number of unknowns.
     """
 
     def __init__(
@@ -110,22 +119,38 @@ class JointModel:
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd
 
     def tilt_terms(self, level: int) -> slice:
-        """Indices of the two lean errors of a levelling among the unknowns."""
+        """Indices among the unknowns of the two lean errors of levelling number `level`, from 0.
+
+        A levelling is a set-up of the table with one unknown lean of the vertical towards x and y of the
+        world frame W.
+        """
         start = TILT.start if level == 0 else self._further_levels + LEVEL_TERMS * (level - 1)
         return slice(start, start + LEVEL_TERMS)
 
     def start(self, com: Array, inertia: Array) -> Array:
-        """Unknowns (count,) with c `com` (3,) [m, in O], J `inertia` (3, 3) [m^2] and all errors zero."""
+        """Unknowns (count,) for a centre of mass and an inertia, with all shared errors zero.
+
+        Args:
+            com: (3,) centre of mass [m], in the object frame O.
+            inertia: (3, 3) inertia about it per kilogram [m^2].
+        """
         return np.concatenate([com, log_cholesky(inertia), np.zeros(self.count - SECOND.stop)])
 
     def residual(self, x: Array) -> Array:
-        """Modelled minus measured phi (strikes,) [rad] at the unknowns `x` (count,)."""
+        """Modelled minus measured balance angle phi (strikes,) [rad], in [-pi, pi).
+
+        It is taken at the unknowns `x` (count,).
+        """
         forward, height = self._across(x)
         angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
     def design(self, x: Array) -> Array:
-        """Derivative (strikes, count) of `residual` by the unknowns; n / R by c."""
+        """Derivative (strikes, count) of the balance angles [rad] by the unknowns, at unknowns `x` (count,).
+
+        By the centre of mass it is n / R: n the equi-plane's unit normal, R the distance from the pivot's
+        centre line.
+        """
         forward, height = self._across(x)
         R = self.distances(x)
         # Eq. (4) at the phi of the present c.
@@ -133,7 +158,10 @@ class JointModel:
         return self._rows(normals) + self._turn
 
     def lean(self, x: Array) -> Array:
-        """Lean (strikes,) [rad] of the vertical from the table's normal in the direction of each tip."""
+        """Lean (strikes,) [rad] of the vertical from the table's normal in the direction of each tip.
+
+        It is the prior's mean plus the lean errors among the unknowns `x` (count,).
+        """
         found = [
             self._turn[i, where] @ x[where]
             for i, where in enumerate(self.tilt_terms(plane.level) for plane in self.planes)
@@ -141,26 +169,38 @@ class JointModel:
         return self._lean + np.array(found)
 
     def distances(self, x: Array) -> Array:
-        """Distances R (strikes,) [m] of c from each strike's centre line."""
+        """Distances R (strikes,) [m] of the centre of mass from each strike's pivot centre line.
+
+        They are at least `MIN_DISTANCE`; `x` (count,) are the unknowns.
+        """
         return np.maximum(np.hypot(*self._across(x)), MIN_DISTANCE)
 
     def distance_design(self, x: Array) -> Array:
-        """Derivative (strikes, count) of `distances` by the unknowns."""
+        """Derivative (strikes, count) of the distances R [m] of the centre of mass from the centre lines.
+
+        It is by the unknowns, at `x` (count,).
+        """
         forward, height = self._across(x)
         R = self.distances(x)
         return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
 
     def about_com(self, x: Array) -> tuple[Array, Array]:
-        """Inertia about c per kilogram, l.J.l (strikes,) [m^2], and its derivative (strikes, count)."""
+        """Moment l.J.l (strikes,) [m^2] about the line through the centre of mass, and its derivative.
+
+        J is the inertia per kilogram about the centre of mass, l the pivot's unit direction; the derivative
+        by the unknowns `x` is (strikes, count).
+        """
         J, by = unit_inertia(x[SECOND])
         rows = np.zeros((len(self.planes), self.count))
         rows[:, SECOND] = np.einsum("si,nij,sj->sn", self._along, by, self._along)
         return np.einsum("si,ij,sj->s", self._along, J, self._along), rows
 
     def about_edge(self, x: Array) -> tuple[Array, Array]:
-        """Inertia about the contact per kilogram, l.J.l + (R + rho)^2 (strikes,) [m^2].
+        """Moment per kilogram about the contact line, l.J.l + (R + rho)^2 (strikes,) [m^2].
 
-        Returns it with its derivative (strikes, count).
+        J is the inertia per kilogram about the centre of mass, l the pivot's unit direction, rho the edge's
+        radius, R the distance of the centre of mass from its centre line. Returned as a pair with its
+        derivative (strikes, count) by the unknowns `x`.
         """
         about_com, by_second = self.about_com(x)
         lever = self.distances(x) + self._radius + self._radius_error @ x
@@ -169,23 +209,30 @@ class JointModel:
         )
 
     def log_k(self, x: Array) -> tuple[Array, Array]:
-        """Modelled ln k (strikes,), k in [rad/s^2], and its derivative (strikes, count)."""
+        """Modelled ln k (strikes,), k = m g R / I_edge in [rad/s^2], and its derivative (strikes, count)."""
         R = self.distances(x)
         about_edge, by = self.about_edge(x)
         rows = self.distance_design(x) / R[:, None] - by / about_edge[:, None] + self._k_error
         return self._log_g + np.log(R / about_edge) + self._k_error @ x, rows
 
     def _across(self, x: Array) -> tuple[Array, Array]:
-        """Components (strikes,) of the arm from the shifted centre line to c: forward and up [m]."""
+        """Forward and upward components, each (strikes,) [m], of the arm from centre line to centre of mass.
+
+        The centre line is that of the pivot edge, shifted by the shared errors in the unknowns `x` (count,).
+        """
         arm = x[COM] - self._point - self._shift @ x
         return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
 
     def _rows(self, across: Array) -> Array:
+        """Derivative (strikes, count) by the unknowns of the arm's component along `across` (strikes, 3)."""
         rows = -np.einsum("si,sic->sc", across, self._shift)
         rows[:, COM] = across
         return rows
 
 
 def _face(plane: EquiPlane) -> tuple[str, str]:
-    """Key of the face whose place a strike shares; unique in merged recordings too."""
+    """Key of the resting face whose place error a strike shares: its id, or the axis id if it is unknown.
+
+    The pair (face, "") or ("", axis id) keeps the two kinds of id apart.
+    """
     return (plane.face, "") if plane.face else ("", plane.axis_id)

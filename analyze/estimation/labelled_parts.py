@@ -1,4 +1,4 @@
-"""Labelled parts of an object as uniform solids: bodies of its mesh, or shell and layers."""
+"""Labelled parts of an object as uniform solids: closed bodies of its mesh, or its shell and layers."""
 
 from __future__ import annotations
 
@@ -26,12 +26,16 @@ MIN_VOLUME_FRACTION = 1e-3
 def parts_of_bodies(
     labels: Sequence[PartLabel], bodies: Sequence[Body], name: str
 ) -> list[tuple[str, MassProperties]]:
-    """Name and solid of each label's bodies, and of the unlabelled bodies as `rest`; in O.
+    """Parts that an object's labels make of the closed bodies of its mesh.
 
     Args:
-        labels: Labels of bodies.
+        labels: Labels of bodies, which count them from 1.
         bodies: Closed bodies of the mesh, largest first.
         name: Name of the shape file, for messages.
+
+    Returns:
+        Name and uniform solid (in the object frame O) of each label, then of the unlabelled bodies as `rest`
+        if they hold more than `MIN_VOLUME_FRACTION` of the volume.
 
     Raises:
         ShapeError: a label names a body that the mesh does not have.
@@ -54,7 +58,7 @@ def parts_of_bodies(
 
 
 def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list[tuple[str, MassProperties]]:
-    """Name and solid of the shell and of each layer, and of the unlabelled remainder as `rest`; in O.
+    """Parts that an object's labels make of its shell (outer wall) and of layers of its interior.
 
     A cell that a layer's end cuts belongs to it in part.
 
@@ -63,8 +67,12 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
         cells: Cells of the body.
         name: Name of the object, for messages.
 
+    Returns:
+        Name and uniform solid (in the object frame O) of each label, then of the remainder as `rest` if it
+        holds more than `MIN_VOLUME_FRACTION` of the volume.
+
     Raises:
-        ShapeError: a layer contains nothing of the object, or two layers overlap.
+        ShapeError: a part holds at most `MIN_VOLUME_FRACTION` of the object's volume, or two layers overlap.
     """
     left_wall, left_inside = cells.shell.copy(), cells.interior.copy()
     parts: list[tuple[str, MassProperties]] = []
@@ -89,7 +97,11 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
 
 
 def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
-    """Volume, centroid and inertia per kilogram of several solids of one density together."""
+    """Volume, centroid and inertia per kilogram about it of several solids of one density together.
+
+    Args:
+        solids: Solids that do not overlap, at least one with a volume.
+    """
     volume = sum(one.volume for one in solids)
     centroid = np.sum([one.volume * one.centroid for one in solids], axis=0) / volume
     inertia = np.zeros((3, 3))
@@ -102,7 +114,10 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Fraction (cells,) of each cell between a layer's ends."""
+    """Fraction (cells,) of each cell between a layer's ends, which are in metres from O along its direction.
+
+    0 for a label without ends.
+    """
     low, high = label.between_m or (0.0, 0.0)
     height = cells.points @ (np.array(label.along) / np.linalg.norm(label.along))
     above, below = (np.clip((height - end) / cells.pitch + 0.5, 0.0, 1.0) for end in (low, high))
@@ -110,7 +125,12 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
-    """Uniform solid of the parts of cells with `volumes` (n,) [m^3]."""
+    """Volume, centroid and inertia per kilogram about it of the uniform solid in the cells.
+
+    Args:
+        cells: Cells of the body.
+        volumes: (n,) volume [m^3] of each cell that belongs to the solid.
+    """
     volume = float(volumes.sum())
     centroid = volumes @ cells.points / volume
     arm = cells.points - centroid

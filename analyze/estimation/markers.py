@@ -1,4 +1,7 @@
-"""Inertial parameters without the glued markers: half a gram on 34 g moves c by 0.7 mm (method 7)."""
+"""Inertial parameters of the object without the markers (printed tags) that are glued to it.
+
+Half a gram of marker on an object of 34 g moves the centre of mass by 0.7 mm (method.md, section 7).
+"""
 
 from __future__ import annotations
 
@@ -18,18 +21,21 @@ RELATIVE_STEP = 1e-6
 
 
 def can_subtract(markers: Sequence[MarkerSpec]) -> bool:
-    """True if the pose of every marker with a mass is known."""
+    """True if the pose of every marker with a mass is known; also if no marker has a mass."""
     return all(marker.T_object_marker is not None for marker in markers if marker.mass_kg > 0)
 
 
 def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) -> InertialParameters:
-    """Mass, c and moments of the object without its markers, in O.
+    """Mass, centre of mass and moments of the object without its markers, in the object frame O.
 
-    Quantities of single strikes stay those of the body that tipped.
+    Quantities of single strikes (residuals, distances, equi-planes) stay those of the body that tipped.
 
     Args:
         whole: Parameters of the object with its markers.
-        markers: Markers; the pose of each one with a mass is given and taken as exact.
+        markers: Markers; their masses and poses count as exact, and one without a pose is not subtracted.
+
+    Returns:
+        Parameters with their covariances, or `whole` itself if no marker has both a mass and a pose.
     """
     mass, first, about_origin = _marker_moments(markers)
     if mass == 0.0:
@@ -85,9 +91,10 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
 
 
 def _marker_moments(markers: Sequence[MarkerSpec]) -> tuple[float, Array, Array]:
-    """Mass [kg], first moment (3,) [kg m] and inertia (3, 3) [kg m^2] of all markers about O's origin.
+    """Mass [kg], first moment (3,) [kg m] and inertia (3, 3) [kg m^2] of all markers, about O's origin.
 
-    A marker is a thin square card of uniform density; one without mass or pose counts nothing.
+    O is the object frame. A marker is a thin square card of uniform density, `CARD_OVER_TAG_SIZE` as wide as
+    its black square; one without mass or pose is left out.
     """
     mass, first, about_origin = 0.0, np.zeros(3), np.zeros((3, 3))
     for marker in markers:
@@ -109,5 +116,12 @@ def _point_inertia(place: Array) -> Array:
 
 
 def _lever(com: Array, point: Array, direction: Array, radius: float) -> float:
-    """Distance [m] of c from the contact line at balance, R + rho."""
+    """Distance R + rho [m] of the centre of mass from the contact line at balance.
+
+    Args:
+        com: (3,) centre of mass [m], in the object frame O; R is its distance from the line below.
+        point: (3,) point on the centre line of the edge's rounding [m], in O.
+        direction: (3,) unit direction of that line.
+        radius: Radius rho of the rounding [m].
+    """
     return float(np.linalg.norm(np.cross(com - point, direction))) + radius

@@ -39,10 +39,14 @@ stage two, so that the landing has no effect."""
 
 @dataclass(frozen=True)
 class PaperCentre:
-    """The paper's centre of mass: centroid of the volume in which all regions R^E overlap."""
+    """The paper's centre of mass: centroid of the volume in which all regions R^E overlap.
+
+    The region R^E of a strike is a wedge about its equi-plane (the plane through pivot line and centre of
+    mass) with the pivot line as its edge.
+    """
 
     position: Array
-    """(3,) [m], in O."""
+    """(3,) centre of mass [m], in the object frame O."""
     err: float
     """Half-angle of the regions [rad], widened until they overlap."""
     volume: float
@@ -55,12 +59,16 @@ def paper_centre_of_mass(
     """Centre of mass by the paper's intersection of regions (VISAPP 2013, 3.2.2).
 
     It is the centroid of all points of the body's bounding box whose angle about each pivot is within `err`
-    of that strike's phi. Where the regions do not overlap, `err` grows by a quarter until they do.
+    of that strike's balance angle phi. Where the regions do not overlap, `err` grows by a quarter until they
+    do.
 
     Args:
-        planes: Equi-planes in O, one per strike.
+        planes: Equi-planes (pivot line, phi) in the object frame O, one per strike.
         cells: Cells of the body.
         err: Half-angle of the regions [rad].
+
+    Returns:
+        Centre of mass in O, with the half-angle reached and the volume of the overlap.
     """
     while True:
         lower, upper = cells.points.min(axis=0) - cells.pitch / 2, cells.points.max(axis=0) + cells.pitch / 2
@@ -81,6 +89,10 @@ def paper_centre_of_mass(
 
 
 def _grid(lower: Array, step: Array) -> Array:
+    """Centres (n, 3) [m] of a grid of `GRID_POINTS` cells per side, from the corner `lower` (3,) [m].
+
+    `step` (3,) are the edges of a cell [m].
+    """
     axes = [lower[i] + step[i] * (np.arange(GRID_POINTS) + 0.5) for i in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -88,7 +100,14 @@ def _grid(lower: Array, step: Array) -> Array:
 def _overlap(
     planes: Sequence[EquiPlane], points: Array, err: float, reach: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Masks (n,), (n,) of `points` (n, 3) [m, in O] within `reach` [m] of, and in, every region."""
+    """Two masks (n,) of points: within `reach` of every region R^E, and inside every region.
+
+    Args:
+        planes: Equi-planes, one per region: points whose angle about the pivot is within `err` of its phi.
+        points: (n, 3) points [m], in the object frame O.
+        err: Half-angle of the regions [rad].
+        reach: Distance from a region within which a point still counts in the first mask [m].
+    """
     reaching, within = np.ones(len(points), dtype=bool), np.ones(len(points), dtype=bool)
     for plane in planes:
         arm = points - plane.point
@@ -102,28 +121,34 @@ def _overlap(
 
 @dataclass(frozen=True)
 class PaperInertia:
-    """Moment of inertia about an edge, the mean over stage two of m |g x r| / alpha (VISAPP 2013, eq. 5)."""
+    """Moment of inertia about an edge, the mean over stage two of m |g x r| / alpha (VISAPP 2013, eq. 5).
+
+    Stage two is the motion after balance; alpha is the angular acceleration, r the arm from edge to centre
+    of mass.
+    """
 
     i_edge: float
     """Moment of inertia about the edge [kg m^2]."""
     excluded_share: float
-    """Fraction of stage two's samples excluded: too near balance, or with alpha <= 0."""
+    """Fraction of stage two's samples, without those at its ends, that are too near balance or have
+    alpha <= 0, and are excluded."""
 
 
 def paper_axis_inertia(
     plane: EquiPlane, motion: TipMotion, fit: MotionFit, com: Array, weight: float
 ) -> PaperInertia | None:
-    """Moment of inertia about a strike's edge by the paper's eq. (5), with R from its own centre of mass.
+    """Moment of inertia about a strike's edge by the paper's eq. (5), for a given centre of mass.
 
     Args:
-        plane: Equi-plane of the strike.
-        motion: Motion of the strike, with theta(t).
-        fit: Fit of the motion, for phi.
-        com: (3,) centre of mass [m], in O.
+        plane: Equi-plane of the strike, for its pivot line.
+        motion: Motion of the strike, with the tipping angle theta(t).
+        fit: Fit of the motion, for the balance angle phi.
+        com: (3,) centre of mass [m], in the object frame O.
         weight: Weight m g [N].
 
     Returns:
-        None if stage two is missing or too short.
+        The moment; None if stage two (the motion after balance) is missing or too short, or has no usable
+        sample.
     """
     if motion.angle is None or motion.phases is None or motion.phases.stage_two is None:
         return None
@@ -133,7 +158,7 @@ def paper_axis_inertia(
 
 
 def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
-    """Distance R [m] of a point (3,) [m, in O] from the plane's pivot line."""
+    """Distance R [m] of `point` (3,) [m, in the object frame O] from the equi-plane's pivot line."""
     arm = point - plane.point
     return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
 
@@ -143,14 +168,18 @@ def paper_edge_inertia(
 ) -> PaperInertia | None:
     """Moment of inertia about an edge by the paper's eq. (5), alpha being theta differentiated twice.
 
+    It is the mean of m g R sin(theta - phi) / alpha over the samples of stage two (the motion after balance)
+    that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0.
+
     Args:
         angle: Tipping angle theta of the strike, n samples.
-        fit: Fit of the motion, for phi.
-        stage_two: Index range of stage two.
+        fit: Fit of the motion, for the balance angle phi.
+        stage_two: Index range [start, stop) of stage two.
         moment: Greatest moment of gravity, m g R [N m].
 
     Returns:
-        None if stage two is too short, or no sample is usable.
+        The moment and the share of samples excluded; None if stage two has fewer than
+        `MIN_STAGE_TWO_SAMPLES` samples, or no sample is usable.
     """
     start, stop = stage_two
     if stop - start < MIN_STAGE_TWO_SAMPLES:
@@ -176,31 +205,35 @@ class PaperRegions:
     """(3,) masses of shell, upper and lower part [kg]; weighted mean over the axes, whose sum is not m (as in
     the paper)."""
     dividing_plane_normal: Array
-    """(3,) unit normal in O, of the axis whose solution is closest to c."""
+    """(3,) unit normal in the object frame O, towards the upper part; from the axis whose solution has its
+    centre of mass closest to the given one."""
     dividing_plane_offset: float
-    """Offset [m] along the normal from O's origin, of the same axis."""
+    """Offset [m] along the normal from O's origin, from that axis too."""
     corrected_i_edge: dict[str, float]
-    """Moment of inertia [kg m^2] of each axis whose solution is closest to c."""
+    """The paper's corrected moment about the edge [kg m^2] by axis id: that of each axis's own solution."""
 
 
 def paper_regions(
     planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], mass: float, cells: Cells
 ) -> PaperRegions | None:
-    """Region masses by a sweep of the dividing plane and of I (VISAPP 2013, 3.3.2).
+    """Masses of shell, upper and lower part by a sweep of the dividing plane and of I (VISAPP 2013, 3.3.2).
 
-    Interpretations where the paper is ambiguous: m_j is a region's mass (its sums are divided by N_j); the
-    three parallel axes pass through the pivot, c, and the pivot's mirror image in c, thus cross one straight
-    line and determine the total mass; the dividing plane sweeps along the body's principal directions.
+    I is the moment about the edge; the interior is divided into the parts above and below the plane.
+    Interpretations where the paper is ambiguous: m_j is a region's mass (its sums are divided by N_j, its
+    number of voxels); the three parallel axes pass through the pivot, the centre of mass c, and the pivot's
+    mirror image in c, thus cross one straight line and determine the total mass; the dividing plane sweeps
+    along the body's principal directions.
 
     Args:
-        planes: Equi-planes in O, one per axis.
+        planes: Equi-planes (for their pivot lines) in the object frame O, one per axis.
         com: (3,) centre of mass [m, in O], taken as exact.
-        i_edge: Moment of inertia about the edge of each axis [kg m^2].
+        i_edge: Moment of inertia about the edge by axis id [kg m^2]; axes without one are left out.
         mass: Mass of the object [kg].
         cells: Cells of the body.
 
     Returns:
-        None if no solution has three positive masses.
+        Masses averaged over the axes, with plane and corrected moments; None if for no axis three positive
+        masses add up to the mass within 2 %.
     """
     sweep = _sweep(cells)
     found = [
@@ -222,29 +255,33 @@ def paper_regions(
 
 @dataclass(frozen=True)
 class _Solution:
-    """Solution of one axis whose centre of mass is closest to c."""
+    """Region masses for one axis: the solution whose centre of mass is closest to the given one, c."""
 
     axis_id: str
+    """Id of the pivot axis."""
     masses: Array
     """(3,) masses of shell, upper and lower part [kg]."""
     areas: Array
     """(3,) areas of the regions projected along the axis [m^2], the weights of the mean over axes."""
     normal: Array
-    """(3,) unit normal of the dividing plane, in O."""
+    """(3,) unit normal of the dividing plane, in the object frame O."""
     offset: float
-    """Offset of the dividing plane from O's origin [m]."""
+    """Offset of the dividing plane from O's origin along the normal [m]."""
     i_edge: float
     """Moment of inertia about the edge [kg m^2]."""
     error: float
-    """Distance of its centre of mass from c [m]."""
+    """Distance of the solution's centre of mass from c [m]."""
 
 
 @dataclass(frozen=True)
 class _Sweep:
-    """All positions of the dividing plane, with the moments of the three regions per kilogram."""
+    """All b positions of the dividing plane, with the moments of the three regions per kilogram.
+
+    The regions are the shell, and the interior above and below the plane.
+    """
 
     normals: Array
-    """(b, 3) unit normals in O."""
+    """(b, 3) unit normals, in the object frame O."""
     offsets: Array
     """(b,) offsets along the normals from O's origin [m]."""
     centres: Array
@@ -255,7 +292,10 @@ class _Sweep:
 
 
 def _sweep(cells: Cells) -> _Sweep:
-    """Candidate dividing planes, evenly spaced along each principal direction; no part empty."""
+    """Candidate dividing planes, `PLANE_STEPS` evenly spaced along each principal direction of the body.
+
+    Planes for which a region (shell, upper or lower part) holds less than one voxel are left out.
+    """
     normals: list[Array] = []
     offsets: list[float] = []
     for normal in cells.principal_directions():
@@ -293,7 +333,19 @@ def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
 def _axis_solution(
     plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, sweep: _Sweep
 ) -> _Solution | None:
-    """Solution of eq. (9) for one axis; None if none has positive masses with the right sum."""
+    """Region masses of eq. (9) for one axis whose centre of mass is closest to `com`.
+
+    Args:
+        plane: Equi-plane of a strike about the axis, for its pivot line.
+        com: (3,) centre of mass [m], in the object frame O.
+        i_edge: Measured moment about the edge [kg m^2]; values within `I_RANGE` of it are tried.
+        mass: Mass of the object [kg].
+        cells: Cells of the body.
+        sweep: Positions of the dividing plane to try.
+
+    Returns:
+        None if no solution has positive masses with the right sum, to 2 %.
+    """
     arm = com - plane.point
     arm = arm - plane.direction * (arm @ plane.direction)
     square = float(arm @ arm)
@@ -328,17 +380,23 @@ def _axis_solution(
 
 
 def _between(low: float, high: float) -> list[float]:
-    """Evenly spaced positions of the dividing plane between two ends [m]."""
+    """Evenly spaced positions [m] of the dividing plane, `PLANE_STEPS` of them, between two ends [m]."""
     return [low + (high - low) * step / (PLANE_STEPS + 1) for step in range(1, PLANE_STEPS + 1)]
 
 
 def _parts(cells: Cells, upper: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Volumes (n,) [m^3] of the cells in shell, upper and lower part; `upper` (n,) marks cells above."""
+    """Volumes of the n cells in shell, upper and lower part, each (n,) [m^3].
+
+    `upper` (n,) is True for cells above the dividing plane.
+    """
     return cells.shell, cells.interior * upper, cells.interior * ~upper
 
 
 def _projected_area(cells: Cells, part: Array, plane: EquiPlane) -> float:
-    """Area [m^2] of a region projected along the pivot axis; `part` (n,) are the cells' volumes in it."""
+    """Area [m^2] of a region projected along the pivot axis, counted in squares of the cells' pitch.
+
+    `part` (n,) are the volumes of the cells in the region; `plane` gives the pivot axis.
+    """
     forward = np.cross(plane.direction, plane.up)
     points = cells.points[part > 0]
     column, row = (np.round(points @ axis / cells.pitch).astype(np.int64) for axis in (forward, plane.up))

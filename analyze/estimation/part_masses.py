@@ -1,7 +1,9 @@
 """Masses of an object's labelled parts from its moments (docs/explanation/method.md, section 6).
 
 The measured quantities are linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l =
-I_c,l. No mass is negative and no part denser than lead: the posterior is a normal distribution truncated at
+I_c,l; m is the object's mass, c its centre of mass, I_c,l its moment about the line l through c, c_p a part's
+centroid and I_p(c) its inertia per kilogram about c. No mass is negative and no part denser than lead: the
+posterior is a normal distribution truncated at
 these bounds. A mixture that the moments leave open extends over the range between the bounds, and its parts
 are reported as not observed.
 """
@@ -58,16 +60,20 @@ class MeasuredMoments:
     mass: float
     """Mass [kg]."""
     com: Array
-    """(3,) centre of mass c [m], in O."""
+    """(3,) centre of mass c [m], in the object frame O."""
     directions: Array
     """(a, 3) unit directions of the axes through c, in O."""
     moments: Array
     """(a,) moments of inertia about these axes [kg m^2]."""
     covariance: Array
-    """(4 + a, 4 + a) covariance of mass, c and the moments."""
+    """(4 + a, 4 + a) covariance of mass, c and the moments, in this order."""
 
     def whitening(self) -> tuple[Array, Array]:
-        """Whitening matrix (4 + a, 4 + a) of (mass, first moment, moments), and their whitened values."""
+        """Whitening matrix W (4 + a, 4 + a) of (mass, first moment, moments), and their values times W.
+
+        W makes their errors independent and of unit sd. The first moment is taken about the measured centre
+        of mass, where its value is 0; the values are (4 + a,).
+        """
         target = np.concatenate([[self.mass], np.zeros(3), self.moments])
         covariance = self.covariance.copy()
         # First moments are c times the mass: their rows and columns are scaled by it.
@@ -82,6 +88,7 @@ class PartMasses:
     """Posterior of the masses of n parts."""
 
     names: tuple[str, ...]
+    """Names of the parts."""
     masses: Array
     """(n,) posterior means [kg]."""
     covariance: Array
@@ -100,7 +107,11 @@ class PartMasses:
 
 
 def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
-    """Measured mass, centre of mass and moments, with the error of uniform parts in the covariance."""
+    """Measured mass, centre of mass and moments about the struck axes, from inertial parameters.
+
+    The covariance also holds the error of modelling the body by cells: `LEVER_ERROR` of the centre of mass,
+    `MODEL_ERROR` of each moment.
+    """
     mass, moments = parameters.mass, np.array([axis.i_com for axis in parameters.axes])
     model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * moments])
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)
@@ -121,8 +132,11 @@ def part_masses(
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
         names: Names of the n parts.
-        parts: Volume, centroid in O and inertia about it per kilogram of each part.
+        parts: Volume, centroid in the object frame O and inertia about it per kilogram of each part.
         rng: Random generator of the chains; the same seed gives the same result.
+
+    Returns:
+        Mean, covariance and 95 % interval of the masses, and which of them the moments determine.
 
     Raises:
         EstimationError: fewer than two parts, or a part without volume.
@@ -163,10 +177,11 @@ def part_masses(
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
-    """Whitened design matrix (4 + a, n) per kilogram and target (4 + a,), moments about `about` (3,).
+    """Whitened design matrix (4 + a, n) of the parts per kilogram, and whitened measurements (4 + a,).
 
-    The moments are measured about the true c, which the parts' own c estimates better than the measured one:
-    for a slender body, m |error of c|^2 about its length exceeds the error of the moment.
+    Rows: mass, first moment (3), a moments of inertia. These are taken about `about` (3,) [m], in the object
+    frame O: they were measured about the true centre of mass c, which the parts' own c estimates better than
+    the measured one; for a slender body, m |error of c|^2 about its length exceeds the error of the moment.
     """
     columns = []
     for part in parts:
@@ -186,7 +201,14 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 
 
 def _unbounded_posterior(rows: Array, target: Array, prior: Array, uniform: Array) -> tuple[Array, Array]:
-    """Posterior mean (n,) and precision (n, n) of the parts' masses before truncation."""
+    """Posterior mean (n,) [kg] and precision (n, n) [1/kg^2] of the parts' masses before truncation.
+
+    Args:
+        rows: (4 + a, n) whitened design matrix.
+        target: (4 + a,) whitened measurements.
+        prior: (n, n) precision of the prior [1/kg^2].
+        uniform: (n,) mean of the prior [kg]: one density for all parts.
+    """
     precision = rows.T @ rows + prior
     return np.asarray(
         np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64
@@ -194,7 +216,10 @@ def _unbounded_posterior(rows: Array, target: Array, prior: Array, uniform: Arra
 
 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
-    """Mode (n,) of the normal distribution truncated to [0, `most`], kept slightly inside the bounds."""
+    """Mode (n,) of the normal distribution (mean, precision) truncated to [0, `most`], `most` being (n,).
+
+    It is kept 1e-6 of `most` inside the bounds.
+    """
     values, vectors = np.linalg.eigh(precision)
     root = (vectors * np.sqrt(values)).T * most
     share = lsq_linear(root, root @ (mean / most), bounds=(0.0, 1.0)).x
@@ -202,7 +227,10 @@ def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
 
 
 def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
-    """Draws (draws, n) of the normal distribution (mean, precision), truncated to [0, `most`] (n,)."""
+    """Draws (draws, n) of the normal distribution (mean, precision), truncated to [0, `most`], each (n,).
+
+    All chains begin at `start` (n,); their first `_BURN_IN_STEPS` steps are dropped.
+    """
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
     x = np.tile(start, (_CHAINS, 1))
@@ -226,7 +254,11 @@ def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.ra
 def _draw_on_lines(
     x: Array, direction: Array, mean: Array, precision: Array, most: Array, rng: np.random.Generator
 ) -> Array:
-    """One draw (m, n) on each line x + t direction, of log density -(b t + a t^2 / 2) within the bounds."""
+    """One draw (m, n) on each of m lines x + t direction, from a normal distribution within bounds.
+
+    Along a line its log density is -(b t + a t^2 / 2), with a = d.precision.d, b = d.precision.(x - mean) and
+    d the direction; the bounds are 0 and `most` (n,).
+    """
     by_precision = direction @ precision
     a = np.sum(by_precision * direction, axis=1)
     b = np.sum(by_precision * (x - mean), axis=1)

@@ -23,7 +23,7 @@ MIN_GROUPS = 3
 
 @dataclass(frozen=True)
 class Precision:
-    """Repeatability and reproducibility of one quantity; each group has one set of conditions."""
+    """Repeatability and reproducibility of one quantity, in its unit; a group has one set of conditions."""
 
     mean: float
     """Mean of the groups' means."""
@@ -32,7 +32,8 @@ class Precision:
     s_L: float | None
     """Standard deviation between groups; None if there is one group, or s_r is not known."""
     s_R: float | None
-    """Reproducibility standard deviation, s_R^2 = s_L^2 + s_r^2; None if there is one group."""
+    """Reproducibility standard deviation, s_R^2 = s_L^2 + s_r^2, or that of the groups' means if s_r is not
+    known; None if there is one group."""
     freedom_r: int
     """Degrees of freedom of s_r."""
     freedom_R: int
@@ -40,10 +41,13 @@ class Precision:
 
 
 def precision(groups: Sequence[Sequence[float]]) -> Precision:
-    """One-way analysis of variance for groups of unequal size (ISO 5725-2, 7.4.5).
+    """Repeatability and reproducibility by one-way analysis of variance (ISO 5725-2, 7.4.5).
 
     Args:
-        groups: Results of each group; at least one group, none empty.
+        groups: Results of each group; at least one group, none empty, of equal or unequal size.
+
+    Returns:
+        Mean and standard deviations in the results' unit, with degrees of freedom.
     """
     sizes = np.array([len(group) for group in groups], dtype=np.float64)
     means = np.array([np.mean(group) for group in groups])
@@ -65,8 +69,11 @@ def precision(groups: Sequence[Sequence[float]]) -> Precision:
 def mandel_h(means: Sequence[float]) -> Array | None:
     """Mandel's h (p,): deviation of p groups' means from their mean, over their sd (ISO 5725-2, 7.3.1).
 
+    Args:
+        means: Mean of each of the p groups.
+
     Returns:
-        None for fewer than three groups, or equal means.
+        h in the groups' order; None for fewer than three groups, or equal means.
     """
     values = np.array(means, dtype=np.float64)
     spread = float(np.std(values, ddof=1)) if len(values) >= MIN_GROUPS else 0.0
@@ -74,6 +81,10 @@ def mandel_h(means: Sequence[float]) -> Array | None:
 
 
 def mandel_h_limit(groups: int, chance: float = OUTLIER_SIGNIFICANCE) -> float:
-    """Critical value of |h| of three or more groups at significance `chance` (ISO 5725-2, table A.1)."""
+    """Critical value of the size of Mandel's h at significance `chance` (ISO 5725-2, table A.1).
+
+    h is the deviation of a group's mean from the mean of all means, over their standard deviation; there are
+    `groups` of them, at least three.
+    """
     t = float(stdtrit(groups - 2, 1 - chance / 2))
     return (groups - 1) * t / math.sqrt(groups * (t**2 + groups - 2))

@@ -11,7 +11,7 @@ from analyze.types import Array
 
 @dataclass(frozen=True)
 class TiltPrior:
-    """Prior of the vertical's lean from the table's normal towards W's x and y."""
+    """Prior of the vertical's lean from the table's normal towards x and y of the world frame W."""
 
     lean: tuple[float, float]
     """Mean [rad]."""
@@ -21,11 +21,14 @@ class TiltPrior:
 
 @dataclass(frozen=True)
 class SystematicErrors:
-    """Standard deviations of errors that several strikes share, which repeats do not average out."""
+    """Standard deviations of errors that several strikes share, which repeats do not average out.
+
+    A levelling is a set-up of the table with one unknown lean of the vertical; levellings count from 0.
+    """
 
     gravity_tilt_sd: float
-    """1 sigma [rad] of the vertical's lean from the table's normal towards W's x and y; all strikes of one
-    levelling."""
+    """1 sigma [rad] of the vertical's lean from the table's normal towards x and y of the world frame W;
+    all strikes of levelling 0."""
     scale_sd: float = 0.0
     """Relative 1 sigma of the shape's scale; all strikes."""
     edge_radius_sd: float = 0.0
@@ -35,14 +38,18 @@ class SystematicErrors:
     """1 sigma [rad] of the angle error common to the strikes on one axis (resting face, lens, slip of the
     edge)."""
     strike_angle_sd: float = 5e-4
-    """1 sigma [rad] of phi from strike to strike beyond the error of the fit (slip of the edge)."""
+    """1 sigma [rad] of the balance angle phi from strike to strike beyond the error of the fit (slip of the
+    edge)."""
     other_tilt_sds: tuple[float, ...] = ()
     """`gravity_tilt_sd` [rad] of levellings 1, 2, ... (`EquiPlane.level`): each table has its own tilt."""
     readings: tuple[TiltPrior | None, ...] = ()
     """Readings of a level for levellings 0, 1, ...; None or missing: 0 within the sd above."""
 
     def tilts(self) -> list[TiltPrior]:
-        """Prior of the lean of every levelling."""
+        """Prior of the vertical's lean [rad] of every levelling of the table, in the order of their numbers.
+
+        It is the level's reading where there is one, otherwise 0 within the levelling's sd.
+        """
         plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
         read = [*self.readings, *[None] * (len(plain) - len(self.readings))]
         return [prior if reading is None else reading for prior, reading in zip(plain, read, strict=True)]
@@ -53,22 +60,29 @@ class ComPrior:
     """Prior of the centre of mass before any strike, from the shape's bounding box."""
 
     mean: Array
-    """(3,) mean [m], in O."""
+    """(3,) mean [m], in the object frame O."""
     sd: Array
     """(3,) 1 sigma [m] along O's axes."""
 
     @staticmethod
     def from_bounds(lower: Array, upper: Array) -> ComPrior:
-        """Prior from the bounding box `lower` (3,), `upper` (3,) [m, in O]: its centre, half its edges as sd.
+        """Prior of the centre of mass: the centre of the bounding box, with half its edges as sd.
 
         It is weak enough to have no effect on directions that strikes observe.
+
+        Args:
+            lower: (3,) lower corner of the box [m], in the object frame O.
+            upper: (3,) upper corner of the box [m], in O.
         """
         return ComPrior((np.asarray(lower) + upper) / 2, (np.asarray(upper) - lower) / 2)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Mass, gravity and the shared error of k, each with its standard deviation."""
+    """Mass and gravity with their standard deviations, and the sd of the shared error of k.
+
+    k = m g R / I_edge [rad/s^2] is fitted to each strike's motion.
+    """
 
     mass: float
     """Mass of the body that tips [kg]."""

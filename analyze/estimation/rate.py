@@ -2,10 +2,11 @@
 
 With r the true rate over the stated one, the true k is k r^2, so that for every axis
 
-    I_edge / m = s g R / k,    s = 1 / r^2.
+    I_edge / m = s g R / k,    s = 1 / r^2,
 
-Any filling of the shape with the centre of mass estimated from phi has I_edge / m = sum of mass shares times
-squared distances from the edge: the smallest and the largest s for which some filling has all axes' moments
+with I_edge the moment of inertia about the edge and R the distance of the centre of mass from it. Any filling
+of the shape with the centre of mass estimated from the balance angles phi has I_edge / m = sum of mass shares
+times squared distances from the edge: the smallest and the largest s for which some filling has all moments
 at once is a linear programme in the shares and s (moment problems: Karlin and Studden 1966). Parallel axes
 with different R share one moment about c, and then
 
@@ -54,7 +55,10 @@ MAX_RATE_SD = 0.05
 
 @dataclass(frozen=True)
 class RateEstimate:
-    """Estimate of the true over the stated frame rate, from axes with different R."""
+    """Estimate of the true over the stated frame rate, from axes at different distances R.
+
+    R is the distance of the centre of mass from the axis.
+    """
 
     ratio: float
     """True over stated frame rate."""
@@ -80,7 +84,7 @@ class RateCheck:
 
     @property
     def possible(self) -> bool:
-        """True if the stated rate is consistent with the bounds and the estimate."""
+        """True if the stated rate is consistent with the bounds, and with the estimate where there is one."""
         return self.low <= 1 <= self.high and (self.estimate is None or self.estimate.agrees)
 
 
@@ -91,17 +95,19 @@ def rate_check(
     moments: MomentModel,
     points: Array,
 ) -> RateCheck | None:
-    """Bounds of the true over the stated frame rate, and its estimate from axes with different R.
+    """Bounds of the true over the stated frame rate, and its estimate from axes at different distances.
 
     Args:
-        planes: Equi-planes of one recording's strikes, in O.
+        planes: Equi-planes of one recording's strikes (plane through pivot line and centre of mass), in the
+            object frame O, with k at the stated rate.
         systematic: Standard deviations of the shared errors.
-        prior: Prior of c.
+        prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
         points: (n, 3) places [m, in O] where mass can be: throughout the shape and at its ends.
 
     Returns:
-        None if no strike has a usable k, or no filling fits at any rate.
+        Bounds and, if the axes determine it, the estimate; None if no strike has a usable k, or no filling
+        fits at any rate.
     """
     by_phi = solve_joint(planes, systematic, prior)
     bounds = rate_bounds(by_phi, moments.scale, points)
@@ -115,16 +121,18 @@ def rate_check(
 def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[float, float] | None:
     """Smallest and largest true over stated frame rate, for any masses with the c estimated from phi.
 
-    If the strikes contradict each other at every rate, all tolerances are widened until they do not. If phi
-    leaves c open (edges of one corner), so that no R is known, each strike bounds the rate by itself.
+    phi are the balance angles, c the centre of mass and R its distance from an edge. If the strikes
+    contradict each other at every rate, all tolerances are widened, up to `TOLERANCE_FACTORS`, until they do
+    not. If phi leaves c open (edges of one corner), so that no R is known, each strike bounds the rate by
+    itself.
 
     Args:
-        by_phi: Joint solution by phi alone.
+        by_phi: Joint solution by phi alone; its planes have k at the stated rate.
         scale: Gravity, and the error of k that strikes share.
-        points: (n, 3) places [m, in O] where mass can be.
+        points: (n, 3) places [m, in the object frame O] where mass can be.
 
     Returns:
-        None if no strike has a usable k, or no filling fits at any rate.
+        Smallest and largest ratio; None if no strike has a usable k, or no filling fits at any rate.
     """
     model, x, P = by_phi.model, by_phi.x, by_phi.covariance
     R, by_c = model.distances(x), model.distance_design(x)
@@ -172,19 +180,19 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
 def _extremes(
     plane: EquiPlane, k_over_g: float, tolerance: float, points: Array
 ) -> tuple[float, float] | None:
-    """Smallest and largest s of one strike, for any masses at `points` with c on its plane.
+    """Smallest and largest s = 1 / r^2 of one strike, for any masses with their centre on its equi-plane.
 
-    s = (k / g) I_edge / (m R) is a ratio of two sums over the mass shares: a linear programme in the shares
-    over R (Charnes and Cooper 1962).
+    r is the true over the stated frame rate. s = (k / g) I_edge / (m R) is a ratio of two sums over the mass
+    shares: a linear programme in the shares over R (Charnes and Cooper 1962).
 
     Args:
         plane: Equi-plane of the strike.
-        k_over_g: k over gravity [1/m].
-        tolerance: Relative tolerance of k.
-        points: (n, 3) places [m, in O] where mass can be.
+        k_over_g: k at the stated rate over gravity [1/m].
+        tolerance: Relative tolerance of k, by which both ends are widened.
+        points: (n, 3) places [m, in the object frame O] where mass can be.
 
     Returns:
-        None if no masses have their centre on the plane.
+        Both ends of s; None if no masses have their centre on the plane.
     """
     arm = points - plane.point
     towards = np.cross(plane.normal, plane.direction)
@@ -206,7 +214,10 @@ def _extremes(
 
 
 def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Bounds of the true over the stated frame rate r from bounds (low, high) on s = 1 / r^2 per strike.
+    """Bounds of the true over the stated frame rate r from bounds on s = 1 / r^2 of each strike.
+
+    Args:
+        each: Smallest and largest s of each strike.
 
     Returns:
         Smallest and largest r; None if there are no bounds, or if they exclude each other.
@@ -219,24 +230,32 @@ def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | 
 
 @dataclass(frozen=True)
 class _Programme:
-    """Linear programme in n non-negative mass shares and s, scaled by the shape's size."""
+    """Linear programme in n non-negative mass shares and s = 1 / r^2, scaled by the shape's size.
+
+    r is the true over the stated frame rate.
+    """
 
     about: Array
     """(strikes, n) squared distances of the places from each edge [m^2]."""
     lever: Array
-    """(strikes,) contribution of the edge's rounding, (R + rho)^2 - R^2 [m^2]."""
+    """(strikes,) contribution of the edge's rounding of radius rho, (R + rho)^2 - R^2 [m^2]."""
     stated: Array
     """(strikes,) I_edge / m at the stated rate, g R / k [m^2]."""
     across: Array
-    """(3, n) coordinates of the places along the principal directions of c's covariance [m]."""
+    """(3, n) coordinates of the places along the principal directions of the covariance of c, the centre of
+    mass [m]."""
     com: Array
-    """(3, 2) lower and upper bounds of c along these [m]."""
+    """(3, 2) lower and upper bounds of c along these directions [m]."""
 
     def extreme(self, tolerance: Array, sign: float) -> float | None:
-        """Smallest (`sign` 1) or largest (-1) s with all moments within the relative `tolerance` (strikes,).
+        """Smallest or largest s = 1 / r^2 for which some mass shares have all strikes' moments.
+
+        Args:
+            tolerance: (strikes,) relative tolerance of the moments about the edges.
+            sign: 1 for the smallest s, -1 for the largest.
 
         Returns:
-            None if the programme is infeasible.
+            s; None if the programme is infeasible.
         """
         size = float(self.about.mean())
         below = np.column_stack([(1 - tolerance)[:, None] * self.about, -self.stated]) / size
@@ -260,7 +279,10 @@ class _Programme:
 
 
 def with_scaled_k(plane: EquiPlane, factor: float) -> EquiPlane:
-    """Equi-plane with k [rad/s^2] and its errors multiplied by `factor`."""
+    """Copy of an equi-plane with k [rad/s^2] and its errors multiplied by `factor`.
+
+    A plane without k, or without its sd, is returned unchanged.
+    """
     if plane.k is None or plane.sd_k is None:
         return plane
     return replace(plane, k=plane.k * factor, sd_k=plane.sd_k * factor, cov_phi_k=plane.cov_phi_k * factor)
@@ -273,17 +295,20 @@ def estimated_rate(
     moments: MomentModel,
     approximate: float,
 ) -> RateEstimate | None:
-    """Estimate of the true over the stated frame rate from axes with different R, for any filling.
+    """Estimate of the true over the stated frame rate from axes at different distances, for any filling.
+
+    The joint problem is solved with gravity as a free parameter: a factor on it acts on k = m g R / I_edge
+    as the square of a factor on the rate.
 
     Args:
-        planes: Equi-planes of one recording's strikes, in O.
+        planes: Equi-planes of one recording's strikes, in the object frame O, with k at the stated rate.
         systematic: Standard deviations of the shared errors.
-        prior: Prior of c.
-        moments: Mass, gravity, and the shape's prior of the moments.
+        prior: Prior of the centre of mass.
+        moments: Mass, gravity, and the shape's prior of the moments, which is widened.
         approximate: Approximate ratio, to start from.
 
     Returns:
-        None if the axes do not determine the ratio to `MAX_RATE_SD`.
+        Ratio and its sd; None if the axes do not determine the ratio to `MAX_RATE_SD`.
     """
     k_factor = approximate**2
 
@@ -306,9 +331,14 @@ def estimated_rate(
 
 
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
-    """1 sigma of ln g over its prior sd, linearised with the moments themselves as unknowns.
+    """1 sigma of ln g (gravity) over its prior sd, linearised with the moments themselves as unknowns.
 
-    The solution's unknowns are logarithms of lengths, which would look well known near zero.
+    The solution's own unknowns are logarithms of lengths, which would look well known near zero.
+
+    Args:
+        found: Joint solution with gravity as a free parameter.
+        prior: Prior of the centre of mass.
+        wide: Widened prior of the inertia per kilogram.
     """
     model, x, data = found.model, found.x, found.data
     along = np.array([plane.direction for plane in model.planes])

@@ -22,12 +22,12 @@ from analyze.types import Array
 def region_limits(problem: RegionProblem, normal: Array, height: float) -> Array:
     """Smallest and largest share (3, 2) of the mass in the shell, above and below the dividing plane.
 
-    The bounds are 0 and 1 if no filling has the measured moments.
+    The bounds are 0 and 1 if no filling has the measured moments (each within 1.96 sd).
 
     Args:
         problem: Moments of the regions, and the measured ones.
-        normal: (3,) unit normal n of the dividing plane n.(x - middle) = height, in O.
-        height: Height of the plane over the body's middle [m].
+        normal: (3,) unit normal n of the dividing plane n.(x - middle) = height, in the object frame O.
+        height: Height of the plane over the body's middle (centroid of the uniform solid) [m].
     """
     pieces = problem.pieces(normal, height)
     rows = np.vstack([pieces.explaining.T, -pieces.explaining.T])

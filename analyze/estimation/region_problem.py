@@ -37,10 +37,13 @@ _MAX_DENSITY = DENSITIES[1]
 
 @dataclass(frozen=True)
 class DividingPlanes:
-    """Positions b of the dividing plane n.(x - middle) = height, each with the mass shares that fit it."""
+    """Positions b of the dividing plane n.(x - middle) = height, each with the mass shares that fit it.
+
+    The plane divides the interior into upper (n's side) and lower part; middle is the body's centroid.
+    """
 
     normals: Array
-    """(b, 3) unit normals n, in O."""
+    """(b, 3) unit normals n, in the object frame O."""
     heights: Array
     """(b,) heights over the body's middle [m]."""
     mean: Array
@@ -54,7 +57,7 @@ class DividingPlanes:
 
     @property
     def shares(self) -> ShareDistribution:
-        """Distributions of the non-negative shares of shell, upper and lower part."""
+        """Distributions, one per plane, of the non-negative mass shares of shell, upper and lower part."""
         return share_distribution(self.mean, self.precision)
 
     def misfit(self, shares: Array) -> Array:
@@ -63,7 +66,7 @@ class DividingPlanes:
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)
 
     def replaced_where(self, accept: NDArray[np.bool_], other: DividingPlanes) -> DividingPlanes:
-        """Positions of `other` where `accept` (b,) is True, and of these elsewhere."""
+        """Set with the positions of `other` where `accept` (b,) is True, and of this set elsewhere."""
 
         def either(name: str) -> Any:
             mine = getattr(self, name)
@@ -73,7 +76,7 @@ class DividingPlanes:
 
     @classmethod
     def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
-        """Positions of several sets, one after the other."""
+        """One set with the positions of several sets, one after the other."""
         return cls(
             *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )
@@ -81,7 +84,7 @@ class DividingPlanes:
 
 @dataclass(frozen=True)
 class BodyPieces:
-    """The body cut into few pieces, with their contribution to the measured moments."""
+    """The body cut into n pieces, with their contribution to the k measured moments."""
 
     region: IntArray
     """(n,) region of each piece: 0 shell, 1 upper, 2 lower."""
@@ -94,9 +97,16 @@ class BodyPieces:
 class RegionProblem:
     """Linear problem of the mass shares w of shell and interior parts, per kilogram of the body.
 
-    Motions determine a body up to its mass, on which the shares do not depend. About the measured c the
-    problem is linear in w: sum w = 1, sum w (c_r - c) = 0, sum w l.J_r.l = I_c,l / m (VISAPP 2013, eqs. 7 and
-    8).
+    Motions determine a body up to its mass m, on which the shares do not depend. About the measured centre of
+    mass c the problem is linear in w: sum w = 1, sum w (c_r - c) = 0, sum w l.J_r.l = I_c,l / m (VISAPP 2013,
+    eqs. 7 and 8), with c_r the centroid of region r, J_r its inertia per kilogram about c, and I_c,l the
+    measured moment about the line l through c.
+
+    Attributes:
+        middle: (3,) centroid of the body as a uniform solid [m], in the object frame O.
+        longest: (3,) unit principal direction of largest extent, in O.
+        reach: extent of the body along it [m].
+        target: (k,) whitened measurements.
     """
 
     def __init__(self, parameters: InertialParameters, cells: Cells) -> None:
@@ -117,9 +127,15 @@ class RegionProblem:
         self._pitch, self._mass = cells.pitch, parameters.mass
 
     def solve(self, normals: Array, heights: Array, *, coarsely: bool = False) -> DividingPlanes:
-        """Mass shares for planes with `normals` (b, 3) and `heights` (b,) [m] over the body's middle.
+        """Mass shares of shell, upper and lower part that fit the moments best, for b dividing planes.
 
-        `coarsely` uses clumps of `_COARSE_CLUMP` cells.
+        Args:
+            normals: (b, 3) unit normals, in the object frame O.
+            heights: (b,) heights over the body's middle [m].
+            coarsely: True to use clumps of `_COARSE_CLUMP` cells per edge instead of single cells.
+
+        Returns:
+            The planes with mean and precision of the shares before truncation at zero, and their chi^2.
         """
         above = (self._coarse if coarsely else self._fine).above(normals, heights)
         part = above[:, 0] / self._interior[0]
@@ -140,7 +156,10 @@ class RegionProblem:
         )
 
     def probability(self, misfit: float) -> float:
-        """Probability of a chi^2 of at least `misfit` at the best plane, for two uniform parts."""
+        """Probability of a chi^2 of at least `misfit` at the best plane, for a shell and two uniform parts.
+
+        It is 1 if there are not more measurements than fitted parameters.
+        """
         freedom = (
             int(np.linalg.matrix_rank(self._rows, tol=1e-6 * float(np.linalg.norm(self._rows))))
             - _FITTED_PARAMETERS
@@ -151,7 +170,7 @@ class RegionProblem:
         """Pieces of the body: the shell as one, and the interior on either side of the plane in clumps.
 
         Args:
-            normal: (3,) unit normal of the dividing plane, in O.
+            normal: (3,) unit normal of the dividing plane, in the object frame O.
             height: Height of the plane over the body's middle [m].
         """
         above = self._points @ normal > height
@@ -166,11 +185,14 @@ class RegionProblem:
         )
 
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
-        """Naive region masses (3,) [kg] by name: shell only, uniform, best mix of shell and uniform interior.
+        """Naive masses (3,) [kg] of shell, upper and lower part, by the name of the naive answer.
+
+        "shell" has all mass in the shell, "uniform" one density, "shell_and_uniform" the mix of a shell and a
+        uniform interior that fits the moments best.
 
         Args:
             mass: Mass of the object [kg].
-            normal: (3,) unit normal of the dividing plane, in O.
+            normal: (3,) unit normal of the dividing plane, in the object frame O.
             height: Height of the plane over the body's middle [m].
         """
         above = self._fine.above(normal[None], np.array([height]))[0, 0]
@@ -190,7 +212,10 @@ class RegionProblem:
         }
 
     def _explaining(self, contents: Array) -> Array:
-        """Whitened moments (..., k) of a kilogram spread uniformly over `contents` (..., 10)."""
+        """Whitened moments (..., k) of a kilogram spread uniformly over a part of the body.
+
+        `contents` (..., 10) are the part's volume, first and second moments at unit density.
+        """
         return (contents[..., 1:] / np.maximum(contents[..., :1], 1e-6 * self._interior[0])) @ self._rows.T
 
 
@@ -201,13 +226,16 @@ class _CutPieces:
     places: NDArray[np.float32]
     """(4, n) coordinates from the body's middle in pitches, and 1."""
     contents: NDArray[np.float32]
-    """(n, 10) volume, first and second moments."""
+    """(n, 10) volume, first and second moments about the measured centre of mass, at unit density."""
     pitch: float
     """Width [m] of the layer about a plane in which a piece counts in part."""
 
     @classmethod
     def from_cells(cls, points: Array, contents: Array, pitch: float) -> _CutPieces:
-        """Pieces at `points` (n, 3) [m] from the body's middle with `contents` (n, 10)."""
+        """Pieces at `points` (n, 3) from the body's middle with `contents` (n, 10), rounded to float32.
+
+        `points` and `pitch` are in metres; `contents` are volume, first and second moments.
+        """
         return cls(
             np.vstack([points.T / pitch, np.ones(len(points))]).astype(np.float32),
             contents.astype(np.float32),
@@ -215,10 +243,12 @@ class _CutPieces:
         )
 
     def above(self, normals: Array, heights: Array) -> Array:
-        """Contents (b, 10) above each plane, continuous in the plane: a piece that it cuts counts in part.
+        """Volume, first and second moments (b, 10) of the interior above each of b planes.
+
+        They are continuous in the plane: a piece that it cuts counts in part.
 
         Args:
-            normals: (b, 3) unit normals, in O.
+            normals: (b, 3) unit normals, in the object frame O.
             heights: (b,) heights over the body's middle [m].
         """
         share = np.column_stack([normals, 0.5 - heights / self.pitch]).astype(np.float32) @ self.places
@@ -227,9 +257,10 @@ class _CutPieces:
 
 
 def _contents(cells: Cells, about: Array) -> Array:
-    """Contents (n, 10) of each cell per volume: 1, first and second moments about `about` (3,) [m, in O].
+    """Contents (n, 10) of each cell per volume: 1, first (3) and second (6) moments about a point.
 
-    The second moments include the cell's own, which are the same about every axis.
+    The second moments, in the order xx, yy, zz, xy, xz, yz, include the cell's own, which are the same about
+    every axis. `about` (3,) is the point [m], in the object frame O.
     """
     arm = cells.points - about
     second = np.stack(
@@ -244,7 +275,7 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 
     Args:
         points: (n, 3) centroids of the cells [m].
-        contents: (n, 10) contents of the cells.
+        contents: (n, 10) volume, first and second moments of the cells.
         pitch: Edge of the cubes [m].
     """
     cube = np.floor(points / pitch).astype(np.int64)
@@ -261,7 +292,12 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 
 
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:
-    """Whitened matrix (k, 9) from first and second moments about c to measurements, and these (k,)."""
+    """Whitened matrix (k, 9) from moments about the centre of mass to the measurements, and these (k,).
+
+    The 9 columns are first (3) and second (6) moments per kilogram; the k = 3 + axes measurements are the
+    centre of mass, 0 about itself, and the moments about the struck axes per kilogram. The covariance also
+    holds the error of modelling the body by cells (`LEVER_ERROR`, `MODEL_ERROR`).
+    """
     mass = parameters.mass
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)
     unit = np.array([axis.i_com for axis in parameters.axes]) / mass

@@ -41,18 +41,23 @@ def mass_distribution(
 ) -> MassDistribution:
     """Masses of three uniform regions: shell (R1), interior where n.x > offset (R2) and elsewhere (R3).
 
-    Metropolis chains draw direction and offset of the dividing plane from its posterior, with the mass shares
-    integrated out. For each plane the shares are then drawn from their normal distribution, truncated at
-    zero. n points to the same side as the body's longest direction.
+    n is the unit normal of the plane n.x = offset that divides the interior, in the object frame O.
+    Metropolis chains draw direction and offset of this plane from its posterior, with the mass shares
+    integrated out.
+    For each plane the shares are then drawn from their normal distribution, truncated at zero. n points to
+    the same side as the body's longest direction.
 
     The intervals hold for a body of this kind. If even the best plane leaves a misfit beyond measurement
     error, the body is of another kind: then the dividing plane passes through its middle, normal to its
     longest direction, and the intervals are the bounds for any filling of a uniform shell.
 
     Args:
-        parameters: Mass, c and moments with their joint covariance.
-        cells: Cells of the body.
+        parameters: Mass, centre of mass and moments with their joint covariance.
+        cells: Cells of the body, in shell and interior.
         rng: Random generator of the chains; the same seed gives the same result.
+
+    Returns:
+        Masses [kg] with covariance and intervals, and the dividing plane.
     """
     return _distribution([_shell_posterior(parameters, cells, rng)], np.ones(1), parameters, rng)
 
@@ -60,13 +65,19 @@ def mass_distribution(
 def mass_distribution_over(
     parameters: InertialParameters, shells: Sequence[ShellCells], rng: np.random.Generator
 ) -> MassDistribution:
-    """Masses of three uniform regions, averaged over an unknown shell thickness by evidence.
+    """Masses of three uniform regions, averaged over an unknown shell thickness.
+
+    The regions are the shell and the interior on either side of a plane. A thickness has the weight of its
+    evidence, the probability of the measured moments under it.
 
     Args:
-        parameters: Mass, c and moments with their joint covariance.
+        parameters: Mass, centre of mass and moments with their joint covariance.
         shells: Cells for two or more shell thicknesses in a geometric series; each stands for an equal range
             of the logarithm, over which the prior is uniform.
         rng: Random generator of the chains; the same seed gives the same result.
+
+    Returns:
+        Masses [kg] with covariance and intervals, the dividing plane, and the estimated thickness.
     """
     posteriors = [_shell_posterior(parameters, shell.cells, rng) for shell in shells]
     evidence = np.array([each.log_evidence for each in posteriors])
@@ -88,11 +99,13 @@ class _ShellPosterior:
     """Posterior of dividing plane and region masses for one shell thickness."""
 
     problem: RegionProblem
+    """Moments of the regions as functions of the dividing plane, and the measured ones."""
     chains: _Chains
+    """Dividing planes drawn from their posterior."""
     log_evidence: float
     """Log evidence of the thickness, up to a constant that all thicknesses share."""
     draws: Array
-    """(n, 3) masses [kg], one draw per dividing plane."""
+    """(n, 3) masses of shell, upper and lower part [kg], one draw per dividing plane."""
     misfit: float
     """Smallest chi^2 of the draws."""
 
@@ -100,7 +113,7 @@ class _ShellPosterior:
 def _shell_posterior(
     parameters: InertialParameters, cells: Cells, rng: np.random.Generator
 ) -> _ShellPosterior:
-    """Posterior of dividing plane and region masses for the cells of one shell thickness."""
+    """Posterior of dividing plane and region masses, with draws, for the cells of one shell thickness."""
     problem = RegionProblem(parameters, cells)
     chains, log_evidence = _posterior(problem, rng)
     shares = chains.planes.shares.draw(rng)
@@ -114,7 +127,18 @@ def _distribution(
     parameters: InertialParameters,
     rng: np.random.Generator,
 ) -> MassDistribution:
-    """Mass distribution averaged over shell thicknesses with probabilities `weight` (w,)."""
+    """Masses of shell, upper and lower part averaged over shell thicknesses, and the dividing plane.
+
+    Args:
+        posteriors: Posterior of masses and dividing plane for each of w thicknesses.
+        weight: (w,) probabilities of the thicknesses; those below `MIN_THICKNESS_PROBABILITY` are left out.
+        parameters: Mass of the object.
+        rng: Random generator that selects draws.
+
+    Returns:
+        Distribution with the best plane of the likeliest thickness; if no plane explains the moments, the
+        bounds for any filling, with the plane through the body's middle.
+    """
     first = posteriors[int(np.argmax(weight))]
     problem, planes = first.problem, first.chains.planes
     best = int(np.argmax(first.chains.log_posterior))
@@ -158,10 +182,16 @@ def _distribution(
 def _unexplained_distribution(
     posteriors: Sequence[_ShellPosterior], weight: Array, parameters: InertialParameters, misfit: float
 ) -> MassDistribution:
-    """Mass distribution of a body whose moments no dividing plane explains.
+    """Mass distribution of a body whose moments no dividing plane explains; its `explained` is False.
 
     The plane passes through the body's middle, normal to its longest direction. The masses are the middles of
     the bounds for any filling of a uniform shell, moved to the right sum in proportion to the bounds' widths.
+
+    Args:
+        posteriors: Posterior for each of w shell thicknesses.
+        weight: (w,) probabilities of the thicknesses.
+        parameters: Mass of the object and its sd.
+        misfit: Smallest chi^2 of the moments at any plane, to be reported.
     """
     problem = posteriors[int(np.argmax(weight))].problem
     ends = np.array(
@@ -197,9 +227,16 @@ def _unexplained_distribution(
 def _weighted_draws(
     posterior: _ShellPosterior, weight: float, normal: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draws of the masses (n, 3) [kg], and places (n,) [m] of their planes along `normal` (3,).
+    """Draws (n, 3) of the region masses [kg], and places (n,) [m] of their dividing planes along a normal.
 
-    The number of draws is proportional to the `weight` of the shell thickness.
+    The upper part is the one towards `normal` for every draw. A place is the height over the body's middle at
+    which the plane cuts the line along `normal`.
+
+    Args:
+        posterior: Posterior for one shell thickness.
+        weight: Probability of that thickness, to which the number n of draws is proportional.
+        normal: (3,) unit normal of the best plane, in the object frame O.
+        rng: Random generator that selects draws.
     """
     planes = posterior.chains.planes
     # The upper part is the one on the side of the best plane's normal, for every plane.
@@ -214,24 +251,31 @@ def _weighted_draws(
 
 @dataclass(frozen=True)
 class _Chains:
-    """Positions of Metropolis chains with their log posterior."""
+    """Positions of b Metropolis chains (dividing planes of the interior) with their log posterior."""
 
     planes: DividingPlanes
+    """Position of each chain, with the mass shares that fit it."""
     log_posterior: Array
     """(b,) log posterior, the mass shares integrated out."""
 
     @classmethod
     def of_planes(cls, planes: DividingPlanes) -> _Chains:
-        """Chains at the positions `planes`, with their log posterior."""
+        """Chains at the dividing planes `planes`, with their log posterior.
+
+        It is -1e300 for a plane with next to nothing of the interior on one side.
+        """
         possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
         return cls(planes, possible)
 
 
 def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chains, float]:
-    """Draws of the dividing plane from its posterior, and the log evidence.
+    """Draws of the dividing plane from its posterior, and the log evidence up to a constant.
 
-    Random planes everywhere give the evidence and start the chains, which cool from a high temperature to
-    find all modes.
+    Random planes everywhere give the evidence (the mean of prior times likelihood) and start the chains,
+    which cool from a high temperature to find all modes.
+
+    Returns:
+        Positions of `CHAINS` chains in each of `KEPT_STEPS` steps, and the log evidence.
     """
     normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
     heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach
@@ -265,7 +309,10 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chain
 def _metropolis_step(
     chains: _Chains, there: _Chains, temperature: float, rng: np.random.Generator
 ) -> _Chains:
-    """Chains after a Metropolis step: each stays or moves to its proposal `there`."""
+    """Chains after a Metropolis step: each stays or moves to its proposal `there`.
+
+    At a `temperature` above 1 moves to a lower posterior are accepted more often.
+    """
     accept = (
         there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior))
         > chains.log_posterior
@@ -277,7 +324,16 @@ def _metropolis_step(
 
 
 def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Symmetric proposals (b, 3), (b,) [m]: planes turned about the body's middle and shifted."""
+    """Proposed normals (b, 3) and heights (b,) [m] for b chains: planes turned and shifted at random.
+
+    A proposal and its reverse are equally likely. A share `DIFFERENCE_MOVES` of them moves by the difference
+    of two other planes.
+
+    Args:
+        planes: Present positions of the chains.
+        reach: Extent of the body along its longest direction [m], which scales the shifts.
+        rng: Random generator.
+    """
     many = len(planes.heights)
     size = rng.choice(MOVE_SIZES, size=many)
     turn, shift = (
@@ -292,14 +348,17 @@ def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -
 
 
 def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntArray:
-    """Indices (count,) drawn in proportion to their weights by systematic resampling."""
+    """Indices (count,) drawn in proportion to exp(`log_weight`) by systematic resampling."""
     weight = np.exp(log_weight - log_weight.max())
     edges = np.cumsum(weight) / weight.sum()
     return np.minimum(np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count), len(weight) - 1)
 
 
 def _oriented(normals: Array, heights: Array, towards: Array) -> tuple[Array, Array]:
-    """The same planes (b, 3), (b,) [m], each with its normal on the side of `towards` (3,)."""
+    """Normals (b, 3) and heights (b,) [m] of b planes, each with its normal on the side of `towards` (3,).
+
+    A plane whose normal points to the other side has both signs reversed, and so stays in place.
+    """
     side = np.where(normals @ towards < 0, -1.0, 1.0)
     return normals * side[:, None], heights * side
 

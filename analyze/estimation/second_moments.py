@@ -1,9 +1,9 @@
-"""Log-Cholesky parameters of the second moments about c per kilogram; all values are possible.
+"""Log-Cholesky parameters of the second moments per kilogram about the centre of mass c.
 
 Rucker and Wensing 2022 ("Smooth parameterization of rigid-body inertia"): the 4 x 4 pseudo-inertia is A A^T
 with A upper triangular and exponentials on its diagonal. Its last column is then c itself and its scale the
-mass, which leaves six numbers for the second moments about c per kilogram, S = U U^T. Every such S belongs to
-a body: moments positive, triangle inequality strict.
+mass, which leaves six numbers for the second moments about c per kilogram, S = U U^T. Every value of the six
+is possible, since every such S belongs to a body: moments positive, triangle inequality strict.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ MIN_EIGENVALUE_FRACTION = 1e-3
 
 
 def unit_inertia(numbers: Array) -> tuple[Array, Array]:
-    """Inertia tensor about c per kilogram, J (3, 3) [m^2], and its derivatives (6, 3, 3).
+    """Inertia tensor about the centre of mass per kilogram, J (3, 3) [m^2], and its derivatives (6, 3, 3).
+
+    J = tr(S) - S with the second moments S = U U^T, U upper triangular.
 
     Args:
         numbers: (6,) logarithms of U's diagonal [m], then U's entries 12, 13, 23 [m].
@@ -36,7 +38,11 @@ def unit_inertia(numbers: Array) -> tuple[Array, Array]:
 
 
 def log_cholesky(inertia: Array) -> Array:
-    """Log-Cholesky numbers (6,) of the possible tensor nearest to an inertia per kilogram (3, 3) [m^2]."""
+    """Log-Cholesky numbers (6,) of the possible tensor nearest to an inertia per kilogram (3, 3) [m^2].
+
+    They are the logarithms of U's diagonal [m], then U's entries 12, 13, 23 [m], with U upper triangular and
+    U U^T the second moments tr(inertia)/2 - inertia.
+    """
     inertia = nearest_possible(inertia)
     S = np.trace(inertia) / 2 * np.eye(3) - inertia
     U = np.asarray(np.linalg.cholesky(S[::-1, ::-1]), dtype=np.float64)[::-1, ::-1]
@@ -44,9 +50,11 @@ def log_cholesky(inertia: Array) -> Array:
 
 
 def nearest_possible(inertia: Array) -> Array:
-    """Nearest physically possible inertia tensor (3, 3), in the unit of `inertia` (3, 3).
+    """Nearest physically possible inertia tensor I (3, 3), in the unit of `inertia` (3, 3).
 
-    Its second-moment matrix tr(I)/2 - I is positive definite, which implies the triangle inequality.
+    Its second-moment matrix tr(I)/2 - I is positive definite, which implies the triangle inequality:
+    eigenvalues are raised to at least `MIN_EIGENVALUE_FRACTION` of its trace. A tensor that has them already
+    is returned unchanged.
     """
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
     values, vectors = np.linalg.eigh(second)

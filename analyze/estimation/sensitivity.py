@@ -33,7 +33,10 @@ NEGLIGIBLE_SHARE = 1e-9
 
 
 class ErrorSource(enum.Enum):
-    """Sources of error of the centre of mass."""
+    """Sources of error of the centre of mass; the value is the source's name in words.
+
+    The k of a strike is m g R / I_edge, fitted to its motion.
+    """
 
     NOISE = "noise of the frames"
     SCATTER = "scatter from strike to strike"
@@ -49,28 +52,31 @@ class ErrorSource(enum.Enum):
 
 @dataclass(frozen=True)
 class Influence:
-    """Derivative of c by one strike's phi and ln k, at the present robust weights."""
+    """Derivative of the centre of mass c by one strike's balance angle phi and ln k, robust weights fixed."""
 
     strike_id: str
+    """Id of the strike."""
     axis_id: str
+    """Id of its pivot axis."""
     by_phi: Array
-    """(3,) dc/dphi [m/rad], in O."""
+    """(3,) dc/dphi [m/rad], in the object frame O."""
     by_log_k: Array
     """(3,) dc/dln k [m], in O: change of c per relative change of k."""
 
 
 @dataclass(frozen=True)
 class SourceShare:
-    """Contribution of one error source to the covariance of c."""
+    """Contribution of one error source to the covariance of the centre of mass c."""
 
     source: ErrorSource
+    """The source of error."""
     covariance: Array
-    """(3, 3) covariance [m^2], in O; the contributions of all sources add up to that of c."""
+    """(3, 3) covariance [m^2], in the object frame O; the sum over all sources is the covariance of c."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Influence of every strike on c, and the error sources of c."""
+    """Influence of every strike on the centre of mass c, and contribution of each error source to it."""
 
     strikes: tuple[Influence, ...]
     """Influences in the order of the joint estimate's planes."""
@@ -85,7 +91,7 @@ def sensitivity(
     whole: InertialParameters,
     bare: InertialParameters,
 ) -> Sensitivity:
-    """Influence of each strike on c, and contribution of each error source to its covariance.
+    """Influence of each strike on the centre of mass c, and of each error source on its covariance.
 
     Both are linear about the solution.
 
@@ -98,7 +104,11 @@ def sensitivity(
         systematic: Shared errors that it was solved with.
         prior: Prior of c that it was solved with.
         whole: Parameters of the body that tipped, from the solution.
-        bare: Parameters reported: the same, or without markers; then c moves by more as the body weighs less.
+        bare: Parameters reported: `whole`, or those without markers; c then moves by more, as the body
+            weighs less.
+
+    Returns:
+        Influences in the order of the solution's planes, and the contributions that are not negligible.
     """
     factor = whole.mass / bare.mass
     parts = {source: factor**2 * covariance for source, covariance in _shares(solution, systematic, prior)}
@@ -116,18 +126,19 @@ def sensitivity(
 
 
 def _rows(solution: JointSolution) -> Array:
-    """Derivatives (strikes, 2, count) of phi and ln k by the unknowns; 0 for a k that is not used."""
+    """Derivatives (strikes, 2, count) of balance angle phi and ln k by the unknowns; 0 for an unused k."""
     model, x = solution.model, solution.x
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)
 
 
 def _inverse_covariances(solution: JointSolution) -> Array:
-    """Inverse covariances (strikes, 2, 2) of (phi, ln k) as stated; 0 for a k that is not used."""
+    """Inverse covariances (strikes, 2, 2) of (balance angle phi, ln k) as stated; 0 for an unused k."""
     W = solution.data.whiten
     return np.swapaxes(W, 1, 2) @ W
 
 
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
+    """Yield the influence of each strike on the centre of mass, times `factor`, in the planes' order."""
     rows, precisions, weight = _rows(solution), _inverse_covariances(solution), solution.weight
     informations = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
     # The covariance includes the spread factor; the estimate itself does not depend on it.
@@ -142,6 +153,7 @@ def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
 def _shares(
     solution: JointSolution, systematic: SystematicErrors, prior: ComPrior
 ) -> Iterator[tuple[ErrorSource, Array]]:
+    """Yield each source but the mass, with its part (3, 3) [m^2] of the centre of mass's covariance."""
     P, rows, precisions = solution.covariance, _rows(solution), _inverse_covariances(solution)
     scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))
     stated = np.diag([systematic.strike_angle_sd**2, 0.0])
@@ -166,7 +178,7 @@ def _shares(
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Indices of the unknowns that belong to each error source."""
+    """Indices of the joint model's unknowns by the error source, from the tilt to k, that they belong to."""
     axes = [FIRST_AXIS_TERM + AXIS_TERMS * number for number in range(model.axes)]
     faces = FIRST_AXIS_TERM + AXIS_TERMS * model.axes
     levels = faces + model.faces

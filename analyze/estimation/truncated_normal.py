@@ -49,7 +49,10 @@ def draw_truncated(mean: Array, sd: Array, low: Array, high: Array, rng: np.rand
 
 
 def narrowest_intervals(ordered: Array) -> tuple[Array, Array]:
-    """Lower and upper ends, each (n,), of the shortest intervals with 95 % of the sorted draws (m, n)."""
+    """Lower and upper ends, each (n,), of the shortest intervals with 95 % of the draws (m, n).
+
+    Each column of `ordered` holds the m draws of one quantity in ascending order.
+    """
     inside = math.ceil(0.95 * len(ordered))
     first = np.argmin(ordered[inside - 1 :] - ordered[: len(ordered) - inside + 1], axis=0)
     columns = np.arange(ordered.shape[1])
@@ -93,7 +96,8 @@ class ShareDistribution:
 
     The prior gives probability `EMPTY_PART_PRIOR` to the second share being zero, and to the third; the rest
     is uniform over all possible shares (a triangle), or over those that leave one of them zero (two of its
-    sides). The marginal density of u is tabulated on a grid that covers its support.
+    sides). The marginal density of u is tabulated on a grid that covers its support. w = (u, v) are the first
+    two shares.
     """
 
     mean: Array
@@ -107,15 +111,15 @@ class ShareDistribution:
 
     @property
     def log_mass(self) -> Array:
-        """Log (b,) of the integral of prior times likelihood over all possible shares w.
+        """Log (b,) of the integral of prior times likelihood over all possible shares.
 
-        The likelihood is exp(-(w - mean).precision.(w - mean) / 2).
+        With w the first two of the three shares, the likelihood is exp(-(w - mean).precision.(w - mean) / 2).
         """
         return np.logaddexp.reduce(self._log_parts, axis=0)
 
     @property
     def _log_parts(self) -> Array:
-        """Terms (3, b) of `log_mass`: no share zero, second share zero, third share zero."""
+        """Log integrals (3, b) of prior times likelihood: with no share zero, the second or the third zero."""
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]
         weight = np.exp(self.log_density - top[:, None])
@@ -134,13 +138,16 @@ class ShareDistribution:
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:
-        """The triangle's sides (u, 0), second share zero, and (u, 1 - u), third share zero."""
+        """Distributions of the first share u on two sides of the triangle of possible shares.
+
+        On the first side, (u, 0), the second share is zero; on the second, (u, 1 - u), the third is.
+        """
         return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])
         )
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """One draw (b, 3) of the three shares of each distribution."""
+        """One draw (b, 3) of the three shares of each distribution; second or third may be exactly zero."""
         parts = self._log_parts
         kind = np.argmax(parts + rng.gumbel(size=parts.shape), axis=0)
         second_empty, third_empty = (side.draw(rng) for side in self._sides)
@@ -184,7 +191,10 @@ class _Side:
 
     @classmethod
     def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
-        """Distributions on the side (u, v) = start + u along; `start` and `along` are (2,)."""
+        """Distributions of u on the side (u, v) = start + u along; `start` and `along` are (2,).
+
+        u and v are the first two shares of `shares`.
+        """
         off = shares.mean - start
         towards = np.einsum("i,bij,bj->b", along, shares.precision, off)
         size = np.einsum("i,bij,j->b", along, shares.precision, along)
@@ -194,7 +204,7 @@ class _Side:
 
     @property
     def log_mass(self) -> Array:
-        """Log (b,) of the density's integral over u from 0 to 1."""
+        """Log (b,) of the integral of each density over the first share u from 0 to 1."""
         return (
             self.log_peak
             + np.log(np.sqrt(2 * np.pi) * self.sd)
@@ -202,15 +212,19 @@ class _Side:
         )
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """One draw (b,) of u of each distribution."""
+        """One draw (b,) of the first share u, between 0 and 1, of each distribution."""
         return draw_truncated(self.mean, self.sd, np.zeros(len(self.mean)), np.ones(len(self.mean)), rng)
 
 
 def share_distribution(mean: Array, precision: Array) -> ShareDistribution:
-    """Distributions of shares with `mean` (b, 2) and `precision` (b, 2, 2) before truncation.
+    """Distributions of three shares of a whole, with the first share's marginal density on a grid.
 
-    The density of u is log-concave (the marginal of a log-concave density: Prekopa 1973): its peak lies
-    beside the highest point of a coarse grid.
+    The density of the first share is log-concave (the marginal of a log-concave density: Prekopa 1973): its
+    peak lies beside the highest point of a coarse grid.
+
+    Args:
+        mean: (b, 2) means of the first two shares before truncation at zero.
+        precision: (b, 2, 2) their inverse covariances.
     """
     rows = np.arange(len(mean))
     grid = np.linspace(0.0, 1.0, GRID_POINTS[0])
@@ -233,13 +247,19 @@ def share_distribution(mean: Array, precision: Array) -> ShareDistribution:
 
 
 def _second_given_first(mean: Array, precision: Array, u: Array) -> tuple[Array, Array]:
-    """Mean (b, n) and sd (b,) of v before truncation, given the first share `u` (b, n)."""
+    """Mean (b, n) and sd (b,) of the second share before truncation, given the first share `u` (b, n).
+
+    `mean` (b, 2) and `precision` (b, 2, 2) are those of both shares.
+    """
     c = precision[:, 1, 1]
     return mean[:, 1, None] - (precision[:, 0, 1] / c)[:, None] * (u - mean[:, 0, None]), 1.0 / np.sqrt(c)
 
 
 def _log_density(mean: Array, precision: Array, u: Array) -> Array:
-    """Log marginal density (b, n) of the first share at `u` (b, n)."""
+    """Log marginal density (b, n), not normalised, of the first share at `u` (b, n).
+
+    `mean` (b, 2) and `precision` (b, 2, 2) are those of the first two shares before truncation at zero.
+    """
     middle, sd = _second_given_first(mean, precision, u)
     alone = precision[:, 0, 0] - precision[:, 0, 1] ** 2 / precision[:, 1, 1]
     inside = log_normal_mass(-middle / sd[:, None], (1.0 - u - middle) / sd[:, None])

@@ -43,7 +43,7 @@ class VoxelMap:
     """Density of every cell, and the part of it that the moments determine."""
 
     points: Array
-    """(n, 3) centroids of the cells [m], in O."""
+    """(n, 3) centroids of the cells [m], in the object frame O."""
     volumes: Array
     """(n,) volumes of the cells [m^3]."""
     density: Array
@@ -51,7 +51,8 @@ class VoxelMap:
     prior: float
     """Prior density of all cells [kg/m^3]."""
     octants: Array
-    """(8,) masses [kg] of the octants formed by the planes through the body's middle normal to O's axes."""
+    """(8,) masses [kg] of the octants formed by the planes through the body's centroid normal to O's axes;
+    octant number 1 for x + 2 for y + 4 for z above the centroid."""
     determined: Array
     """(8,) share of each octant's prior variance that the moments remove, 0 to 1."""
     directions: int
@@ -66,6 +67,10 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
         cells: Cells of the body; shell and interior are treated alike.
+
+    Returns:
+        Density of every cell, with the misfit, which is above `_MAX_MISFIT` if no such densities exist, and
+        the part of the octants' masses that the moments determine.
     """
     volumes = cells.volumes
     features, target = _whitened(moments, cells)
@@ -107,7 +112,10 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
 
 
 def _whitened(moments: MeasuredMoments, cells: Cells) -> tuple[Array, Array]:
-    """Whitened contribution (n, 4 + a) of a kilogram in each cell, and whitened target (4 + a,)."""
+    """Whitened contribution (n, 4 + a) of a kilogram in each cell, and whitened measurements (4 + a,).
+
+    These are the mass, the first moment about the measured centre of mass (3) and a moments of inertia.
+    """
     arm = cells.points - moments.com
     square = np.sum(arm**2, axis=1) + cells.own_inertia
     about = square[:, None] - (arm @ moments.directions.T) ** 2
@@ -117,16 +125,31 @@ def _whitened(moments: MeasuredMoments, cells: Cells) -> tuple[Array, Array]:
 
 
 def _masses(multipliers: Array, features: Array, most: Array, offset: float) -> Array:
-    """Masses (n,) [kg] of the cells for given `multipliers` (k,); `most` (n,) [kg] are those of lead."""
+    """Masses (n,) [kg] of the cells, most / (1 + exp(-(offset + features . multipliers))).
+
+    Args:
+        multipliers: (k,) one per measured moment.
+        features: (n, k) whitened contributions of a kilogram in each cell to the moments.
+        most: (n,) largest masses [kg], those at the density of lead.
+        offset: Logit of the prior density over that of lead.
+    """
     return most / (1.0 + np.exp(-np.clip(offset + features @ multipliers, -500, 500)))
 
 
 def _minimised_dual(
     start: Array, features: Array, target: Array, most: Array, offset: float, stiffness: float
 ) -> Array:
-    """Multipliers lambda (k,) that minimise the dual, by Newton's method.
+    """Multipliers lambda (k,) that minimise the dual of the maximum-entropy problem, by Newton's method.
 
-    The dual is sum m_max log(1 + exp(a + lambda.f)) - lambda.t + stiffness lambda^2 / 2.
+    The dual is sum m_max log(1 + exp(a + lambda.f)) - lambda.t + stiffness lambda^2 / 2, summed over n cells.
+
+    Args:
+        start: (k,) multipliers to start from.
+        features: (n, k) f, whitened contributions of a kilogram in each cell to the moments.
+        target: (k,) t, whitened measured moments.
+        most: (n,) m_max, masses of the cells at the density of lead [kg].
+        offset: a, logit of the prior density over that of lead.
+        stiffness: Weight of the entropy against chi^2.
     """
 
     def dual(multipliers: Array) -> float:
