@@ -1,4 +1,4 @@
 """Dense robust least squares.
 
-One Levenberg-Marquardt, one Gauss-Newton, Huber's weights and a lag-one noise model.
+One Levenberg-Marquardt and one Gauss-Newton minimiser, Huber's weights and a lag-one noise model.
 """

@@ -1,4 +1,4 @@
-"""Gauss-Newton on any state that can be moved by a small step, such as a pose."""
+"""Gauss-Newton minimiser over any state that can be moved by a small step, such as a pose."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Linearised(NamedTuple):
-    """Weighted least-squares problem around one state."""
+    """Weighted least-squares problem linearised at one state: residuals and their derivatives."""
 
     residual: Array
     """(n,) observed minus expected, over their standard deviations"""
@@ -30,14 +30,17 @@ def gauss_newton(
     max_steps: int,
     tolerance: float,
 ) -> State:
-    """State at the minimum of the sum of squares, by undamped steps from a start close to it.
+    """State at the minimum of a sum of squares, by undamped Gauss-Newton steps from a start close to it.
 
     Args:
         start: first state.
-        linearise: residuals and derivatives at a state.
+        linearise: residuals (n,) and derivatives (n, p) at a state, both over the observations' sd.
         apply_step: gives the state after a step (p,); it may limit the step.
         max_steps: number of steps after which the iteration ends.
-        tolerance: largest component of a step that ends the iteration.
+        tolerance: size of the largest component of a step below which the iteration ends.
+
+    Returns:
+        The last state, whether or not the iteration converged.
     """
     state = start
     for _ in range(max_steps):

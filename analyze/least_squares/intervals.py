@@ -1,4 +1,4 @@
-"""Factor from a standard deviation to the half-width of an interval."""
+"""Factor from a standard deviation to the half-width of a 95 % interval."""
 
 from __future__ import annotations
 

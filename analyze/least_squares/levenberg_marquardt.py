@@ -71,6 +71,10 @@ def minimise(
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
         positive_index: index of the parameter that must stay above 0.1.
+
+    Returns:
+        Parameters after the last accepted step, with residuals, derivatives and weights there; the iteration
+        ends after `_MAX_STEPS` steps whether or not it converged.
     """
     observed, sd = observations.value, observations.sd
 
@@ -111,17 +115,20 @@ def minimise(
 
 
 def _weights(standardised: Array) -> Array:
-    """Huber weights (n,), scaled by the residuals' own spread where that exceeds the stated noise."""
+    """Huber weights (n,) in 0..1 of standardised residuals (n,).
+
+    The threshold is scaled by the residuals' own spread where that exceeds the stated noise.
+    """
     return huber_weights(standardised, HUBER_THRESHOLD, max(1.0, median_scale(standardised)))
 
 
 def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
-    """Covariance (p, p) of the parameters for weighted residuals of variance 1.
+    """Covariance (p, p) of the parameters of a robust fit, for weighted residuals of variance 1.
 
     Args:
         minimum: the fit.
         sd: (n,) standard deviations of the observations.
-        scale: (p,) as in `minimise`.
+        scale: (p,) typical changes of the parameters, for conditioning.
     """
     J = minimum.jacobian * (np.sqrt(minimum.weight) / sd)[:, None]
     inverse = np.linalg.pinv((J * scale).T @ (J * scale), rcond=1e-14, hermitian=True)
@@ -129,10 +136,12 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
 
 
 def residual_variance(minimum: Minimum, sd: Array) -> float:
-    """Variance of the weighted residuals [1], inflated by their correlation from sample to sample.
+    """Variance of the weighted residuals (unitless), inflated by their correlation from sample to sample.
 
-    Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2. The divisor here is n - p - 2,
-    which gives the variance of Student's t, because the intervals are computed as for a normal variable.
+    Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2, with psi the standardised residuals
+    times their weights, n residuals and p parameters. The divisor here is n - p - 2, at least 1, which gives
+    the variance of Student's t, because the intervals are computed as for a normal variable. The mean of
+    psi', the share of residuals of full weight, counts as at least 0.5.
 
     Args:
         minimum: the fit.

@@ -22,7 +22,7 @@ def median_scale(residual: Array) -> float:
 
 
 def huber_weights(distance: Array, threshold: float, scale: float = 1.0) -> Array:
-    """Weights w (n,) in 0..1 of Huber's loss: w = min(1, threshold * scale / |distance|).
+    """Weights w (n,) in 0..1 of Huber's loss: w = min(1, threshold * scale / abs(distance)).
 
     Source: Huber 1964, "Robust estimation of a location parameter".
 
@@ -35,10 +35,10 @@ def huber_weights(distance: Array, threshold: float, scale: float = 1.0) -> Arra
 
 
 def lag_one_correlation(standardised: Array) -> float:
-    """Correlation a of neighbouring residuals (n,): 0 within its own noise of 2 / sqrt(n), at most 0.9.
+    """Correlation a of neighbouring residuals (n,): 0 below its own noise of 2 / sqrt(n), at most 0.9.
 
-    A fit absorbs part of any slow variation, which leaves a near -p / n for white noise; a variance must not
-    be deflated for that, so a negative correlation counts as 0.
+    A fit of p parameters absorbs part of any slow variation, which leaves a near -p / n for white noise; a
+    variance must not be deflated for that, so a negative correlation counts as 0.
     """
     power = max(float(np.sum(standardised * standardised)), 1e-30)
     correlation = float(np.sum(standardised[1:] * standardised[:-1])) / power
@@ -48,7 +48,7 @@ def lag_one_correlation(standardised: Array) -> float:
 def correlation_factor(standardised: Array) -> float:
     """Variance inflation (1 + a) / (1 - a) of a mean of residuals (n,) with lag-one correlation a.
 
-    It is 1 if a is within its noise.
+    It is 1 if a is below 2 / sqrt(n), its noise, and at most 19, for a = 0.9.
     """
     correlation = lag_one_correlation(standardised)
     return (1.0 + correlation) / (1.0 - correlation)
