@@ -1,4 +1,4 @@
-"""Client of the daemon's local API (server.py describes the protocol)."""
+"""Client of the daemon's local API: JSON lines over a unix socket (protocol in server.py)."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ class DaemonClient:
         patience_s: greatest silence of the daemon [s]. An answer may take any time while the daemon reports
             that it is busy.
 
-    Raises (every call):
+    Raises:
         DaemonNotRunning: no daemon listens, or it went away.
         DaemonSilent: the daemon does not answer. The client cannot be used any more.
-        AcquireError: the error that the daemon raised, as the same class.
+        DaemonError: the socket belongs to another user, or its answer is invalid.
+        AcquireError: from `call`, the error that the daemon raised, as the same class.
     """
 
     def __init__(self, path: Path, patience_s: float = PATIENCE_S) -> None:
@@ -107,9 +108,15 @@ class DaemonClient:
         raise errors.by_name(name, DaemonError)(message)
 
     def events(self) -> Iterator[dict[str, Any]]:
-        """Subscribe, and yield events until the daemon or `close` ends it.
+        """Subscribe, and yield events until the daemon or `close` ends the connection.
 
         The client cannot make another call afterwards.
+
+        Yields:
+            Events as JSON objects: `{"event": name, ...}`.
+
+        Raises:
+            AcquireError: the daemon did not accept the subscription.
         """
         self.call("subscribe")
         self._socket.settimeout(None)  # the time between two events is unlimited
@@ -118,14 +125,17 @@ class DaemonClient:
                 yield json.loads(line)
 
     def another(self) -> DaemonClient:
-        """New client of the same daemon.
+        """Connect a new client to the same daemon, with the same patience.
 
         After an interrupted call this client may still receive the answer to it.
+
+        Raises:
+            DaemonError: the daemon does not listen or takes no connections.
         """
         return DaemonClient(self._path, self._patience_s)
 
     def close(self) -> None:
-        """End the connection; any thread may do it."""
+        """End the connection; any thread may call it, also twice."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         with contextlib.suppress(OSError):
@@ -158,10 +168,15 @@ class DaemonClient:
 
 
 def wait_for_socket(path: Path, alive: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    """Wait until a daemon listens at `path`, or until `alive()` is false.
+    """Wait until a daemon's socket exists at `path`.
+
+    Args:
+        path: path of the socket.
+        alive: checked meanwhile; True while the starting daemon runs.
+        timeout_s: longest wait [s].
 
     Raises:
-        DaemonBusy: no daemon listened in time.
+        DaemonBusy: there is no socket after `timeout_s`, or `alive()` became false before.
     """
     end = time.monotonic() + timeout_s
     while time.monotonic() < end and alive():

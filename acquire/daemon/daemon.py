@@ -41,7 +41,13 @@ CAPTURE_RETRY_S = 1.0
 
 
 class Daemon:
-    """Daemon of one rig. `run` blocks until a signal or a client stops it, then releases everything."""
+    """Daemon of one rig. `run` blocks until a signal or a client stops it, then releases everything.
+
+    Args:
+        config: the rig.
+        rig_toml: text of the rig file, attached to every recording.
+        capture: capture process; None: a new one for this rig.
+    """
 
     def __init__(self, config: RigConfig, rig_toml: str, capture: CaptureProcess | None = None) -> None:
         self._config = config
@@ -132,9 +138,12 @@ class Daemon:
         }
 
     def _for_owner(self, handler: Callable[[Connection, dict[str, Any]], dict[str, Any]]) -> Any:
-        """Restrict a handler to the recording's client while a recording is open.
+        """Restrict a handler of requests to the client that opened the recording, while one is open.
 
         Other clients may look, stop the arm, and end the recording.
+
+        Returns:
+            The handler; it raises SessionError for other clients.
         """
 
         def call(connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
@@ -165,7 +174,10 @@ class Daemon:
                 self._recording.close()
 
     def _owner_left(self, connection: Connection) -> None:
-        """Stop the striker and close the recording: the session's client is gone."""
+        """Stop the striker and close the recording: the client that opened it is gone.
+
+        Does nothing if `connection` does not own the open recording.
+        """
         if self._recording.owner is connection:
             self._control.striker.stop()
             with contextlib.suppress(AcquireError):
@@ -284,7 +296,7 @@ class Daemon:
             self._reviver.join()
 
     def _complain(self, text: str) -> None:
-        """Report a problem: in the recording's log, to subscribers and on standard error."""
+        """Report a problem in the recording's log, to subscribers and on standard error."""
         self._recording.log(text, Log.Level.WARNING)
         self._publish("trouble", {"text": text})
         with contextlib.suppress(OSError):

@@ -1,10 +1,10 @@
 """The recording that the daemon has open: one file, or several if the capture process died meanwhile.
 
 A capture process that dies, or hangs and is killed, takes its file with it. The daemon starts another one,
-and the recording continues in the next numbered file with the same id and anchor. The file of the dead
-process is rebuilt beside it, and the loss in between is reported: in the log of the next file, to every
-subscriber and on standard error. Requests about an
-interrupted window raise RecordingBroken.
+and the recording continues in the next numbered file with the same id and anchor (log time minus host
+monotonic time). The file of the dead process is rebuilt beside it, and the loss in between is reported: in
+the log of the next file, to every subscriber and on standard error. Requests about an interrupted window
+(time span of a strike) raise RecordingBroken.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ FIRST_FRAME_TIMEOUT_S = 10.0
 class LiveRecording:
     """The daemon's recording, at most one at a time.
 
-    Methods may be called from any thread; `write` and `log` never wait.
+    Methods may be called from any thread. `write` and `log` do not wait for the capture process, except while
+    an interrupted recording is being resumed.
 
     Args:
         config: the rig.
@@ -55,9 +56,9 @@ class LiveRecording:
         on_watch: called with each event of `analyze watch`.
         complain: reports a problem to people; calls `log` itself.
 
-    Raises (unless a method documents others):
-        SessionError: no recording is open.
-        RecorderError: the recording could not continue.
+    Raises:
+        SessionError: from a method that needs an open recording, if none is open.
+        RecorderError: from such a method, if the recording was interrupted and could not continue.
     """
 
     def __init__(
@@ -83,11 +84,16 @@ class LiveRecording:
     # --- open and close ---
 
     def open(self, owner: object, params: dict[str, Any], camera: CameraInfo) -> SessionManifest:
-        """Open a recording; `params` are those of the request `recording.open`.
+        """Open a recording and return its manifest (object, plan, camera and clock of the session).
+
+        Args:
+            owner: client that opens it.
+            params: parameters of the request `recording.open`: path, texts of object and plan, shape.
+            camera: identity of the camera.
 
         Raises:
             DaemonBusy: a recording is open already.
-            AcquireError: object, plan or path cannot be used.
+            AcquireError: object, plan or path cannot be used, or the capture process refuses.
         """
         latched = self._retry(self._capture.status).clock_latched
         with self._changed:
@@ -111,7 +117,7 @@ class LiveRecording:
 
     @property
     def owner(self) -> object | None:
-        """Client that opened the recording; None if none is open."""
+        """Client that opened the recording; None if no recording is open."""
         opened = self._open
         return opened.owner if opened is not None else None
 
@@ -122,7 +128,17 @@ class LiveRecording:
         return opened.manifest.wall_anchor_ns if opened is not None else None
 
     def close(self) -> dict[str, Any]:
-        """Close the recording. The answer counts the frames of all its files."""
+        """Close the recording, after the recovery of files that were cut short.
+
+        Returns:
+            `path` (the last file, or the first of the series if the recording was interrupted), `files`, the
+            numbers `frames` and `lost` over all files, and `content_id` (hash of the last file's messages;
+            empty if it was cut short).
+
+        Raises:
+            SessionError: no recording is open.
+            RecorderError: the recording ended by itself, or the file cannot be finished.
+        """
         if (opened := self._open) is not None:
             for salvage in list(opened.salvages):
                 salvage.result()  # its report belongs to this recording's log
@@ -160,7 +176,15 @@ class LiveRecording:
     # --- messages and windows ---
 
     def write(self, topic: topics.Topic, message: Any, host_time_ns: int | None = None) -> None:
-        """Record a small message if a recording is open; during an interruption the next file gets it."""
+        """Record a small message; during an interruption the next file gets it.
+
+        Does nothing if no recording is open.
+
+        Args:
+            topic: topic of the message.
+            message: protobuf message of the topic's type.
+            host_time_ns: host monotonic time of the message [ns]; None: now.
+        """
         opened = self._open
         if opened is None:
             return
@@ -174,21 +198,29 @@ class LiveRecording:
         self._capture.write(topic.name, *entry[1:])
 
     def log(self, text: str, level: Any = Log.Level.INFO) -> None:
-        """Record a line of text."""
+        """Record a line of text with a level of foxglove.Log, if a recording is open."""
         now = self._clock.monotonic_ns()
         message = Log(level=level, message=text, name="acquire")
         message.timestamp.FromNanoseconds((self.anchor_ns or 0) + now)
         self.write(topics.LOG, message, now)
 
     def wait_until_recording(self) -> None:
-        """Wait while the recording is interrupted."""
+        """Wait while the recording is interrupted, at most CONTINUE_TIMEOUT_S.
+
+        Raises:
+            SessionError: no recording is open.
+            RecorderError: the recording did not continue.
+        """
         self._uninterrupted()
 
     def write_strike(self, message: Any) -> None:
-        """Record a strike; on return the capture process has it.
+        """Record a strike (a StrikeRecord message); on return the capture process has it.
 
         Raises:
-            RecordingBroken: its images are in a file that was cut short, or the capture process died with it.
+            RecordingBroken: its images are in a file that was cut short, or the capture process died with the
+                message.
+            SessionError: no recording is open.
+            RecorderError: the recording could not continue.
         """
         opened = self._uninterrupted()
         opened.refuse_earlier_file(message.window_start_ns)
@@ -199,26 +231,37 @@ class LiveRecording:
             raise RecordingBroken(str(error)) from None
 
     def require_space(self) -> None:
-        """Raise RecorderError if a recording is open and the disk has no room for a window."""
+        """Raise RecorderError if a recording is open and the disk has no room for a window of images."""
         if self._open is not None:
             self._ask(self._capture.require_space)
 
     def open_window(self) -> int:
-        """Record every image from the pre-trigger time before now on. Returns the start as a log time."""
+        """Record every image from the pre-trigger time before now on.
+
+        Returns:
+            Start of the window as a log time [ns].
+        """
         start_ns = self._ask(self._capture.open_window)
         opened = self._uninterrupted()
         opened.window_part = opened.part
         return start_ns
 
     def close_window(self, end_ns: int = 0) -> dict[str, Any]:
-        """Close the window and report its content.
+        """Close the window (time span of a strike) and report its content.
 
         Args:
-            end_ns: log time at which the window may end if that has passed; 0: now. Later images are not
+            end_ns: log time [ns] at which the window may end if that has passed; 0: now. Later images are not
                 waited for.
 
+        Returns:
+            `start_ns` and `end_ns`, log times of the first and last image, and the numbers `frames` and
+            `lost`.
+
         Raises:
-            RecordingBroken: the window was opened in a file that was cut short.
+            RecordingBroken: the window was opened in a file that was cut short, or the capture process dies
+                now.
+            SessionError: no recording is open.
+            RecorderError: the recording could not continue, or no window is open.
         """
         opened = self._uninterrupted()
         part, opened.window_part = opened.window_part, None
@@ -232,7 +275,11 @@ class LiveRecording:
     # --- death of the capture process ---
 
     def interrupt(self, reason: str) -> None:
-        """Note the death of the capture process, for `reason`."""
+        """Note and report the death of the capture process; does nothing if no recording is open.
+
+        Args:
+            reason: predicate of the sentence "the capture process ...".
+        """
         with self._changed:
             opened = self._open
             if opened is None or opened.broken:
@@ -242,7 +289,11 @@ class LiveRecording:
         self._complain(f"the recording was interrupted: the capture process {reason}")
 
     def resume(self) -> None:
-        """Begin the next file: the capture process runs again."""
+        """Begin the next file after an interruption, because the capture process runs again; report it.
+
+        The files of the dead process are recovered meanwhile. If the next file cannot be begun, the recording
+        ends, and later requests raise RecorderError with the reason.
+        """
         with self._changed:
             opened = self._open
             if opened is None or not opened.broken:
@@ -270,7 +321,13 @@ class LiveRecording:
     def _salvage_parts(
         self, opened: RecordingState, first: int, next_frame_ns: Callable[[], int | None]
     ) -> None:
-        """Rebuild the files of the dead process, from number `first` to the one before the current file."""
+        """Start to rebuild the files of a dead capture process: from `first` to the one before the current.
+
+        Args:
+            opened: state of the recording, to which the recovery is added.
+            first: number of the first file that the dead process wrote.
+            next_frame_ns: waits for the next file's first frame and returns its log time [ns], or None.
+        """
         camera = self._config.camera
         files = [part_path(opened.path, number) for number in range(first, opened.part)]
         opened.salvages.append(
@@ -299,17 +356,20 @@ class LiveRecording:
 
     @property
     def watcher(self) -> Watcher | None:
-        """Child process that watches the recording; None if there is none."""
+        """Child process `analyze watch` that follows the recording; None if there is none."""
         opened = self._open
         return opened.watch.watcher if opened is not None else None
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare placements with this planned strike from now on."""
+        """Compare the object's placement with the strike `plan_strike_id` of the plan from now on."""
         opened = self._uninterrupted()
         opened.watch.expect(plan_strike_id)
 
     def revive_watcher(self) -> None:
-        """Restart an `analyze watch` that ended, a limited number of times. Never waits."""
+        """Restart an `analyze watch` that ended, a limited number of times, and report it.
+
+        Does nothing while another thread opens, closes or resumes the recording.
+        """
         if not self._changed.acquire(blocking=False):
             return
         try:
@@ -323,7 +383,13 @@ class LiveRecording:
     # --- under the lock ---
 
     def _begin(self, opened: RecordingState) -> None:
-        """Begin the next file, with its head, and watch it."""
+        """Begin the file number `opened.part` in the capture process, write its first messages, watch it.
+
+        These are the camera's calibration and the messages that waited for the file.
+
+        Raises:
+            AcquireError: the capture process cannot begin it.
+        """
         now = self._clock.monotonic_ns()
         anchor = opened.manifest.wall_anchor_ns
         self._capture.open_recording(
@@ -348,7 +414,12 @@ class LiveRecording:
         return RecorderError(self._ended_by) if self._ended_by else SessionError("no recording is open")
 
     def _uninterrupted(self) -> RecordingState:
-        """The open recording, as soon as it is not interrupted."""
+        """State of the open recording, as soon as it is not interrupted.
+
+        Raises:
+            SessionError: no recording is open.
+            RecorderError: the recording ended by itself, or did not continue within CONTINUE_TIMEOUT_S.
+        """
         with self._changed:
             opened = self._open
             if opened is None:
@@ -364,7 +435,11 @@ class LiveRecording:
             return opened
 
     def _ask(self, ask: Callable[[], T]) -> T:
-        """Ask the capture process about the recording, as soon as it is not interrupted."""
+        """Result of a request about the recording, made as soon as the recording is not interrupted.
+
+        Args:
+            ask: sends the request to the capture process; called again if that process died.
+        """
 
         def attempt() -> T:
             self._uninterrupted()
@@ -373,7 +448,11 @@ class LiveRecording:
         return self._retry(attempt)
 
     def _retry(self, ask: Callable[[], T]) -> T:
-        """Ask the capture process; the next one if it died."""
+        """Result of a request to the capture process, repeated with the next process if that one died.
+
+        Raises:
+            CaptureGone: there is no running process after CONTINUE_TIMEOUT_S.
+        """
         end = time.monotonic() + CONTINUE_TIMEOUT_S
         while True:
             try:

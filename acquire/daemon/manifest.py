@@ -1,4 +1,4 @@
-"""Manifest of a recording: rig, camera and clock at its beginning."""
+"""Manifest of a recording: object, plan, rig, camera and clock at its beginning."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ARRIVAL_SD_NS = 500_000
 
 @dataclass(frozen=True)
 class OpenCamera:
-    """Identity and clock of the open camera."""
+    """Identity of the open camera, and whether its clock can be read."""
 
     info: CameraInfo
     clock_latched: bool
@@ -48,24 +48,33 @@ class OpenCamera:
 
 @dataclass(frozen=True)
 class SessionFiles:
-    """Object and plan of a session, and the files that its recording carries."""
+    """Object and plan of a session, and the files attached to its recording."""
 
     spec: ObjectSpec
+    """the object file's content"""
     object_sha256: str
-    """hash of the object and its shape"""
+    """SHA-256 of the object and its shape"""
     plan_sha256: str
-    """hash of the plan's text"""
+    """SHA-256 of the plan's text"""
     attachments: tuple[tuple[str, str, bytes], ...]
     """(name, media type, content)"""
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of the attachments, by name."""
+        """SHA-256 of the attached files, hexadecimal, by name."""
         return {name: hashlib.sha256(content).hexdigest() for name, _, content in self.attachments}
 
 
 def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
-    """Check and pack the files of a session from the parameters of `recording.open`.
+    """Check and pack the files of a session from the parameters of the request `recording.open`.
+
+    Args:
+        request: `object_toml`, `plan_json`, and for an object with a shape file `shape_base64` and
+            `shape_name`; `object_name` and `plan_name`, if given, appear in errors.
+        rig_toml: text of the rig file.
+
+    Returns:
+        Object, hashes and attachments: object, plan, rig and, if there is one, the shape.
 
     Raises:
         SessionError: object or plan cannot be used, or do not belong together.
@@ -94,7 +103,14 @@ def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
 def session_manifest(
     config: RigConfig, camera: OpenCamera, files: SessionFiles, anchor_ns: int
 ) -> SessionManifest:
-    """Manifest of a session that begins now; `anchor_ns` is wall clock minus host monotonic time."""
+    """Manifest of a session that begins now, with a new random recording id.
+
+    Args:
+        config: the rig.
+        camera: identity and clock of the camera.
+        files: object, plan and attachments.
+        anchor_ns: wall clock minus host monotonic time [ns].
+    """
     return SessionManifest(
         recording_id=str(uuid.uuid4()),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -127,7 +143,7 @@ def session_manifest(
 
 
 def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
-    """Camera calibration as Foxglove's message, for viewers that draw over the images."""
+    """Intrinsics of a camera as Foxglove's message, for viewers that draw over the images."""
     message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
     message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
     message.D.extend(spec.distortion)

@@ -1,4 +1,4 @@
-"""Credentials of the process at the other end of a unix socket."""
+"""Process, user and group id of the process at the other end of a unix socket."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _CREDENTIALS = struct.Struct("3i")
 
 
 class Peer(NamedTuple):
-    """Credentials as the kernel reports them (unix(7), SO_PEERCRED)."""
+    """Process, user and group id of a process, from the kernel (unix(7), SO_PEERCRED)."""
 
     pid: int
     uid: int
@@ -18,7 +18,7 @@ class Peer(NamedTuple):
 
 
 def read_peer(sock: socket.socket) -> Peer:
-    """Read the credentials of the process that is connected to `sock`."""
+    """Ids of the process that is connected to the unix socket `sock`."""
     return Peer(
         *_CREDENTIALS.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
     )

@@ -12,7 +12,11 @@ from acquire.errors import SessionError
 
 
 class Prompts:
-    """Open questions, by number."""
+    """Open questions to the person at the rig, by number.
+
+    Args:
+        publish: sends an event (name, data) to all subscribers.
+    """
 
     def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
         self._publish = publish
@@ -23,7 +27,14 @@ class Prompts:
         self._closed = False
 
     def ask(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        """Publish a question and wait for its answer.
+        """Publish a question as the event "prompt" and wait for its answer.
+
+        Args:
+            connection: client that asks.
+            params: content of the question; `prompt_id` is added in the event.
+
+        Returns:
+            `{"ok": bool, "text": str}`, as passed to `answer`.
 
         Raises:
             SessionError: the daemon stops, or the asking client leaves, before an answer.
@@ -47,8 +58,13 @@ class Prompts:
     def answer(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         """Answer a question: `{"prompt_id": n, "ok": true}`, optionally with `"text"`.
 
+        `ok` is true and `text` empty unless given.
+
+        Returns:
+            An empty answer.
+
         Raises:
-            SessionError: no such question is open.
+            SessionError: the question is not open: it was answered already, or never asked.
         """
         number = int(params["prompt_id"])
         with self._changed:
@@ -59,14 +75,14 @@ class Prompts:
         return {}
 
     def stop(self) -> None:
-        """Answer every open question with no, on a stop request."""
+        """Answer every open question with `ok` false, on a stop request."""
         with self._changed:
             for number in self._open:
                 self._answers.setdefault(number, {"ok": False, "text": "stopped on request"})
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End all waiting for answers."""
+        """End all waiting for answers: each `ask` that waits raises SessionError."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

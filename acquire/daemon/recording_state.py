@@ -1,4 +1,4 @@
-"""State of the daemon's open recording."""
+"""Files, owner and interruption of the daemon's open recording."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ from schemas.session_manifest import SessionManifest
 
 @dataclass
 class RecordingState:
-    """Files, owner and interruption of an open recording."""
+    """Files, owner and interruption of the daemon's open recording."""
 
     path: Path
+    """first file of the recording"""
     manifest: SessionManifest
+    """object, plan, camera and clock, as written at the head of every file"""
     attachments: list[tuple[str, str, bytes]]
     """(name, media type, content)"""
     owner: object
+    """client that opened the recording"""
     watch: WatchSupervisor
+    """runner of `analyze watch` on the recording's files"""
     part: int = 1
     """number of the current file"""
     began_ns: int = 0
@@ -33,19 +37,31 @@ class RecordingState:
     broken: str = ""
     """reason why nothing is recorded now; empty while the capture process records"""
     waiting: list[tuple[topics.Topic, int, bytes]] = field(default_factory=list)
-    """small messages for the next file"""
+    """(topic, log time [ns], serialised message) of small messages for the next file"""
     salvages: list[Salvage] = field(default_factory=list)
+    """recoveries of files that were cut short, in order"""
 
     def start_watching(self) -> None:
-        """Start `analyze watch` on the current file; it continues with the later files of the series."""
+        """Start `analyze watch` on the current file; it continues with the later files of the series.
+
+        It is a child process that reports what the newest image shows and judges strikes.
+        """
         self.watch.follow(self._watched_file())
 
     def restart_watching_if_ended(self) -> str:
-        """Restart an `analyze watch` that ended. Returns a report for people; empty if none is due."""
+        """Restart the child process `analyze watch` if it ended, a limited number of times.
+
+        Returns:
+            A report for people; empty if nothing happened.
+        """
         return self.watch.restart_if_ended(self._watched_file)
 
     def refuse_earlier_file(self, window_start_ns: int) -> None:
-        """Raise RecordingBroken if a window lies in a file that was cut short."""
+        """Raise RecordingBroken if a window (time span of a strike) lies in a file that was cut short.
+
+        Args:
+            window_start_ns: log time of the window's start [ns]; 0 if there was no window.
+        """
         if self.part > 1 and 0 < window_start_ns < self.began_ns and self.salvages:
             name = part_path(self.path, self.part).name
             raise RecordingBroken(f"the strike's images are in a file that was cut short, before {name}")

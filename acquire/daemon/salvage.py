@@ -22,11 +22,12 @@ _NICENESS = 10
 
 @dataclass(frozen=True)
 class Salvaged:
-    """Result of recovering the files of a dead process."""
+    """Result of recovering the files of a dead capture process."""
 
     files: tuple[Path, ...]
     """complete files; the `.part` file where one could not be rebuilt"""
     frames: int
+    """frames in the complete files"""
     lost: int
     """frames lost in them, and up to the first frame of the next file"""
     text: str
@@ -34,14 +35,15 @@ class Salvaged:
 
 
 class Salvage:
-    """Recovery of the `.part` files of a dead process, in a process and a thread of its own.
+    """Recovery of the `.part` files of a dead capture process, in a process and a thread of its own.
 
     Args:
         files: final paths of its files, in order; complete ones are only counted.
         camera: camera whose frames are counted.
         frame_rate_hz: frame rate, to convert a gap into a number of frames.
-        next_frame_ns: waits for the next file's first frame and returns its log time; None if there is none.
-        on_end: called with the result.
+        next_frame_ns: waits for the next file's first frame and returns its log time [ns]; None if there is
+            none.
+        on_end: called with the result, in the thread of the recovery.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class Salvage:
         self._thread.start()
 
     def result(self) -> Salvaged:
-        """Wait for the result."""
+        """Wait until the recovery has ended, and return its result."""
         self._thread.join()
         return self._found
 
@@ -97,7 +99,18 @@ class Salvage:
         self._on_end(self._found)
 
     def _recover(self, part: Path, whole: Path) -> str:
-        """Run `acquire recover`; returns a text about damaged bytes, empty if the file only ends early."""
+        """Rebuild a `.part` file with `acquire recover`, and delete it unless it holds damaged bytes.
+
+        Args:
+            part: file that was cut short.
+            whole: path of the complete file.
+
+        Returns:
+            Text about damaged bytes; empty if the file only ends early.
+
+        Raises:
+            RecorderError: nothing could be recovered.
+        """
         command = [sys.executable, "-m", "acquire", "recover", str(part), "-o", str(whole), "--json"]
         with subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

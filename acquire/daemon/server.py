@@ -10,7 +10,7 @@ While a slow answer is in preparation, the daemon sends `busy` once a second. A 
 events only: {"event": "prompt", ...}.
 
 The socket has mode 0600 in a folder of mode 0700 that belongs to the user, and the peer's user id is checked:
-another user is refused twice. The client checks the daemon's user in the same way.
+another user is refused by both. The client checks the daemon's user in the same way.
 """
 
 from __future__ import annotations
@@ -40,7 +40,11 @@ Handler = Callable[["Connection", dict[str, Any]], object]
 
 
 class Connection:
-    """One client of the daemon. The `on_close` callbacks run when the connection ends, however it ends."""
+    """One client of the daemon. The `on_close` callbacks run when the connection ends, however it ends.
+
+    Args:
+        sock: connected socket.
+    """
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
@@ -53,7 +57,7 @@ class Connection:
 
     @property
     def gone(self) -> bool:
-        """True if the client has hung up; for handlers that wait."""
+        """True if the client has hung up; handlers that wait check it."""
         try:
             return self._socket.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b""
         except BlockingIOError:
@@ -62,14 +66,19 @@ class Connection:
             return True
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Send one line."""
+        """Send one message as a line of JSON; waits while the client does not read.
+
+        Raises:
+            OSError: the client has hung up.
+            ValueError, TypeError: `message` holds something that JSON cannot.
+        """
         data = json.dumps(message, allow_nan=False).encode() + b"\n"
         with self._send_lock:
             self._socket.sendall(data)
 
     @contextlib.contextmanager
     def in_progress(self, request_id: object) -> Iterator[None]:
-        """Mark a request as in progress inside the block, for `report_busy`."""
+        """Context in which `report_busy` reports the request `request_id` as in progress."""
         self._in_progress = (request_id, time.monotonic())
         try:
             yield
@@ -78,7 +87,10 @@ class Connection:
                 self._in_progress = None
 
     def report_busy(self) -> None:
-        """Report the request in progress to its client; no report if the client does not read."""
+        """Send the client a busy line with the request in progress and its duration [s].
+
+        Nothing is sent if no request is in progress, an answer is being sent, or the client does not read.
+        """
         if not self._send_lock.acquire(blocking=False):
             return
         try:
@@ -91,7 +103,7 @@ class Connection:
             self._send_lock.release()
 
     def close(self) -> None:
-        """Wake both sides of the connection; its thread then ends."""
+        """Shut the socket down in both directions and end the events; the client's thread then ends."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         if self.events is not None:
@@ -99,13 +111,13 @@ class Connection:
 
 
 class ApiServer:
-    """Server that runs the requests of each client in order, in a thread of its own.
+    """Server that runs the requests of each client in order, in a thread per client.
 
     Therefore `stop` never waits for the `strike` of another client.
 
     Args:
         path: path of the socket.
-        handlers: handler of each method.
+        handlers: function of each method; it gets the connection and the parameters, and returns the result.
         served_uid: user whose processes are served; this process's user if None.
 
     Raises:
@@ -129,14 +141,19 @@ class ApiServer:
         self._busy_reporter.start()
 
     def publish(self, event: str, data: Mapping[str, Any]) -> None:
-        """Queue an event for every subscriber, without waiting; the queue is unbounded."""
+        """Queue an event for every subscriber, without waiting; the queues are unbounded.
+
+        Args:
+            event: name of the event.
+            data: further members of the event's JSON object.
+        """
         with self._lock:
             subscribers = [c.events for c in self._connections if c.events is not None]
         for subscriber in subscribers:
             subscriber.put({"event": event, **data})
 
     def close(self) -> None:
-        """Stop listening, drop the clients, remove the socket."""
+        """Stop listening, drop the clients, wait for their threads, and remove the socket."""
         self._closing = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
@@ -206,7 +223,10 @@ class ApiServer:
                 return
 
     def _answer(self, connection: Connection, line: bytes) -> tuple[object, dict[str, Any]]:
-        """Id of a request, and its answer."""
+        """Run the request in `line`, and return its id and its answer or error as a JSON object.
+
+        The id is None if the line holds no valid one. No error of a handler is raised: each is answered.
+        """
         request_id: object = None
         try:
             request = json.loads(line)
@@ -259,7 +279,11 @@ def _listen(path: Path) -> socket.socket:
 
 
 def _require_private_folder(folder: Path) -> None:
-    """Create the socket's folder if it is missing; refuse one that is not private."""
+    """Create the socket's folder if it is missing; refuse one that is not private.
+
+    Raises:
+        DaemonError: it cannot be made, is a symbolic link, belongs to another user, or others may access it.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
@@ -280,7 +304,13 @@ def _require_private_folder(folder: Path) -> None:
 
 
 def _remove_stale_socket(path: Path) -> None:
-    """Remove the socket that a killed daemon left; never anything else."""
+    """Remove the socket that a killed daemon left at `path`, if there is one; never anything else.
+
+    Raises:
+        DaemonBusy: a daemon listens there.
+        DaemonError: something else is at `path`, the socket belongs to another user, or the daemon there
+            hangs.
+    """
     try:
         found = path.lstat()
     except FileNotFoundError:

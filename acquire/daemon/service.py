@@ -1,6 +1,6 @@
 """Notifications to the service manager (systemd, Type=notify): sd_notify(3), one datagram each.
 
-Without NOTIFY_SOCKET in the environment nothing is sent. A manager that ended has no effect.
+Without NOTIFY_SOCKET in the environment nothing is sent. Datagrams that cannot be delivered are dropped.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ class ServiceManager:
     """Service manager that started this process.
 
     Args:
-        environment: NOTIFY_SOCKET, its address; WATCHDOG_USEC and WATCHDOG_PID, its watchdog time.
+        environment: NOTIFY_SOCKET, its address; WATCHDOG_USEC and WATCHDOG_PID, its watchdog time [us] and
+            the process that it watches. Each may be missing.
         pid: id of this process.
         monotonic_ns: host clock.
     """
@@ -32,9 +33,9 @@ class ServiceManager:
 
     @classmethod
     def from_environment(cls, environment: MutableMapping[str, str] = os.environ) -> ServiceManager:
-        """Manager named in the environment.
+        """Manager named in the environment; its variables are removed from `environment`.
 
-        The variables are removed, so that child processes send no notifications for the daemon.
+        Therefore child processes send no notifications for the daemon.
         """
         manager = cls(environment, os.getpid(), time.monotonic_ns)
         for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"):
@@ -43,7 +44,10 @@ class ServiceManager:
 
     @contextlib.contextmanager
     def running(self, status: str) -> Iterator[Callable[[], None]]:
-        """Notify READY on entry and STOPPING on exit.
+        """Notify the service manager READY on entry and STOPPING on exit.
+
+        Args:
+            status: line that the service manager shows while the process runs.
 
         Yields:
             A keep-alive callable; call it periodically, at any rate, while the process is healthy.

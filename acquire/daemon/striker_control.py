@@ -1,4 +1,4 @@
-"""Orders to the striker, one at a time; after a stop nothing moves until a person homes it again."""
+"""Orders to the striker, one at a time; after a stop nothing moves until a person starts again."""
 
 from __future__ import annotations
 
@@ -14,9 +14,17 @@ from acquire.striker.base import Striker
 class StrikerControl:
     """Interlock between the daemon's clients and the striker; `stop` never waits for another order.
 
+    After a stop request nothing moves until a person starts again. Each order returns `{"state": name}`, the
+    striker's state afterwards, unless stated otherwise.
+
     Args:
         striker: the striker.
         require_space: raises RecorderError if there is no room to record a strike.
+
+    Raises:
+        StrikerStopped: from an order to move, after a stop request.
+        StrikerRefused: from an order to move, after `release`, or if the striker's state forbids it.
+        StrikerError: the striker failed.
     """
 
     def __init__(self, striker: Striker, require_space: Callable[[], None]) -> None:
@@ -33,24 +41,34 @@ class StrikerControl:
 
     @property
     def trouble(self) -> str:
-        """Reason why the striker refuses to move; empty if there is none."""
+        """Reason why the striker refuses to move, a stop request or a fault; empty if there is none."""
         return "stopped on request" if self._stopped else self._fault
 
     def note_fault(self, reason: str) -> None:
-        """Remember the reason of a fault until the striker is homed."""
+        """Remember the reason of a striker's fault, for `trouble`, until the striker is homed."""
         self._fault = reason
 
     def clear_stops(self, stops: int) -> None:
-        """Permit motion after the first `stops` stops: a person started again; later stops hold."""
+        """Permit motion after the first `stops` stop requests, because a person started again.
+
+        Later stop requests still forbid it.
+        """
         self._stops_cleared = max(stops, self._stops_cleared)
 
     def home(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Home the arm; this also permits motion again after a stop.
+        """Home the arm and permit motion again after a stop.
 
         Args:
             params: `after_stop`: True (default) if a person decided it; a program that continues by itself
                 passes False, and is refused after a stop. `stops_seen`: number of stops in `status` before
                 that person was asked; a later stop refuses the motion that the person agreed to.
+
+        Returns:
+            `{"state": name}`, the striker's state.
+
+        Raises:
+            StrikerStopped: there was a stop after `stops_seen`, or any stop without `after_stop`.
+            StrikerRefused: the daemon is stopping.
         """
         stops = int(params.get("stops_seen", self.stops))
         with self._lock:
@@ -65,7 +83,16 @@ class StrikerControl:
         return self._state()
 
     def arm(self) -> dict[str, Any]:
-        """Arm for one strike; the answer holds the striker's state afterwards."""
+        """Arm the striker for one strike, if the disk has room to record it.
+
+        Returns:
+            `{"state": name}`, the striker's state.
+
+        Raises:
+            RecorderError: the disk has no room for a strike.
+            StrikerStopped: a stop was requested; the striker is not armed.
+            StrikerRefused: the daemon is stopping, or the striker's state forbids it.
+        """
         self._refuse_when_stopped()
         self._require_space()  # no strike without room to record it; waits for a restarting capture process
         with self._lock:
@@ -77,14 +104,31 @@ class StrikerControl:
         return self._state()
 
     def cock(self) -> dict[str, Any]:
-        """Draw the arm back; the answer holds the striker's state afterwards."""
+        """Draw the arm back and return `{"state": name}`, the striker's state.
+
+        Raises:
+            StrikerStopped: a stop was requested.
+            StrikerRefused: the daemon is stopping, or the striker is not armed.
+        """
         with self._lock:
             self._refuse_when_stopped()
             self.striker.cock()
         return self._state()
 
     def strike(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Strike; `params` are `strike_id` and `tip_speed_m_s`. The answer is the strike's outcome."""
+        """Strike once.
+
+        Args:
+            params: `strike_id`, and `tip_speed_m_s`, the speed of the arm's tip to command [m/s].
+
+        Returns:
+            Fields of StrikeOutcome: contact time, tip speed and impulse with standard deviations, contacts.
+
+        Raises:
+            StrikerStopped: a stop was requested.
+            StrikerRefused: another order is being carried out, the daemon is stopping, the striker is not
+                armed, or the speed is outside the limits.
+        """
         if not self._lock.acquire(timeout=0.1):
             raise StrikerRefused("the striker is busy with another order")
         try:
@@ -95,13 +139,20 @@ class StrikerControl:
         return asdict(outcome)
 
     def stop(self) -> dict[str, Any]:
-        """Stop the striker, and refuse all motion until a person starts again."""
+        """Stop the striker, and refuse all motion until a person starts again.
+
+        Returns:
+            `{"state": name}`, the striker's state.
+        """
         self.stops += 1  # first of all: every motion checks it before it starts
         self.striker.stop()
         return self._state()
 
     def release(self) -> None:
-        """Stop the striker, switch its torque off, and refuse all further orders."""
+        """Stop the striker, switch its torque off, and refuse all further orders that move it.
+
+        Waits until an order being carried out has ended.
+        """
         self._released = True
         while not self._lock.acquire(timeout=0.02):
             self.striker.stop()

@@ -1,4 +1,4 @@
-"""Supervision of `analyze watch` for one recording."""
+"""Supervision of `analyze watch`, the child process that follows the images of one recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ WATCHER_LIVES = 3
 
 
 class WatchSupervisor:
-    """Runs `analyze watch` on the files of one recording, and restarts it a limited number of times."""
+    """Runs `analyze watch` on the files of one recording, and restarts it a limited number of times.
+
+    Args:
+        on_event: called with each observation that the child reports, in a thread of its own.
+    """
 
     def __init__(self, on_event: Callable[[WatchEvent], None]) -> None:
         self._on_event = on_event
@@ -23,13 +27,17 @@ class WatchSupervisor:
         """current child process; None if there is none"""
 
     def follow(self, file: Path) -> None:
-        """Start a child on a growing file."""
+        """Start a child on a growing recording; a child that runs already must have been stopped."""
         self.watcher = Watcher(file, self._on_event)
         if self._expected_strike:
             self.watcher.expect(self._expected_strike)
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare placements with this planned strike from now on, also after a restart."""
+        """Compare the object's placement with a strike of the plan from now on, also after a restart.
+
+        Args:
+            plan_strike_id: id of the strike in the plan.
+        """
         self._expected_strike = plan_strike_id
         if (watcher := self.watcher) is not None:
             watcher.expect(plan_strike_id)
@@ -37,8 +45,10 @@ class WatchSupervisor:
     def restart_if_ended(self, file: Callable[[], Path]) -> str:
         """Restart a child that ended, on the file that `file()` returns.
 
+        When it ended for the WATCHER_LIVES-th time it is not started again.
+
         Returns:
-            Text of a report; empty if there is nothing to report.
+            Text of a report; empty if the child runs, was never started, or was given up before.
         """
         if (watcher := self.watcher) is None or watcher.alive or self._lives == 0:
             return ""
@@ -50,7 +60,7 @@ class WatchSupervisor:
         return "analyze watch ended and was started again"
 
     def stop(self) -> None:
-        """End the child."""
+        """End the child process; does nothing if there is none."""
         watcher, self.watcher = self.watcher, None
         if watcher is not None:
             watcher.close()

@@ -1,4 +1,4 @@
-"""The daemon's side of `analyze watch`, a child process that follows the growing recording.
+"""The daemon's side of `analyze watch`, a child process that follows a growing recording.
 
 Recording continues without it.
 """
@@ -19,7 +19,12 @@ from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 
 class Watcher:
-    """Child process `analyze watch FILE`: keeps its newest WatchEvent and requests verdicts."""
+    """Child process `analyze watch FILE`: reports observations of the newest image, judges strikes.
+
+    Args:
+        recording: growing file; the child continues with the later files of its series.
+        on_event: called with each observation, in a thread of its own.
+    """
 
     def __init__(self, recording: Path, on_event: Callable[[WatchEvent], None]) -> None:
         self.recording = recording
@@ -44,15 +49,23 @@ class Watcher:
 
     @property
     def latest(self) -> WatchEvent | None:
-        """Newest event; None before the first."""
+        """Newest observation that the child reported; None before the first."""
         return self._latest
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare the placement with this planned strike from now on."""
+        """Compare the object's placement with a strike of the plan from now on.
+
+        Args:
+            plan_strike_id: id of the strike in the plan.
+        """
         self._send(JudgeRequest(kind="expect", plan_strike_id=plan_strike_id))
 
     def judge(self, request: JudgeRequest, timeout_s: float) -> StrikeVerdict | None:
-        """Request the verdict on a window; None if the child is dead or silent."""
+        """Request the verdict on a strike from the child, and wait for it at most `timeout_s` seconds.
+
+        Returns:
+            The verdict; None if the child is dead or does not answer in time.
+        """
         self._send(request)
         end = time.monotonic() + timeout_s
         with self._changed:
@@ -64,7 +77,7 @@ class Watcher:
             return self._verdicts[request.strike_id]
 
     def close(self) -> None:
-        """Terminate the child, which has nothing to save, and its reader."""
+        """Terminate the child process, which has nothing to save, and end the thread that reads it."""
         self._process.terminate()
         with contextlib.suppress(OSError):
             if self._process.stdin is not None:
