@@ -1,4 +1,5 @@
-"""Virtual rig: simulated physics, images and devices behind real protocols.
+"""Virtual rig: simulated physics, camera images and servo, reached by the real devices' protocols.
 
-Production code never imports it.
+The camera uses GigE Vision on loopback, the servo Dynamixel protocol 2.0 on a pseudo-terminal. Apart from the
+demo no production code imports this package.
 """

@@ -26,9 +26,10 @@ FILL_PATTERN = ctypes.CFUNCTYPE(
 
 @dataclass(frozen=True)
 class AravisLibrary:
-    """Typed entry points of libaravis.
+    """Typed entry points of libaravis: each field is one C function.
 
-    `fake` is an ArvFakeCamera*, `gv_fake` an ArvGvFakeCamera*, `buffer` an ArvBuffer*.
+    A field is named as the function without `arv_` and `_camera` (`object_unref`: without `g_`). `fake`
+    stands for an ArvFakeCamera*, `gv_fake` for an ArvGvFakeCamera*, `buffer` for an ArvBuffer*.
     """
 
     gv_fake_new_full: Any
@@ -44,19 +45,20 @@ class AravisLibrary:
     object_unref: Any
 
     def write_register(self, fake: int, address: int, value: int) -> None:
-        """Write one 32-bit register of the fake camera."""
+        """Write one 32-bit register of the fake camera (an ArvFakeCamera*) at a GVCP address."""
         self.fake_write_register(fake, address, value)
 
     def read_register(self, fake: int, address: int) -> int:
-        """Read one 32-bit register of the fake camera."""
+        """Value of one 32-bit register of the fake camera (an ArvFakeCamera*) at a GVCP address."""
         value = ctypes.c_uint32()
         self.fake_read_register(fake, address, ctypes.byref(value))
         return value.value
 
     def fill(self, buffer: int, image: NDArray[np.uint8]) -> None:
-        """Copy an image (height, width) into a buffer.
+        """Copy an image (height, width) into a buffer (an ArvBuffer*), cut off at the buffer's image region.
 
-        The size that `arv_buffer_get_data` reports is that of the received data, which is 0 here.
+        The region's size is used because the size that `arv_buffer_get_data` reports is that of the received
+        data, which is 0 here.
         """
         region = [ctypes.c_int() for _ in range(4)]
         self.buffer_get_image_region(buffer, *(ctypes.byref(entry) for entry in region))
@@ -65,17 +67,24 @@ class AravisLibrary:
         ctypes.memmove(data, image.ctypes.data, min(pixels, image.size))
 
     def write_text(self, fake: int, address: int, size: int, text: str) -> None:
-        """Write a zero-padded string into the bootstrap registers."""
+        """Write a string into the bootstrap registers of the fake camera (an ArvFakeCamera*).
+
+        Args:
+            fake: the fake camera.
+            address: first address of the string register.
+            size: length of the register [bytes]; the text is cut at `size` - 1 bytes and zero-padded.
+            text: the string.
+        """
         data = text.encode()[: size - 1].ljust(size, b"\0")
         self.fake_write_memory(fake, address, size, ctypes.c_char_p(data))
 
 
 @cache
 def load() -> AravisLibrary:
-    """Load libaravis.
+    """Load libaravis and libgobject, and return the functions that the virtual camera needs.
 
     Raises:
-        CameraError: the library is not installed.
+        CameraError: one of the libraries is not installed.
     """
     try:
         aravis, gobject = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.CDLL("libgobject-2.0.so.0")

@@ -23,7 +23,14 @@ LIGHT_WORLD = np.array([-0.35, -0.55, 0.76]) / np.linalg.norm([-0.35, -0.55, 0.7
 
 
 def backdrop(station: Station, width: int, height: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Grey levels (height, width) of the background at the reference exposure, without blur."""
+    """Grey levels (height, width) of table and wall at the reference exposure, without blur and noise.
+
+    Args:
+        station: camera calibration and pose.
+        width: image width [px].
+        height: image height [px].
+        rng: generator of the wood's and the wall's texture.
+    """
     pixels = (
         np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
         .reshape(-1, 1, 2)
@@ -57,9 +64,17 @@ def backdrop(station: Station, width: int, height: int, rng: np.random.Generator
 def _lattice_noise(
     rng: np.random.Generator, u: NDArray[np.float64], v: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Smooth noise in -1..1 at (u, v) of any shape, with knots at integers.
+    """Smooth noise in -1..1, interpolated between random values at integer (u, v).
 
-    Value noise with K. Perlin's fade curve (2002).
+    It is value noise with K. Perlin's fade curve (2002), with period 64 in u and v.
+
+    Args:
+        rng: generator of the values at the integers.
+        u: first coordinate, of any shape.
+        v: second coordinate, of the shape of `u`.
+
+    Returns:
+        Noise of the shape of `u`.
     """
     lattice = rng.uniform(-1.0, 1.0, (64, 64))
     i, j = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)

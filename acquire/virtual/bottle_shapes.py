@@ -21,15 +21,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ring:
-    """Rectangle with 45 degree corners at height z over the base; all lengths in mm."""
+    """Horizontal rectangle with 45 degree corners, an outline of a bottle; all lengths in mm."""
 
     z: float
+    """height over the base"""
     half_x: float
+    """half the rectangle's length along x"""
     half_y: float
+    """half the rectangle's length along y"""
     corner: float
+    """length that a cut corner takes off both of its sides"""
 
     def vertices(self) -> NDArray[np.float64]:
-        """Corners (8, 3) [mm], counter-clockwise seen from above."""
+        """Corners (8, 3) [mm] of the octagon, counter-clockwise seen from above."""
         x, y, c = self.half_x, self.half_y, self.corner
         outline = [
             (x, c - y),
@@ -52,7 +56,11 @@ BOTTLES: dict[str, tuple[Ring, ...]] = {
 
 
 def bottle_mesh(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Closed surface of a bottle: vertices (n, 3) [mm] and triangles (m, 3), normals outward."""
+    """Closed surface of a bottle: vertices (n, 3) [mm] and triangles (m, 3), normals outward.
+
+    Args:
+        rings: octagonal outlines from the base up.
+    """
     vertices = np.concatenate([ring.vertices() for ring in rings])
     faces = []
     for level in range(len(rings) - 1):
@@ -66,12 +74,22 @@ def bottle_mesh(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def convex_parts(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], ...]:
-    """Convex parts of a bottle, one per level, each as its corners (16, 3) [mm]."""
+    """Convex parts of a bottle, one between each two neighbouring rings, as corners (16, 3) [mm] each.
+
+    Args:
+        rings: octagonal outlines from the base up.
+    """
     return tuple(np.concatenate([low.vertices(), high.vertices()]) for low, high in pairwise(rings))
 
 
 def stl_bytes(vertices: NDArray[np.float64], faces: NDArray[np.int64], title: str) -> bytes:
-    """Binary STL file of a mesh with vertices (n, 3) and triangles (m, 3)."""
+    """Contents of a binary STL file of a mesh.
+
+    Args:
+        vertices: (n, 3) vertices, in the file's unit.
+        faces: (m, 3) triangles as indices of vertices.
+        title: text of the header, cut at 80 bytes.
+    """
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -81,7 +99,11 @@ def stl_bytes(vertices: NDArray[np.float64], faces: NDArray[np.int64], title: st
 
 
 def read_stl(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (n, 3) without duplicates and triangles (m, 3) of a binary STL, in the file's unit."""
+    """Mesh of a binary STL file: vertices (n, 3) without duplicates, and triangles (m, 3) of indices.
+
+    Args:
+        data: contents of the file; its unit is kept.
+    """
     (count,) = struct.unpack_from("<I", data, 80)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     corners = (
@@ -92,7 +114,7 @@ def read_stl(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def main(directory: Path) -> None:
-    """Write both STL files."""
+    """Write `spray.stl` and `juice.stl` into a directory."""
     for name, rings in BOTTLES.items():
         (directory / f"{name}.stl").write_bytes(
             stl_bytes(*bottle_mesh(rings), title=f"percuss {name} bottle, mm")

@@ -1,9 +1,9 @@
-"""Camera process of the virtual rig: renders the world's poses and serves the images as a GigE Vision camera.
+"""Camera process of the virtual rig: renders the world's poses, serves them as a GigE Vision camera.
 
     python -m acquire.virtual.camera_process --object carton --seed 1 --dir RUN --address 127.0.0.1
 
-Prints `{"ready": true, ...}` once the camera can be opened, and its statistics when it ends: on SIGTERM, or
-when its parent has ended.
+Prints `{"ready": true, ...}` once the camera can be opened, and its statistics when it ends: on SIGTERM or
+SIGINT, or when its parent has ended.
 """
 
 from __future__ import annotations
@@ -45,12 +45,23 @@ SWITCH_INTERVAL_S = 5e-4
 
 
 class WorldRenderer(Protocol):
-    """Renderer of images from poses (`acquire.virtual.render.Renderer`); arguments as in `SampledPoses`."""
+    """Renderer of images from poses of object and arm (`acquire.virtual.render.Renderer`).
+
+    The poses are: positions of the object's origin in W, the world frame [m]; unit quaternions (w, x, y, z)
+    from O, the object's frame, to W; angles of the arm [rad]; points on the arm's hinge in W [m].
+    """
 
     def subexposures_needed(
         self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, /
     ) -> int:
-        """Number of poses that an exposure needs, given the poses at its start and end."""
+        """Number of poses that an exposure needs to show its motion blur.
+
+        Args:
+            p_world_object: (2, 3) positions at start and end of the exposure [m].
+            q_wxyz: (2, 4) unit quaternions from O to W.
+            arm_angle: (2,) angles of the arm [rad].
+            arm_axis_world: (2, 3) points on the arm's hinge [m].
+        """
         ...
 
     def render(
@@ -63,22 +74,45 @@ class WorldRenderer(Protocol):
         gain_db: float,
         /,
     ) -> NDArray[np.uint8]:
-        """Image (492, 656) of an exposure with k poses: p (k, 3), q (k, 4), angle (k,), axis (k, 3)."""
+        """Image (492, 656), uint8, of an exposure with k poses spread uniformly over it.
+
+        Args:
+            p_world_object: (k, 3) positions [m].
+            q_wxyz: (k, 4) unit quaternions from O to W.
+            arm_angle: (k,) angles of the arm [rad].
+            arm_axis_world: (k, 3) points on the arm's hinge [m].
+            exposure_us: exposure of the whole frame.
+            gain_db: gain of the sensor.
+        """
         ...
 
 
 class WorldSource:
-    """Image source that renders the poses in the world's pose ring."""
+    """Image source that renders the poses in the world's pose ring (a ring buffer in a mapped file)."""
 
     def __init__(self, ring: PoseRing, renderer: WorldRenderer) -> None:
         self._ring, self._renderer = ring, renderer
 
     def latest_time_ns(self) -> int:
-        """Host monotonic time of the newest pose [ns]."""
+        """Host monotonic time of the newest pose [ns].
+
+        Raises:
+            PoseRingError: there is no pose yet.
+        """
         return self._ring.latest_time_ns()
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """Image (height, width) of the selected region for the exposure that starts at `start_ns`."""
+        """Image (height, width), uint8, of the selected region for one exposure.
+
+        If the newest pose is more than 60 ms later than `start_ns`, at most two poses are rendered.
+
+        Args:
+            start_ns: host monotonic time at which the exposure starts.
+            settings: region of the sensor, exposure and gain.
+
+        Raises:
+            PoseRingError: there is no pose yet.
+        """
         exposure_ns = settings.exposure_us * 1e3
         poses = self._ring.poses_at([start_ns, start_ns + round(exposure_ns)])
         count = self._renderer.subexposures_needed(*poses)
@@ -93,10 +127,15 @@ class WorldSource:
 
 
 def wait_for_world(path: Path, clock: Clock, keep_waiting: Callable[[], bool] = lambda: True) -> PoseRing:
-    """Wait until the world's pose ring holds a pose, and return the ring.
+    """Wait until the world's pose ring holds a pose, and return the ring, open for reading.
+
+    Args:
+        path: the pose ring's file (`pose.ring`).
+        clock: the host's clock.
+        keep_waiting: called after every failed attempt; False ends the wait.
 
     Raises:
-        PoseRingError: the world did not start in time, or `keep_waiting` returned False.
+        PoseRingError: there is no pose after 10 s, or `keep_waiting` returned False.
     """
     end_ns = clock.monotonic_ns() + round(WORLD_START_S * 1e9)
     while True:
@@ -114,7 +153,20 @@ def wait_for_world(path: Path, clock: Clock, keep_waiting: Callable[[], bool] = 
 def serve(
     source: ImageSource, arguments: argparse.Namespace, clock: Clock, parent_alive: Callable[[], bool]
 ) -> None:
-    """Run the camera until SIGTERM or SIGINT, or until `parent_alive` returns False."""
+    """Run the camera until SIGTERM or SIGINT, or until `parent_alive` returns False.
+
+    Handlers of both signals are installed. At the end the statistics are written to `camera.json` in the
+    run's folder and printed as one JSON line.
+
+    Args:
+        source: source of the images.
+        arguments: `address`, `seed`, `packet_loss` and `dir` of the command line.
+        clock: the host's clock.
+        parent_alive: called ten times a second.
+
+    Raises:
+        CameraError: the camera cannot start.
+    """
     stopped = False
 
     def request_stop(*_: object) -> None:
@@ -146,7 +198,10 @@ def serve(
 
 
 def main() -> int:
-    """Run the camera process; one line on standard error and exit code 1 if the camera cannot start."""
+    """Run the camera process with the command line's arguments; return its exit code.
+
+    The code is 0, or 1 after an error, which is printed as one line on standard error.
+    """
     parser = argparse.ArgumentParser(
         prog="camera_process", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -23,9 +23,10 @@ RIM_SPHERES = 72
 
 
 def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
-    """Centres (n, 3) [m, in O] of the spheres that represent the body.
+    """Centres (n, 3) [m, in O, the object's frame] of the spheres with which the body touches the table.
 
-    Their radius is `virtual_object.edge_radius_m`.
+    Their radius is `virtual_object.edge_radius_m`. A cylinder has a ring of them at each rim; any other shape
+    has one at each corner of its convex hull.
     """
     cylinder = virtual_object.spec.shape.cylinder
     if cylinder is not None:
@@ -34,9 +35,14 @@ def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
 
 
 def rim_centres(radius: float, height: float, edge_radius: float) -> NDArray[np.float64]:
-    """Sphere centres (2 * RIM_SPHERES, 3) [m] of both rims of a centred cylinder about z.
+    """Sphere centres (2 * RIM_SPHERES, 3) [m] at both rims of a cylinder about z, centred on the origin.
 
-    The polygon's mean radius equals the circle's radius.
+    The rim's polygon has the circle's radius as its mean radius.
+
+    Args:
+        radius: radius of the cylinder [m].
+        height: height of the cylinder [m].
+        edge_radius: radius of the rims' rounding and of the spheres [m].
     """
     half_step = np.pi / RIM_SPHERES
     angle = 2 * half_step * np.arange(RIM_SPHERES)

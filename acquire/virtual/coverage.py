@@ -1,4 +1,4 @@
-"""Exact area coverage of polygons: the fraction of each pixel that lies inside, to rounding.
+"""Exact area coverage of polygons: the fraction of each pixel that lies inside, exact up to rounding.
 
 Every directed edge adds the signed area between itself and the image's right border; a running sum along the
 rows turns edges into areas (the accumulation buffer of R. Levien's font-rs, 2016). The method is linear: the
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Box:
-    """Rectangle of pixels [left, right) x [top, bottom)."""
+    """Rectangle of pixels: columns left to right - 1, rows top to bottom - 1."""
 
     left: int
     top: int
@@ -34,11 +34,11 @@ class Box:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Index of the box in an image (height, width)."""
+        """Slices (rows, columns) that select the box in an image (height, width)."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     def grown(self, margin: int, width: int, height: int) -> Box:
-        """Box enlarged by `margin` px on every side, within an image of width x height."""
+        """Box enlarged by `margin` px on every side, but within an image of width x height px."""
         return Box(
             left=max(self.left - margin, 0),
             top=max(self.top - margin, 0),
@@ -47,13 +47,17 @@ class Box:
         )
 
     def within(self, outer: Box) -> tuple[slice, slice]:
-        """Index of this box in an array that covers `outer`."""
+        """Slices (rows, columns) that select this box in an array of the pixels of `outer`."""
         rows = slice(self.top - outer.top, self.bottom - outer.top)
         return rows, slice(self.left - outer.left, self.right - outer.left)
 
 
 def box_around(points_px: NDArray[np.float64], width: int, height: int) -> Box:
-    """Pixels of an image that the convex hull of points (n, 2) [px] can touch."""
+    """Box of the pixels that the convex hull of points (n, 2) [px] can touch.
+
+    It is cut off at the edges of an image of width x height px, and empty if the points all lie on one side
+    of the image. Integer coordinates are pixel centres.
+    """
     low, high = np.floor(points_px.min(axis=0) + 0.5), np.ceil(points_px.max(axis=0) + 0.5)
     return Box(max(int(low[0]), 0), max(int(low[1]), 0), min(int(high[0]), width), min(int(high[1]), height))
 
@@ -64,15 +68,19 @@ def coverage(
     weights: NDArray[np.float64],
     box: Box,
 ) -> tuple[NDArray[np.float32], ...]:
-    """Sum of weight times covered area per pixel: c images (box height, box width).
+    """Sum over all polygons of weight times covered fraction, per pixel.
 
-    A polygon whose corners run clockwise as seen in the image (x right, y down) covers with its weight.
+    The edges of a polygon run clockwise as seen in the image (x right, y down); counter-clockwise ones count
+    negative. An edge between two polygons may be given once, with the difference of their weights.
 
     Args:
         start: (n, 2) start points of the edges [px], integer coordinates at pixel centres (OpenCV).
         end: (n, 2) end points of the edges [px].
         weights: (c, n) weights of the edges, for each of c images.
         box: the pixels to compute; edges may lie outside.
+
+    Returns:
+        c images (box height, box width).
     """
     width, height = box.right - box.left, box.bottom - box.top
     x0, y0 = start[:, 0] - (box.left - 0.5), start[:, 1] - (box.top - 0.5)
@@ -120,9 +128,14 @@ def _accumulate_coverage(
     width: int,
     height: int,
 ) -> NDArray[np.float32]:
-    """Image (height, width): running sum along the rows of areas put into pixels and their right neighbours.
+    """Image (height, width) of the running sum, along each row, of areas added to single pixels.
 
-    `pixel` (n,) counts in rows of width + 1.
+    Args:
+        pixel: (n,) pixel of each area, as row * (width + 1) + column.
+        area: (n,) signed areas [px2].
+        right_share: (n,) fraction of each area that is added to the pixel's right neighbour instead.
+        width: width of the image.
+        height: height of the image.
     """
     size = height * (width + 1)
     right = area * right_share
@@ -135,10 +148,10 @@ def _accumulate_coverage(
 def _ragged_ranges(
     first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Integers (m,) of n ranges, one after the other, and the index (m,) of the range that each belongs to.
+    """Expand n ranges of integers: index of the range (m,) and integer (m,) of all their members in order.
 
-    Range i is first[i], first[i] + 1, ... with count[i] integers; `first` and `count` are (n,). The index is
-    the first result.
+    Range i is first[i], first[i] + 1, ... with count[i] integers (none if negative); `first` and `count` are
+    (n,).
     """
     count = np.maximum(count, 0)
     index = np.repeat(np.arange(len(count)), count)

@@ -1,4 +1,4 @@
-"""Motor, gear and control loop of an XM430-W210 at 12 V: torque at the horn from registers and arm state."""
+"""Motor, gear and control loop of a Dynamixel XM430-W210 servo at 12 V."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FULL_DUTY = 885
 
 
 class Motor:
-    """State of motor and control loop; `step` is called once per millisecond."""
+    """Motor, gear and control loop of the servo; `step` is called once per millisecond."""
 
     def __init__(self) -> None:
         self.current = 0.0
@@ -52,17 +52,18 @@ class Motor:
         self._watchdog_tripped = False
 
     def hold(self, position: float) -> None:
-        """Restart the trajectory at rest at `position` [rad]."""
+        """Restart the goal trajectory at rest at `position` [rad], and clear the controller's integral."""
         self.reference, self._reference_velocity, self._integral = position, 0.0, 0.0
 
     def step(self, registers: Registers, position: float, velocity: float, dt: float) -> float:
-        """Torque at the horn [N m] for the next `dt` [s].
+        """Torque at the horn (the servo's output shaft) [N m] for the step that begins now.
 
-        DC motor: torque = stall * duty - (stall / no-load speed) * velocity, limited by the current; then
-        gear drag.
+        Updates current, filtered velocity and, while the torque is on, the controller's state. DC motor:
+        torque = stall torque * duty - (stall torque / no-load speed) * velocity, limited by the current; then
+        the gear's drag. With the torque switched off only the drag remains.
 
         Args:
-            registers: registers of the servo; Goal Position in ticks, 2048 = 0 rad.
+            registers: registers of the servo, which are only read; Goal Position in ticks, 2048 = 0 rad.
             position: angle of the horn [rad].
             velocity: angular velocity of the horn [rad/s].
             dt: time since the last step [s].
@@ -123,7 +124,10 @@ class Motor:
         return (registers["Position P Gain"] / 128 * error + self._integral + damping + forward) / FULL_DUTY
 
     def _advance_trajectory(self, registers: Registers, goal: float, dt: float) -> None:
-        """Advance the trapezoidal trajectory by `dt` [s]; a profile value of 0 means infinite."""
+        """Advance the trapezoidal trajectory towards `goal` [rad] by `dt` [s].
+
+        Profile Velocity and Profile Acceleration limit it; 0 means infinite.
+        """
         speed = registers["Profile Velocity"] * VELOCITY_UNIT_RAD_S
         if speed == 0:
             self.reference, self._reference_velocity = goal, 0.0

@@ -17,7 +17,7 @@ _STUFF = (b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
 
 
 class Instruction(enum.IntEnum):
-    """Instruction field of a packet."""
+    """Instruction field of a Dynamixel 2.0 packet; STATUS marks an answer of a servo."""
 
     PING = 0x01
     READ = 0x02
@@ -37,7 +37,7 @@ class Instruction(enum.IntEnum):
 
 
 class StatusError(enum.IntEnum):
-    """Error field of a status packet, without its ALERT bit."""
+    """Error field of a status packet (a servo's answer), without its ALERT bit (0x80, hardware error)."""
 
     NONE = 0
     RESULT = 1
@@ -54,12 +54,14 @@ ALERT = 0x80
 
 @dataclass(frozen=True)
 class Packet:
-    """Received packet, unstuffed."""
+    """Received packet; byte stuffing is undone."""
 
     id: int
     """id of the servo that it is addressed to"""
     instruction: int
+    """value of the instruction field, see Instruction"""
     parameters: bytes
+    """bytes between instruction and CRC"""
     intact: bool
     """True if the CRC is right"""
 
@@ -78,7 +80,10 @@ _CRC_TABLE = _crc_table()
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/BUYPASS: polynomial 0x8005, start 0, not reflected (e-manual, "CRC calculation")."""
+    """CRC-16/BUYPASS of a packet without its CRC, as the protocol uses it.
+
+    Polynomial 0x8005, start 0, not reflected (vendor's e-manual, "CRC calculation").
+    """
     crc = 0
     for byte in data:
         crc = ((crc << 8) & 0xFFFF) ^ _CRC_TABLE[(crc >> 8) ^ byte]
@@ -86,20 +91,29 @@ def crc16(data: bytes) -> int:
 
 
 def encode(servo_id: int, instruction: int, parameters: bytes) -> bytes:
-    """Packet as sent: header, stuffed body, CRC."""
+    """Bytes of a packet as sent: header, id, length, stuffed body, CRC.
+
+    Args:
+        servo_id: id of the servo that the packet is addressed to, or that sends it.
+        instruction: value of the instruction field.
+        parameters: bytes after it; byte stuffing (an FD inserted after FF FF FD) is added here.
+    """
     body = (bytes([instruction]) + parameters).replace(*_STUFF)
     packet = HEADER + bytes([servo_id]) + struct.pack("<H", len(body) + 2) + body
     return packet + struct.pack("<H", crc16(packet))
 
 
 class Parser:
-    """Parser of a byte stream into packets; bytes that belong to no packet are skipped."""
+    """Parser that splits a byte stream into packets; bytes that belong to no packet are skipped."""
 
     def __init__(self) -> None:
         self._buffer = b""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Add received bytes and return the packets that they complete."""
+        """Add received bytes, and return the packets that they complete, in order; empty if none.
+
+        A packet with a wrong CRC is returned too, with `intact` False.
+        """
         self._buffer += data
         packets: list[Packet] = []
         while True:

@@ -68,7 +68,15 @@ _OPERATING_MODES = {0, 1, 3, 4, 5, 16}
 
 
 class Registers:
-    """Control table, accessed by name from the servo and by address from the bus."""
+    """Control table of the virtual servo, accessed by name from the servo and by address from the bus.
+
+    `registers[name]` reads or sets a value without the checks that apply to a write over the bus. Names are
+    the vendor's.
+
+    Args:
+        servo_id: id of the servo on the bus.
+        baud_index: value of the Baud Rate register.
+    """
 
     def __init__(self, servo_id: int, baud_index: int) -> None:
         self._table = {
@@ -92,13 +100,21 @@ class Registers:
         self._values[name] = register.decode(encoded)
 
     def factory_reset(self, servo_id: int, baud_index: int) -> None:
-        """Reset all registers to their defaults, and set servo id and baud rate to the given values."""
+        """Reset all registers to their defaults, and set servo id and baud rate to the given values.
+
+        Args:
+            servo_id: id of the servo on the bus.
+            baud_index: value of the Baud Rate register.
+        """
         for name in self._table:
             self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
         self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
 
     def reboot(self) -> None:
-        """Reset RAM to its defaults and the goals to their limits; EEPROM is unchanged."""
+        """Reset the registers in RAM to their defaults, as a reboot does; EEPROM is unchanged.
+
+        Goal PWM, Goal Current and Goal Velocity are set to their limits.
+        """
         for name, register in self._table.items():
             if register.address >= EEPROM_END:
                 self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
@@ -106,13 +122,29 @@ class Registers:
             self[name] = self[_LIMITED_BY[name]]
 
     def read(self, address: int, size: int) -> tuple[StatusError, bytes]:
-        """Read `size` bytes from `address` as over the bus; returns the error and the bytes."""
+        """Read `size` bytes from `address` as over the bus.
+
+        Returns:
+            NONE and the bytes; or ACCESS and no bytes if `size` is 0 or the first or last address is in no
+            register.
+        """
         if size == 0 or address not in self._defined or address + size - 1 not in self._defined:
             return StatusError.ACCESS, b""
         return StatusError.NONE, bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> tuple[StatusError, list[str]]:
-        """Write bytes as over the bus, all or none; returns the error and the written registers' names."""
+        """Write bytes to neighbouring registers as over the bus, all or none.
+
+        Args:
+            address: address of the first byte, where a register must begin.
+            data: values of whole registers, little-endian; bytes for gaps between registers are skipped.
+
+        Returns:
+            NONE and the names of the written registers; or the reason of the refusal and no names: ACCESS (no
+            register, read only, EEPROM with torque on), LENGTH (part of a register), RANGE (out of range, or
+            a goal after the bus watchdog tripped), LIMIT (beyond a limit register), or RESULT (torque on in
+            spite of a hardware error).
+        """
         written: list[tuple[str, int]] = []
         offset = 0
         while offset < len(data):

@@ -1,4 +1,4 @@
-"""Virtual Dynamixel XM430-W210 behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
+"""Virtual Dynamixel XM430-W210 servo behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
 
 Not modelled: indirect addressing, homing offset in the goal limits, drive modes (reverse, time-based profile,
 torque on by goal), secondary ID, the overshoot of a real velocity estimate, backlash, cogging, heating (a
@@ -77,7 +77,11 @@ _GROUP_INSTRUCTIONS = frozenset(
 
 
 class HardwareError:
-    """Bits of Hardware Error Status; those in Shutdown (52 by default) also switch the torque off."""
+    """Bit numbers of the register Hardware Error Status.
+
+    An error whose bit is set in the register Shutdown (52 by default: bits 2, 4 and 5) also switches the
+    torque off.
+    """
 
     INPUT_VOLTAGE = 0
     OVERHEATING = 2
@@ -88,7 +92,7 @@ class HardwareError:
 
 @dataclass(frozen=True)
 class WireTime:
-    """Delay of an answer: transmission by baud rate, Return Delay Time register, and a constant."""
+    """Delay of the servo's answers: transmission of all bytes, Return Delay Time register, and a constant."""
 
     adapter_ns: int = 0
     """constant delay of the USB adapter"""
@@ -102,13 +106,13 @@ class DynamixelServo:
     once per physics step.
 
     Args:
-        plant: position [rad] and velocity [rad/s] of the arm after the last physics step; 0 rad = 2048 ticks,
-            positive for direction +1.
+        plant: function that returns position [rad] and velocity [rad/s] of the arm after the last physics
+            step; 0 rad = 2048 ticks, positive towards more ticks.
         clock_ns: the world's clock (CLOCK_MONOTONIC), read once at power-up.
         link_path: symbolic link to create for the pty; an existing one is replaced.
         seed: seed of noise and clock drift.
         baud_rate: baud rate stored in the EEPROM.
-        wire: transmission time; None to answer at once.
+        wire: delay of the answers; None to answer at once.
     """
 
     def __init__(
@@ -142,7 +146,10 @@ class DynamixelServo:
         self.plug_in()
 
     def plug_in(self) -> None:
-        """Create the pty and its link, at the start and after `close`; the servo itself is not affected."""
+        """Create the pseudo-terminal and its link, at the start and after `close`.
+
+        Registers and motion are not affected. An existing link is replaced.
+        """
         self.fd, self._slave = os.openpty()
         tty.setraw(self._slave)  # kept open, so that clients may connect and disconnect
         os.set_blocking(self.fd, False)
@@ -152,11 +159,11 @@ class DynamixelServo:
 
     @property
     def plugged_in(self) -> bool:
-        """True while the pty exists."""
+        """True while the servo's pseudo-terminal exists."""
         return self.fd >= 0
 
     def close(self) -> None:
-        """Unplug: remove the pty and its link. May be repeated."""
+        """Unplug the servo: remove its pseudo-terminal and link, drop waiting answers. May be repeated."""
         if self.plugged_in:
             for fd in (self.fd, self._slave):
                 os.close(fd)
@@ -167,7 +174,10 @@ class DynamixelServo:
     # --- arm
 
     def torque(self, position_rad: float, velocity_rad_s: float, now_ns: int) -> float:
-        """Torque on the arm [N m] for the step that begins now; only drag while the torque is off.
+        """Torque on the arm [N m] for the physics step that begins now; only drag while the torque is off.
+
+        Also trips the bus watchdog after silence on the bus, and raises a hardware error on overheating or
+        overload.
 
         Args:
             position_rad: angle of the arm at `now_ns`.
@@ -195,7 +205,13 @@ class DynamixelServo:
             self.fail(HardwareError.OVERLOAD)
 
     def fail(self, bit: int) -> None:
-        """Raise a hardware error: every answer carries ALERT until a reboot."""
+        """Raise a hardware error: every answer carries ALERT (0x80 in its error byte) until a reboot.
+
+        The torque goes off if the bit is set in the register Shutdown.
+
+        Args:
+            bit: bit number in Hardware Error Status, see HardwareError.
+        """
         self.registers["Hardware Error Status"] |= 1 << bit
         if self.registers["Shutdown"] >> bit & 1:
             self.registers["Torque Enable"] = 0
@@ -206,7 +222,10 @@ class DynamixelServo:
         return round(ticks) % 4096 if self.registers["Operating Mode"] == 3 else round(ticks)
 
     def _position(self, now_ns: int) -> float:
-        """Angle of the arm now [rad], interpolated within the last step or extrapolated by a step or two."""
+        """Angle of the arm [rad] at `now_ns`, interpolated within the last physics step.
+
+        After the step's end it is extrapolated, by 1 ms at most.
+        """
         (before, _), (after, velocity) = self._arm, self._plant()
         late_ns = min(EXTRAPOLATION_MAX_NS, now_ns - self._stepped_ns - STEP_NS)
         if late_ns >= 0:
@@ -214,7 +233,10 @@ class DynamixelServo:
         return before + (after - before) * max(0, now_ns - self._stepped_ns) / STEP_NS
 
     def _measure(self, now_ns: int) -> None:
-        """Update the Present registers."""
+        """Set the registers that report measurements to their values at `now_ns`.
+
+        They are Realtime Tick, Position Trajectory, Moving, and Present Position, Velocity, Current and PWM.
+        """
         position = self._position(now_ns)
         registers = self.registers
         registers["Realtime Tick"] = int((now_ns - self._boot_ns) * self._drift / 1e6) & 0x7FFF
@@ -228,7 +250,13 @@ class DynamixelServo:
     # --- bus
 
     def service(self, now_ns: int) -> None:
-        """Read received packets, execute them and send the answers that are due. Never blocks."""
+        """Read received packets, execute them and send the answers that are due. Never blocks.
+
+        Call only while the servo is plugged in. An answer that no client reads may be lost.
+
+        Args:
+            now_ns: host monotonic time.
+        """
         with contextlib.suppress(BlockingIOError):
             while data := os.read(self.fd, 4096):
                 self._receive(data, now_ns)
@@ -238,7 +266,10 @@ class DynamixelServo:
 
     @property
     def next_answer_ns(self) -> int | None:
-        """Time at which a delayed answer is due; None if there is none, as always without wire time."""
+        """Host monotonic time at which the next delayed answer is due; None if no answer waits.
+
+        Without wire time `service` sends all answers at once.
+        """
         return self._answers[0][0] if self._answers else None
 
     def _receive(self, data: bytes, now_ns: int) -> None:
@@ -258,7 +289,7 @@ class DynamixelServo:
                 self._answers.append((due_ns, answer))
 
     def _handle(self, packet: Packet, now_ns: int) -> bytes:
-        """Answer to a packet; empty if there is none."""
+        """Execute a packet, and return the bytes of its answer; empty if there is none."""
         if packet.instruction in _GROUP_INSTRUCTIONS:
             return self._handle_group(packet, now_ns) if packet.intact else b""
         if packet.id not in {self.registers["ID"], BROADCAST} or packet.instruction == Instruction.STATUS:
@@ -299,7 +330,7 @@ class DynamixelServo:
         return StatusError.NONE if packet.instruction == Instruction.REBOOT else StatusError.INSTRUCTION
 
     def _act(self) -> StatusError:
-        """Execute the registered write."""
+        """Execute the write that REG_WRITE registered; RESULT if there is none, else the write's error."""
         if self._registered is None:
             return StatusError.RESULT
         registered, self._registered = self._registered, None
@@ -307,7 +338,11 @@ class DynamixelServo:
         return self._write(*registered)
 
     def _handle_group(self, packet: Packet, now_ns: int) -> bytes:
-        """Answer to sync, bulk and fast reads and writes, as far as they concern this servo."""
+        """Execute a sync, bulk or fast read or write, as far as it concerns this servo.
+
+        Returns the bytes of the answer; empty for a write, and for a read that does not begin with this
+        servo.
+        """
         if packet.instruction == Instruction.SYNC_WRITE:
             self._sync_write(packet.parameters)
             return b""

@@ -1,10 +1,10 @@
-"""Virtual GigE Vision camera: Aravis's fake (real GVCP and GVSP on loopback) sends rendered images.
+"""Virtual GigE Vision camera: Aravis's fake camera sends rendered images over loopback.
 
-Timing: exposure slot n starts at t0 + n / fps in the camera's own clock. A render thread requests each slot's
-image as soon as the source covers its exposure; the fake's fill callback takes the oldest image that was not
-sent yet and waits if there is none. So the slots set the rate, every slot is sent exactly once, and a slow
-computer sends late but never fewer frames. A source that stalls also stalls the control channel, like a
-camera that hangs.
+The protocols are the real ones, GVCP (control) and GVSP (stream). Exposure slot n starts at t0 + n / fps in
+the camera's own clock. A render thread requests each slot's image as soon as the image source has data for
+its whole exposure; the fake's fill callback takes the oldest image that was not sent yet and waits if there
+is none. So the slots set the rate, every slot is sent exactly once, and a slow computer sends late but never
+fewer frames. A source that stalls also stalls the control channel, like a camera that hangs.
 """
 
 from __future__ import annotations
@@ -60,9 +60,13 @@ class StreamSettings:
     """Settings made by the client: region of the sensor [px], exposure, gain, frame rate."""
 
     width: int
+    """width of the region"""
     height: int
+    """height of the region"""
     offset_x: int
+    """first column of the region"""
     offset_y: int
+    """first row of the region"""
     exposure_us: float
     gain_db: float
     frame_rate_hz: float
@@ -72,26 +76,31 @@ class ImageSource(Protocol):
     """Source of the images; called from the render thread only."""
 
     def latest_time_ns(self) -> int:
-        """Host monotonic time [ns] up to which images can be made."""
+        """Host monotonic time [ns] up to which exposures can be rendered."""
         ...
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """Image (height, width) of the exposure that starts at the host monotonic time `start_ns`."""
+        """Image (height, width), uint8, of the exposure that starts at the host monotonic time `start_ns`.
+
+        Args:
+            start_ns: start of the exposure; it ends at or before `latest_time_ns`.
+            settings: region, exposure and gain; the image has the region's size.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class CameraStatistics:
-    """Counts and delays since the camera was started."""
+    """Counts and delays of the virtual camera since it was made."""
 
     frames: int
     """frames sent"""
     render_ms_mean: float
-    """mean time to render an image"""
+    """mean time to render an image; 0 if none was rendered"""
     late: int
     """slots whose image was ready more than two frame periods after the end of the exposure"""
     latest_ms: float
-    """largest delay of an image after the end of its exposure"""
+    """largest delay [ms] of an image after the end of its exposure"""
 
 
 @dataclass(frozen=True)
@@ -101,35 +110,55 @@ class _Slot:
 
 
 class DeviceClock:
-    """Clock of the camera: offset and constant rate error against the host. Does not model temperature."""
+    """Clock of the virtual camera: offset and constant rate error against the host's monotonic clock.
+
+    Does not model temperature.
+
+    Args:
+        clock: the host's clock.
+        drift: relative rate error against the host.
+        offset_ns: device time at construction.
+    """
 
     def __init__(self, clock: Clock, drift: float = DRIFT, offset_ns: int = CLOCK_OFFSET_NS) -> None:
         self._clock, self._drift, self._offset_ns = clock, drift, offset_ns
         self._host0_ns = clock.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Device time [ns]."""
+        """Device time now [ns]."""
         return self.to_device(self._clock.monotonic_ns())
 
     def to_device(self, host_ns: int) -> int:
-        """Device time of a host monotonic time [ns]."""
+        """Device time [ns] at a host monotonic time [ns]."""
         elapsed = host_ns - self._host0_ns
         return self._offset_ns + elapsed + round(elapsed * self._drift)
 
     def to_host(self, device_ns: int) -> int:
-        """Host monotonic time of a device time [ns]."""
+        """Host monotonic time [ns] at a device time [ns]; the inverse of `to_device`, to rounding."""
         elapsed = device_ns - self._offset_ns
         return self._host0_ns + elapsed - round(elapsed * self._drift / (1.0 + self._drift))
 
 
 class VirtualGigeCamera:
-    """GigE Vision camera at a loopback address.
+    """Virtual GigE Vision camera at a loopback address, in operation from construction to `close`.
 
-    With `pulses_hz` > 0 a pulse generator is connected to its trigger input. Does not model: optics (the
-    source does), chunk data, PTP, a trigger's delay and jitter, jumbo-frame limits.
+    Does not model: optics (the source does), chunk data, PTP, a trigger's delay and jitter, jumbo-frame
+    limits.
+
+    Args:
+        address: IP address of the camera, 127.x.x.x.
+        serial: serial number that it reports.
+        source: source of its images.
+        clock: the host's clock.
+        drift: relative rate error of the camera's clock.
+        packet_loss: fraction of stream packets to drop, 0 to 1.
+        seed: seed of the packet losses.
+        pulses_hz: rate of a pulse generator at the trigger input; 0 if none is connected. It sets the frame
+            rate while the client has the trigger on.
 
     Raises:
-        CameraError: the control port is in use, or libaravis is missing.
+        CameraError: the control port is in use, the address is not one of this host, libaravis is missing, or
+            its fake camera opened no control socket.
     """
 
     def __init__(
@@ -180,18 +209,25 @@ class VirtualGigeCamera:
 
     @property
     def packet_counts(self) -> dict[str, int]:
-        """Stream packets sent, dropped, resent; empty without packet loss."""
+        """Numbers of stream packets by what happened to them; empty without packet loss.
+
+        Keys are sent, dropped, resent and resend_missed (a resend was requested, the packet no longer kept);
+        a key is missing while its number is 0.
+        """
         return {} if self._stream is None else dict(self._stream.counts)
 
     @property
     def statistics(self) -> CameraStatistics:
-        """Counts since the camera was made."""
+        """Frames sent, rendering time and delays since the camera was made."""
         return CameraStatistics(
             self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
         )
 
     def close(self) -> None:
-        """Vanish from the network; every thread and socket ends. A client sees the camera die."""
+        """Remove the camera from the network: end its threads and close its sockets. May be repeated.
+
+        A client finds that the camera no longer answers.
+        """
         with self._condition:
             if self._closed:
                 return
@@ -249,7 +285,10 @@ class VirtualGigeCamera:
             self._condition.notify_all()
 
     def _on_claim(self) -> None:
-        """End the stream of a client that left without stopping it, before another client takes control."""
+        """Stop the stream if no client holds control: its client left without stopping it.
+
+        Called when a client asks for control, before the fake camera grants it.
+        """
         if self._library.read_register(self._fake, _PRIVILEGE) == 0:
             self._library.write_register(self._fake, _ACQUISITION, 0)
             self._on_acquisition(False)
@@ -306,7 +345,10 @@ class VirtualGigeCamera:
             self._late += 1
 
     def _is_wanted(self, run: int) -> bool:
-        """True while `run` is the current stream; a killed client's stream ends when the next one starts."""
+        """True while the camera streams and `run` is the number of the current stream.
+
+        The number changes with every start and stop: a killed client's stream ends when the next one starts.
+        """
         return self._streaming and run == self._run
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:
@@ -320,7 +362,11 @@ class VirtualGigeCamera:
         return False
 
     def _fill(self, buffer: int, _data: object, _exposure_us: int, _gain: int, _pixel_format: int) -> None:
-        """Fill a buffer; called by the fake's thread, which sends the buffer afterwards. Must not raise."""
+        """Fill an ArvBuffer with the oldest unsent image and its device time; wait if there is none.
+
+        The fake camera's thread calls this and sends the buffer afterwards. Without an image, because the
+        stream has stopped, the time stamp is 0. Must not raise.
+        """
         with self._condition:
             self._condition.wait_for(lambda: self._slots or not self._streaming)
             slot = self._slots.popleft() if self._slots else None

@@ -1,4 +1,4 @@
-"""Relay between a GigE Vision client and Aravis's fake camera that adds functions the fake lacks.
+"""Relay between a GigE Vision client and Aravis's fake camera, adding functions that the fake lacks.
 
 The interposer owns UDP port 3956 of the camera's address and relays control packets (GVCP) to the fake, which
 runs in the same process, over loopback, with one relay socket per client so that the fake still distinguishes
@@ -61,7 +61,11 @@ Address = tuple[str, int]
 
 
 def udp_socket(address: str, port: int = 0) -> socket.socket:
-    """Bound, non-blocking UDP socket."""
+    """Non-blocking UDP socket bound to an IP address and port (0: any free one).
+
+    Raises:
+        OSError: it cannot be bound.
+    """
     result = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         result.bind((address, port))
@@ -73,10 +77,14 @@ def udp_socket(address: str, port: int = 0) -> socket.socket:
 
 
 def claim_control_port(address: str, clock: Clock) -> socket.socket:
-    """Bind the camera's control port.
+    """Bind the camera's control port (UDP 3956), and return its non-blocking socket.
 
-    Aravis's fake reports that it runs even if the port was busy, and then answers nobody: so the port is
-    bound here.
+    Aravis's fake camera reports that it runs even if the port was busy, and then answers nobody: so the port
+    is bound here. A busy port is tried for half a second.
+
+    Args:
+        address: IP address of the camera.
+        clock: the host's clock, for the pauses.
 
     Raises:
         CameraError: another camera holds the port, or the address does not belong to this host.
@@ -99,10 +107,18 @@ def claim_control_port(address: str, clock: Clock) -> socket.socket:
 
 
 def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:
-    """Replace the fake's control sockets by one private loopback socket and return it.
+    """Replace the control sockets of Aravis's fake camera by a private loopback socket, and return that.
 
     The fake's listening address can only be set to that of a network interface, which 127.0.0.21 is not.
-    `dup2` swaps the file behind the descriptor that its thread polls.
+    `dup2` swaps the file behind the descriptor that its thread polls. If it has several sockets, the others
+    become silent ones.
+
+    Args:
+        descriptors_before: file descriptors that were open before the fake was made.
+        address: IP address of the camera, for the error message.
+
+    Raises:
+        CameraError: the fake opened no control socket.
     """
     inner = udp_socket(LOOPBACK)
     adopted = False
@@ -126,7 +142,7 @@ def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.soc
 
 
 def descriptors() -> set[int]:
-    """Open file descriptors of this process."""
+    """Numbers of the open file descriptors of this process."""
     names = os.listdir("/proc/self/fd")  # noqa: PTH208 - descriptors vanish while iterdir stats them
     return {int(name) for name in names}
 
@@ -141,9 +157,18 @@ def _is_control_socket(descriptor: int) -> bool:
 
 
 class ControlRelay:
-    """Relay of GVCP between clients and the fake, on its own thread.
+    """Relay of control packets (GVCP) between clients and Aravis's fake camera, on its own thread.
 
-    Does not model: write protection of the latch.
+    It answers the timestamp latch itself. Does not model: write protection of the latch.
+
+    Args:
+        control: socket bound to the camera's control port.
+        inner: private socket that the fake polls instead.
+        device_now_ns: time of the camera's clock [ns].
+        period_us: frame period at the start [us].
+        on_acquisition: called on the relay's thread when acquisition starts (True) or stops (False).
+        on_claim: called on the relay's thread before a write to the control privilege reaches the fake.
+        has_pulses: True if a pulse generator is connected, which gives the camera a trigger mode.
     """
 
     def __init__(
@@ -175,7 +200,7 @@ class ControlRelay:
 
     @property
     def period_us(self) -> int:
-        """Frame period set by the client [us]."""
+        """Frame period set by the client [us], at least 1."""
         return max(1, self._shadows[_FRAME_PERIOD])
 
     @property
@@ -184,12 +209,16 @@ class ControlRelay:
         return self._shadows.get(_TRIGGER_MODE, 0) != 0
 
     def start(self, stream: StreamRelay | None) -> None:
-        """Start relaying; `stream` relays the images if packets are to be lost, else None."""
+        """Start relaying on a thread.
+
+        Args:
+            stream: relay of the images if packets are to be lost; None if the fake sends them itself.
+        """
         self._stream = stream
         self._thread.start()
 
     def close(self) -> None:
-        """Stop and close every socket."""
+        """Stop the relay's thread and close its sockets, the given ones included."""
         os.write(self._stop_write, b"x")
         self._thread.join()
         self._epoll.close()
@@ -201,7 +230,7 @@ class ControlRelay:
         self._inner.close()
 
     def poke(self) -> None:
-        """Wake the fake's poll, unless a waiting packet wakes it anyway.
+        """Wake the fake camera's poll with a harmless request, unless a waiting packet wakes it anyway.
 
         Aravis 0.8.26 computes its waiting time as an unsigned difference; past the deadline it underflows to
         a 100 ms stall (fixed upstream in 1ca41a403). A waiting packet makes the poll return at once.
@@ -304,7 +333,14 @@ class ControlRelay:
 
 
 class StreamRelay:
-    """Relay of GVSP that drops packets at random (seeded) and keeps the last frames for PACKET_RESEND."""
+    """Relay of image packets (GVSP) that drops some at random, on its own thread from construction on.
+
+    It keeps the packets of the last 64 frames to answer resend requests.
+
+    Args:
+        packet_loss: probability that a packet is dropped, 0 to 1.
+        rng: generator of the losses.
+    """
 
     def __init__(self, packet_loss: float, rng: random.Random) -> None:
         self._loss, self._rng = packet_loss, rng
@@ -322,11 +358,17 @@ class StreamRelay:
         self._thread.start()
 
     def send_to(self, destination: Address) -> None:
-        """Set the client's address; port 0 means that no client listens."""
+        """Set the client's IP address and port; an empty address or port 0 means that no client listens."""
         self._destination = destination if destination[0] and destination[1] else None
 
     def resend(self, frame_id: int, first: int, last: int) -> None:
-        """Send packets first..last of a frame again."""
+        """Send packets of a frame again, as far as they are kept.
+
+        Args:
+            frame_id: block id of the frame; its lowest 16 bits are used.
+            first: number of the first packet.
+            last: number of the last packet; at most 4097 packets are sent.
+        """
         frame = self._frames.get(frame_id & 0xFFFF)
         for index in range(first, min(last, first + 4096) + 1):
             packet = None if frame is None else frame.get(index)
@@ -335,7 +377,7 @@ class StreamRelay:
                 self._socket.sendto(packet, self._destination)
 
     def close(self) -> None:
-        """Stop and close the socket."""
+        """Stop the relay's thread and close its socket."""
         with udp_socket(LOOPBACK) as waker:
             waker.sendto(b"", (LOOPBACK, self.port))
         self._thread.join()

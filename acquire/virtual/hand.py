@@ -1,8 +1,9 @@
-"""Virtual hand: strikes the object when a manual striker waits for it; it listens to the daemon's events.
+"""Virtual hand: taps the object in the virtual world whenever the manual striker waits for a person.
 
-It taps the planned point with the planned impulse, a few per cent off, some tenths of a second after the
-request, and harder or less hard if the session asks for that. What it does not model: a finger that follows
-the object, a tap at an angle, a second contact.
+It follows the events of the daemon (the process that runs the rig) and taps the planned point with the
+planned impulse, a few per cent off, some tenths of a second after the striker's release, and harder or less
+hard if the session asks for that. Not modelled: a finger that follows the object, a tap at an angle, a second
+contact.
 """
 
 from __future__ import annotations
@@ -30,13 +31,16 @@ HARDER, SOFTER = 1.15, 0.85
 
 
 class VirtualHand:
-    """Thread that taps the object at every release until closed.
+    """Thread that taps the object at every release of the manual striker, from construction to `close`.
 
     Args:
-        daemon_socket: socket of the daemon.
+        daemon_socket: path of the daemon's socket.
         world: control link of the virtual world.
-        impulses_n_s: impulses by the plan's strike ids.
-        seed: seed of reaction time and impulse.
+        impulses_n_s: planned impulses [N s] by strike id; a copy is kept.
+        seed: seed of reaction times and impulse errors.
+
+    Raises:
+        DaemonError: no daemon takes the connection.
     """
 
     def __init__(
@@ -50,7 +54,7 @@ class VirtualHand:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop tapping."""
+        """Stop tapping: close the connection to the daemon and wait for the thread to end."""
         self._listener.close()
         self._thread.join()
 

@@ -1,8 +1,9 @@
 """Mass distribution of a virtual object, a shell and two interior parts, and its mass properties.
 
-The body is sampled (jittered grid, seeded). Each sample belongs to the shell or to one side of the dividing
-plane, and each region's mass is spread uniformly over its samples, or inside with a given density. Rounded
-edges are not cut off the mass. No code is shared with the estimators.
+The body is sampled (jittered grid, fixed seed). Each sample belongs to the shell or to one side of the plane
+that divides the interior, and each region's mass is spread uniformly over its samples, or in the interior
+with a given density. The material that rounded edges lack is not subtracted. No code is shared with the
+estimators of `analyze`.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ bound deeper inside"""
 
 @dataclass(frozen=True)
 class HiddenBody:
-    """True mass properties of one object, in O."""
+    """True mass properties of one object, in O (the object's frame, that of its shape file)."""
 
     mass_kg: float
+    """total mass"""
     com_object: NDArray[np.float64]
     """(3,) centre of mass [m]"""
     inertia_com: NDArray[np.float64]
@@ -39,17 +41,21 @@ class HiddenBody:
     region_plane: tuple[NDArray[np.float64], float]
     """dividing plane: unit normal n towards R2, and offset [m]; R2 is the interior where n.x > offset"""
     shell_thickness_m: float
+    """depth below the surface down to which the material belongs to the shell"""
 
 
 def sample_body(
     low: NDArray[np.float64], high: NDArray[np.float64], depth: Depth
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points inside the body (n, 3) [m] and their depth (n,) [m], spread uniformly.
+    """Points spread uniformly inside a body (n, 3) [m], and their depths below its surface (n,) [m].
+
+    About 400 000 points of a jittered grid fill the bounding box; those outside the body are dropped. The
+    seed is fixed, so that equal arguments give equal points.
 
     Args:
-        low: (3,) lower corner of the bounding box [m].
-        high: (3,) upper corner of the bounding box [m].
-        depth: depth of points below the body's surface.
+        low: (3,) lower corner of the bounding box [m, in O, the object's frame].
+        high: (3,) upper corner of the bounding box [m, in O].
+        depth: function of points (n, 3) [m, in O]: their depths (n,) [m] below the surface, negative outside.
     """
     rng = np.random.default_rng(20070601)
     pitch = (np.prod(high - low) / SAMPLES) ** (1 / 3)
@@ -69,15 +75,20 @@ def hidden_body(
     shell_thickness_m: float,
     density: NDArray[np.float64] | None = None,
 ) -> HiddenBody:
-    """Mass, centre of mass and inertia integrated over sampled points.
+    """Mass, centre of mass and inertia about it [kg, m, kg m2, in O], integrated over sampled points.
 
     Args:
-        points: (n, 3) points spread uniformly inside the body [m, in O].
+        points: (n, 3) points spread uniformly inside the body [m, in O, the object's frame].
         depths: (n,) depths below the surface [m].
-        region_masses: masses of shell, upper and lower part [kg].
-        region_plane: unit normal (3,) and offset [m] of the dividing plane.
-        shell_thickness_m: the shell is where the depth is less than this.
-        density: (n,) relative density of the interior; None if uniform in each part.
+        region_masses: masses of the shell and of the interior's upper and lower part [kg].
+        region_plane: unit normal n (3,) and offset d [m] of the plane that divides the interior; the upper
+            part is where n.x > d.
+        shell_thickness_m: the shell is where the depth is less than this [m].
+        density: (n,) relative density at the points, used within upper and lower part; None if each is
+            uniform. The shell is always uniform.
+
+    Returns:
+        The mass properties, together with the given regions.
     """
     normal, offset = region_plane
     shell = depths < shell_thickness_m
@@ -96,12 +107,19 @@ def hidden_body(
 
 
 def box_depth(half: NDArray[np.float64]) -> Depth:
-    """Depth in a box with half edges (3,) [m], centred on O's origin."""
+    """Depth function of a box centred on the origin, with half edge lengths `half` (3,) [m].
+
+    It maps points (n, 3) [m] to their depths (n,) [m] below the nearest face plane, negative outside.
+    """
     return lambda points: np.min(half - np.abs(points), axis=1)
 
 
 def cylinder_depth(radius: float, half_height: float) -> Depth:
-    """Depth in a cylinder about O's z axis, centred on O's origin."""
+    """Depth function of a cylinder about the z axis, centred on the origin; radius and half height in m.
+
+    It maps points (n, 3) [m] to their depths (n,) [m] below lateral surface or end plane, whichever is
+    nearer; negative outside.
+    """
     return lambda points: np.minimum(
         radius - np.hypot(points[:, 0], points[:, 1]), half_height - np.abs(points[:, 2])
     )
@@ -112,12 +130,15 @@ def mesh_depth(
     inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
     reach: float,
 ) -> Depth:
-    """Depth in a closed mesh, exact up to `reach`, and `reach` deeper inside; -1 outside.
+    """Depth function of a closed mesh: exact up to `reach`, equal to `reach` deeper inside, -1 outside.
 
     Args:
-        triangles: (m, 3, 3) corners [m].
+        triangles: (m, 3, 3) corners of the triangles [m].
         inside: function of points (n, 3) [m] that is True (n,) where they lie in the body.
         reach: largest depth that is computed [m].
+
+    Returns:
+        Function that maps points (n, 3) [m] to their depths (n,) [m] below the surface.
     """
 
     def depth(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -142,7 +163,8 @@ def mesh_depth(
 def _distance_to_triangle(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distance (n,) [m] of points (n, 3) [m] to a triangle with corners (3, 3) [m].
 
-    The distance to its plane if the foot lies inside, else to the nearest edge.
+    It is the distance to the triangle's plane if the foot of the perpendicular lies inside the triangle, else
+    the distance to the nearest edge.
     """
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     normal /= np.linalg.norm(normal)

@@ -1,4 +1,4 @@
-"""Opaque image layers, each with its light and the covered fraction of every pixel."""
+"""Opaque image layers, each with grey levels and the covered fraction of every pixel."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Layer:
-    """Light and cover within a box."""
+    """Grey levels and covered fraction of the pixels within a box of the image."""
 
     box: Box
+    """pixels that the layer may cover"""
     light: NDArray[np.float32]
     """(box height, box width) grey levels times cover"""
     cover: NDArray[np.float32]
@@ -28,7 +29,10 @@ class Layer:
 
 @dataclass(frozen=True)
 class Outline:
-    """Directed lines in the image, for k sub-exposures; see `coverage` for their orientation."""
+    """Directed boundary lines of areas in the image, for k sub-exposures.
+
+    The inside of a line is on its right as seen in the image (x right, y down), going from start to end.
+    """
 
     start: NDArray[np.float64]
     """(k, m, 2) start points [px]"""
@@ -41,7 +45,10 @@ class Outline:
 
 
 def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
-    """Filled outline, averaged over its sub-exposures; None if it lies outside the image."""
+    """Layer of a filled outline, averaged over its sub-exposures.
+
+    None if the outline has no lines or lies outside the image of width x height px.
+    """
     if outline.start.shape[1] == 0:
         return None
     both = np.concatenate([outline.start.reshape(-1, 2), outline.end.reshape(-1, 2)])
@@ -55,7 +62,7 @@ def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
 
 
 def bounding_box(layers: Sequence[Layer]) -> Box:
-    """Smallest box around one or more layers."""
+    """Smallest box of pixels that contains the boxes of one or more layers."""
     return Box(
         min(item.box.left for item in layers),
         min(item.box.top for item in layers),
@@ -65,7 +72,10 @@ def bounding_box(layers: Sequence[Layer]) -> Box:
 
 
 def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
-    """Layer `back` with small layers drawn over it, each hiding the area that it covers."""
+    """Layer `back` with the layers `front` drawn over it in order, each hiding the area that it covers.
+
+    The result's box contains all of them. `back` itself is changed and returned if its box already does.
+    """
     box = bounding_box([back, *front])
     found = back
     if box != back.box:
@@ -81,10 +91,10 @@ def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
 
 
 def compose(front_to_back: Sequence[Layer]) -> Layer:
-    """Combine layers that hide one another, given from front to back, into one layer.
+    """Combine one or more layers that hide one another, given from front to back, into one layer.
 
-    In a shared pixel the front layer takes its cover first; neighbours that meet at an edge fill it without a
-    seam.
+    In a shared pixel the front layer takes its cover first, and layers behind it only what is left; two
+    layers that meet at an edge fill it without a seam. A single layer is returned as it is.
     """
     if len(front_to_back) == 1:
         return front_to_back[0]
@@ -99,12 +109,15 @@ def compose(front_to_back: Sequence[Layer]) -> Layer:
 
 
 def paint(scene: NDArray[np.float32], item: Layer) -> None:
-    """Draw a layer over `scene` (height, width) in place."""
+    """Draw a layer over the image `scene` (height, width), grey levels, in place."""
     target = scene[item.box.slices]
     target *= 1.0 - item.cover
     target += item.light
 
 
 def paint_shadow(scene: NDArray[np.float32], item: Layer, depth: float) -> None:
-    """Darken `scene` (height, width) in place by `depth` (0..1) where the layer covers it."""
+    """Darken the image `scene` (height, width) in place where the layer covers it.
+
+    A fully covered pixel loses the fraction `depth` (0..1) of its grey level.
+    """
     scene[item.box.slices] *= 1.0 - np.float32(depth) * item.cover

@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 
 
 class Lens:
-    """Projection of a station's camera from W to pixels."""
+    """Projection of a station's camera from W, the world frame, to pixels.
+
+    Args:
+        station: camera matrix, distortion and pose.
+    """
 
     def __init__(self, station: Station) -> None:
         self.R_camera_world = station.T_world_camera[:3, :3].T.copy()
@@ -22,10 +26,12 @@ class Lens:
         self._k1, self._k2, self._p1, self._p2, self._k3 = (float(d) for d in station.distortion)
 
     def pixels(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels (..., 2) of points (..., 3) [m, in W]; integer coordinates at pixel centres.
+        """Pixels (..., 2) of points (..., 3) [m, in W, the world frame] in front of the camera.
 
-        x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y' likewise (OpenCV calib3d,
-        after D. Brown, 1966).
+        Integer coordinates are pixel centres. With x, y the point's coordinates over its depth in the
+        camera's frame and r^2 = x^2 + y^2, distortion gives
+        x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), and y' by exchanging x with y and
+        p1 with p2 (OpenCV calib3d, after D. Brown, 1966). k1, k2, p1, p2, k3 are the station's distortion.
         """
         camera = (points_world - self.p_world_camera) @ self.R_camera_world.T
         x, y = camera[..., 0] / camera[..., 2], camera[..., 1] / camera[..., 2]

@@ -1,7 +1,8 @@
 """Virtual objects: the user's description of each (TOML, STL), and its true mass distribution.
 
-The mass distribution is drawn from a seed. Four objects are like the paper's, a shell and two uniform parts;
-the parcel instead holds three lumps.
+The mass distribution is drawn from a seed. Four objects consist, like those of the paper (VISAPP 2013), of a
+shell and one or two uniform interior parts; the parcel's shell holds three lumps instead. Lengths are in m,
+in O, the object's frame (that of its shape file), unless another unit is given.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ _CYLINDER_SEGMENTS = 96
 
 @dataclass(frozen=True)
 class _Lump:
-    """Ball of mass inside the parcel; a seed shifts it by a few millimetres."""
+    """Ball of mass inside the parcel; a seed shifts it by up to 3 mm along each axis."""
 
     centre_m: tuple[float, float, float]
+    """nominal centre in O, the object's frame"""
     radius_m: float
     share: float
     """fraction of the mass on its side of the dividing plane"""
@@ -41,14 +43,18 @@ class _Lump:
 
 @dataclass(frozen=True)
 class _Recipe:
-    """Nominal region masses and dividing plane; a seed perturbs both.
+    """Nominal region masses, and the plane that divides the interior; a seed perturbs both.
 
-    The masses are like the paper's Table 2, whose inner mass is always in the upper part.
+    The masses follow Table 2 of the paper (VISAPP 2013), where the interior's mass is always in the upper
+    part; carton and parcel have mass in the lower part too.
     """
 
     masses_kg: tuple[float, float, float]
+    """masses of the shell and of the interior's upper and lower part"""
     normal: tuple[float, float, float]
+    """normal of the dividing plane towards the upper part, in O; normalised after perturbation"""
     offset_m: float
+    """offset of the dividing plane along its normal"""
     lumps: tuple[_Lump, ...] = ()
     """lumps that hold the interior mass instead of two uniform parts"""
 
@@ -78,30 +84,39 @@ class VirtualObject:
     """Object of the virtual rig; lengths in m, in O (the shape file's frame)."""
 
     spec: ObjectSpec
+    """parsed object file"""
     spec_toml: str
     """object file as a user would write it"""
     shape_file: tuple[str, bytes] | None
     """name and bytes of the STL (in mm); None for a primitive"""
     mesh_vertices: NDArray[np.float64]
-    """(n, 3)"""
+    """(n, 3) vertices of the surface"""
     mesh_faces: NDArray[np.int64]
     """(m, 3) triangles, normals outward"""
     hull_vertices: NDArray[np.float64]
-    """(h, 3)"""
+    """(h, 3) corners of the convex hull"""
     hull_edges: NDArray[np.int64]
     """(e, 2) indices into hull_vertices; real edges only, not the diagonals of flat faces"""
     convex_parts: tuple[NDArray[np.float64], ...]
     """corners (c, 3) of the convex parts whose union is the shape"""
     edge_radius_m: float
+    """radius of the rounding of all edges"""
     friction: float
+    """coefficient of friction between object and table"""
     body: HiddenBody
+    """true mass properties, hidden from the estimators"""
 
 
 def load_object(name: str, seed: int) -> VirtualObject:
-    """Object with the given name, filled by a seed.
+    """Virtual object of the given name, with a mass distribution and friction drawn from a seed.
 
-    The seed changes the region masses by up to 5 % (total fixed), the dividing plane by up to 3 mm and about
-    3 degrees, and the friction within the table's range.
+    The seed changes each region's mass by up to 5 % (all are then scaled to the fixed total mass), shifts the
+    dividing plane by up to 3 mm and turns it by about 2 degrees (rms), shifts the centres of lumps by up to
+    3 mm along each axis, and draws the friction from the table's range.
+
+    Args:
+        name: one of OBJECT_NAMES.
+        seed: seed of the mass distribution and friction.
 
     Raises:
         AcquireError: there is no object of that name.
@@ -133,7 +148,11 @@ def load_object(name: str, seed: int) -> VirtualObject:
 
 
 def hull_with_edges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Corners (h, 3) and edges (e, 2) of the convex hull of points (n, 3), coplanar facets merged."""
+    """Corners (h, 3) and edges (e, 2) of the convex hull of points (n, 3) [any unit of length].
+
+    Facets whose normals differ by less than 0.5 degrees count as one face: edges between them are left out.
+    An edge is a pair of indices into the returned corners.
+    """
     hull = ConvexHull(points)
     normals = hull.equations[:, :3]
     bent = np.einsum("fi,fki->fk", normals, normals[hull.neighbors]) < np.cos(np.radians(0.5))
@@ -171,7 +190,10 @@ def _fill(name: str, spec: ObjectSpec, rng: np.random.Generator) -> HiddenBody:
 
 
 def _lump_density(points: NDArray[np.float64], lumps: list[_Lump]) -> NDArray[np.float64]:
-    """Relative density (n,) at points (n, 3) [m]: each lump's share uniform in its ball, else zero."""
+    """Relative density (n,) at points (n, 3) [m]: zero outside the lumps (balls of mass).
+
+    Each lump's share of the mass is divided equally among the points in its ball.
+    """
     density = np.zeros(len(points))
     for lump in lumps:
         inside = np.linalg.norm(points - lump.centre_m, axis=1) < lump.radius_m
@@ -212,7 +234,7 @@ def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _in_convex_parts(points: NDArray[np.float64], parts: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """True (n,) where points (n, 3) lie in one of the convex parts, given by their corners (k, 3)."""
+    """True (n,) where points (n, 3) [m] lie in one of the convex parts, each given by its corners (k, 3)."""
     found = np.zeros(len(points), dtype=bool)
     for part in parts:
         planes = ConvexHull(part).equations

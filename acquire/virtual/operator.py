@@ -1,8 +1,9 @@
-"""Virtual operator: answers the daemon's prompts over its API by placing the object in the virtual world.
+"""Virtual operator: answers the daemon's prompts by placing the object in the virtual world.
 
-It places with a person's accuracy: yaw and position of the object and the striker's stand are off by a little
-each time. What it does not model: a wrong face, a strike with the object turned on the table (it refuses
-one), an object that slips from the hand, an operator who forgets.
+The daemon is the process that runs the rig; its prompts ask a person to place the object for the next strike.
+The placing has a person's accuracy: yaw and position of the object and the striker's stand are off by a
+little each time. Not modelled: a wrong face, a strike with the object turned on the table (it is refused), an
+object that slips from the hand, an operator who forgets.
 """
 
 from __future__ import annotations
@@ -27,7 +28,16 @@ STAND_SD_M = 0.0003
 
 
 class VirtualOperator:
-    """Thread that answers `place` prompts until closed."""
+    """Thread that answers the daemon's `place` prompts from construction to `close`.
+
+    Args:
+        daemon_socket: path of the daemon's socket.
+        world: control link of the virtual world.
+        seed: seed of the placing errors.
+
+    Raises:
+        DaemonError: no daemon takes the connection.
+    """
 
     def __init__(self, daemon_socket: Path, world: OperatorLink, seed: int) -> None:
         self._daemon_socket = daemon_socket
@@ -38,7 +48,7 @@ class VirtualOperator:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop answering."""
+        """Stop answering: close the connection to the daemon and wait for the thread to end."""
         self._listener.close()
         self._thread.join()
 

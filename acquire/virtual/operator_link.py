@@ -1,4 +1,4 @@
-"""Client of the virtual world's control socket: place or push the object, read state and truth, quit.
+"""Client of the virtual world's control socket: place or push the object, read its state, quit.
 
 The protocol is one JSON line in each direction.
 """
@@ -20,7 +20,10 @@ TIMEOUT_S = 5.0
 
 
 class OperatorLink:
-    """Connection to `world.sock`; one thread owns it.
+    """Connection to the control socket of the virtual world's process; one thread owns it.
+
+    Args:
+        path: path of the socket (`world.sock`).
 
     Raises:
         AcquireError: no process listens on the socket.
@@ -46,9 +49,10 @@ class OperatorLink:
         """Place the object and set the striker's stand; returns at once, the object settles within 10 ms.
 
         Args:
-            R_world_object: (3, 3) rotation.
-            p_world_object: (3,) position [m]; the object is released just over the table whatever its z.
-            impact_point_world: (3,) point that the hanging arm's tip touches [m].
+            R_world_object: (3, 3) rotation from O, the object's frame, to W, the world frame.
+            p_world_object: (3,) position of the object's origin in W [m]; z is ignored, because the object is
+                released just over the table.
+            impact_point_world: (3,) point in W that the hanging arm's tip touches [m].
 
         Raises:
             AcquireError: the request was refused, or the world does not answer.
@@ -61,15 +65,16 @@ class OperatorLink:
         )
 
     def push(self, p_world: ArrayLike, impulse_world: ArrayLike, duration_s: float) -> None:
-        """Push the object like a finger; returns at once.
+        """Start to push the object like a finger; returns at once.
 
         Args:
-            p_world: (3,) point of contact [m].
-            impulse_world: (3,) impulse [N s].
-            duration_s: duration of the contact.
+            p_world: (3,) point of contact in W, the world frame [m].
+            impulse_world: (3,) total impulse in W [N s].
+            duration_s: duration of the contact, 0.002 to 0.1.
 
         Raises:
-            AcquireError: the request was refused, or the world does not answer.
+            AcquireError: the duration is out of range, another push is under way, or the world does not
+                answer.
         """
         self._call(
             "push",
@@ -79,33 +84,48 @@ class OperatorLink:
         )
 
     def state(self) -> dict[str, Any]:
-        """Current state of the world.
+        """Current state of the virtual world.
 
-        Keys: time_ns, at_rest, arm_angle, arm_velocity, p_world_object, q_world_object_wxyz, stale_ns.
+        Keys: time_ns (host monotonic), at_rest (True if the object rests), arm_angle [rad], arm_velocity
+        [rad/s], p_world_object (3 values, m), q_world_object_wxyz (4 values, from the object's frame to the
+        world's), and stale_ns: the largest delay of the physics behind the servo's answers since the last
+        call, 0 if the computer kept up.
 
-        stale_ns is the largest delay of the physics behind the servo's answers since the last call; 0 if the
-        computer kept up.
+        Raises:
+            AcquireError: the world does not answer.
         """
         return self._call("state")
 
     def truth(self) -> str:
-        """Path of the world's truth file (see truth_file), complete up to now."""
+        """Path of the file with the world's true poses and contacts; on return it is complete up to now.
+
+        Raises:
+            AcquireError: the world does not answer.
+        """
         return self._call("truth")["path"]
 
     def servo(self, what: str) -> None:
-        """Cause or end a fault of the servo: "unplug", "plug in", or "overload", which a reboot clears.
+        """Cause or end a fault of the virtual servo.
+
+        Args:
+            what: "unplug" (remove its port), "plug in" (restore the port), or "overload" (a hardware error,
+                which a reboot of the servo clears).
 
         Raises:
-            AcquireError: this is not possible now.
+            AcquireError: the request is unknown or impossible now, or the world does not answer.
         """
         self._call("servo", what=what)
 
     def quit(self) -> None:
-        """Ask the process to end."""
+        """Ask the virtual world's process to end; returns before it has ended.
+
+        Raises:
+            AcquireError: the world does not answer.
+        """
         self._call("quit")
 
     def close(self) -> None:
-        """Close the connection; the world continues."""
+        """Close the connection; the virtual world's process continues."""
         self._lines.close()
         self._socket.close()
 

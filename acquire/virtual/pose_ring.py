@@ -1,4 +1,6 @@
-"""Ring buffer of the world's poses in a memory-mapped file: one writer, any number of readers, no locks.
+"""Ring buffer of poses in a memory-mapped file: one writer, any number of readers, no locks.
+
+The virtual world writes the poses of object and arm; the camera process reads them.
 
 Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then
 `capacity` rows of 11 float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3).
@@ -35,7 +37,7 @@ _FIRST_SEARCH = 256
 
 
 class PoseRingError(AcquireError):
-    """The file is missing, is not a pose ring, or holds no pose yet."""
+    """Error: the file of a pose ring is missing, is not a pose ring, or holds no pose yet."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +45,13 @@ class SampledPoses:
     """Poses of object and arm at n times."""
 
     p_world_object: NDArray[np.float64]
-    """(n, 3) position [m]"""
+    """(n, 3) position of the object's origin in W, the world frame [m]"""
     q_world_object_wxyz: NDArray[np.float64]
-    """(n, 4) unit quaternion"""
+    """(n, 4) unit quaternion (w, x, y, z) from O, the object's frame, to W"""
     arm_angle: NDArray[np.float64]
-    """(n,) angle of the arm [rad]"""
+    """(n,) angle of the arm [rad], 0 when it hangs, positive towards +x"""
     arm_axis_world: NDArray[np.float64]
-    """(n, 3) point on the arm's hinge [m]"""
+    """(n, 3) point on the arm's hinge in W [m]"""
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         """Iterate over the four arrays: `p, q, angle, axis = ring.poses_at(times)`."""
@@ -57,7 +59,14 @@ class SampledPoses:
 
 
 class PoseRing:
-    """Ring buffer of time-stamped poses, made with `create` or `open`; layout in the module docstring."""
+    """Ring buffer of time-stamped poses of object and arm in a memory-mapped file.
+
+    Made with `create` (by its one writer) or `open` (by a reader).
+
+    Args:
+        memory: the mapped file, with a valid header.
+        capacity: number of poses that it holds; older ones are overwritten.
+    """
 
     def __init__(self, memory: mmap.mmap, capacity: int) -> None:
         self._memory = memory
@@ -68,7 +77,12 @@ class PoseRing:
 
     @classmethod
     def create(cls, path: Path, capacity: int = 16384) -> PoseRing:
-        """Create a ring with file mode 0600; an existing file is replaced."""
+        """Create an empty ring for writing, with file mode 0600; an existing file is replaced.
+
+        Args:
+            path: path of the file.
+            capacity: number of poses that it holds.
+        """
         size = 8 * (_HEADER_CELLS + capacity * (1 + _COLUMNS))
         path.unlink(missing_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -111,14 +125,14 @@ class PoseRing:
         arm_angle: float,
         arm_axis_world: ArrayLike,
     ) -> None:
-        """Add a pose; times must not decrease.
+        """Add a pose, overwriting the oldest one if the ring is full; times must not decrease.
 
         Args:
             time_ns: host monotonic time.
-            p_world_object: (3,) position [m].
-            q_wxyz: (4,) unit quaternion.
+            p_world_object: (3,) position of the object's origin in W, the world frame [m].
+            q_wxyz: (4,) unit quaternion (w, x, y, z) from O, the object's frame, to W.
             arm_angle: angle of the arm [rad].
-            arm_axis_world: (3,) point on the arm's hinge [m].
+            arm_axis_world: (3,) point on the arm's hinge in W [m].
         """
         count = int(self._cells[_COUNT])
         slot = count % self._capacity
@@ -131,7 +145,7 @@ class PoseRing:
         self._cells[_COUNT] = count + 1
 
     def count(self) -> int:
-        """Number of poses appended since the ring was created."""
+        """Number of poses appended since the ring was created, overwritten ones included."""
         return int(self._cells[_COUNT])
 
     def latest_time_ns(self) -> int:
@@ -146,9 +160,10 @@ class PoseRing:
         return int(self._time[(count - 1) % self._capacity])
 
     def poses_at(self, times_ns: ArrayLike | Sequence[int]) -> SampledPoses:
-        """Poses interpolated at the given times; beyond the ends, the first or last pose.
+        """Poses of object and arm interpolated at the given times.
 
-        The interpolation is linear in position and angle, and normalised-linear in rotation.
+        The interpolation is linear in position and angle, and normalised-linear in rotation. For times before
+        the oldest pose in the ring or after the newest, that pose is returned.
 
         Args:
             times_ns: (n,) host monotonic times, in any order.
@@ -164,7 +179,14 @@ class PoseRing:
                 return _interpolate(time, row, wanted)
 
     def _newest(self, oldest_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-        """Times (n,), rows (n, 11) and first index of the newest records, back to `oldest_ns` if held."""
+        """Times (n,) [ns], rows (n, 11) and first record's number of the newest records, in order of time.
+
+        They reach back to `oldest_ns` if the ring still holds a record of that time. A row is position (3),
+        quaternion (4), arm angle, hinge point (3).
+
+        Raises:
+            PoseRingError: the ring is empty.
+        """
         count = int(self._cells[_COUNT])
         if count == 0:
             raise PoseRingError("the pose ring is empty: the virtual world has not started")

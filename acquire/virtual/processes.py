@@ -1,4 +1,4 @@
-"""Start and end of the virtual rig's processes."""
+"""Context managers that start and end the virtual rig's processes, also when a signal interrupts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,10 @@ class _Interruption:
 
     @contextlib.contextmanager
     def postponed(self) -> Iterator[None]:
-        """Postpone interruptions during the block; the caller calls `check` afterwards."""
+        """Postpone KeyboardInterrupt of this handler's signals during the block.
+
+        The caller calls `check` afterwards, which raises it.
+        """
         self._postponing = True
         try:
             yield
@@ -44,7 +47,7 @@ class _Interruption:
             self._postponing = False
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if an interruption was postponed."""
+        """Raise KeyboardInterrupt if one was postponed since the last call; else do nothing."""
         if self._pending:
             self._pending = False
             raise KeyboardInterrupt
@@ -55,7 +58,10 @@ _interruption = _Interruption()
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does; main thread only."""
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C (SIGINT) does.
+
+    The former handlers are restored at the end. Outside the main thread nothing is changed.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -69,13 +75,21 @@ def interruptible() -> Iterator[None]:
 
 @contextlib.contextmanager
 def running_process(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
-    """Run a process of the virtual rig during the block; yields its ready line.
+    """Run a process of the virtual rig during the block; yield the JSON object that it prints when ready.
 
     It runs in its own terminal session, so that this process handles Ctrl-C and ends the processes in the
-    right order. It ends by itself if this process ends.
+    right order; the rig's processes end by themselves if this process ends. At the end of the block it is
+    terminated, and its standard error is copied to that of this process.
+
+    Args:
+        name: name of the process for messages, and of its standard error's file, `<name>.err`.
+        folder: folder of that file.
+        module: Python module to run.
+        *arguments: its command line.
 
     Raises:
-        AcquireError: the process ended before it was ready; with its last line of output.
+        AcquireError: the process ended before it was ready; the message holds its last line of output.
+        KeyboardInterrupt: a signal arrived while the process was started.
     """
     error_path = folder / f"{name}.err"
     with _interruption.postponed(), error_path.open("wb") as errors:
@@ -112,7 +126,10 @@ def _read_text(path: Path) -> str:
 
 
 def _end(process: subprocess.Popen[str], patience_s: float = 10.0) -> None:
-    """Terminate a process and read its remaining output, so that it never writes to a closed pipe."""
+    """Terminate a process and wait for its end; kill it if it takes longer than `patience_s` [s].
+
+    Its remaining output is read meanwhile, so that it never writes to a closed pipe.
+    """
     process.terminate()
     try:
         process.communicate(timeout=patience_s)

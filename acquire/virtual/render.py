@@ -1,8 +1,8 @@
 """Renderer of the virtual camera's images: scene, lens, motion blur, sensor.
 
-Polygons are filled by exact area coverage (`coverage`), never by warping an image, so that renderer and
-tracker share no operation. Integer pixel coordinates are pixel centres, as in OpenCV. Not modelled: defocus
-by depth, reflections, rolling shutter.
+Polygons are filled by exact area coverage (the fraction of each pixel that lies inside), never by warping an
+image, so that renderer and tracker share no operation. Integer pixel coordinates are pixel centres, as in
+OpenCV. Not modelled: defocus by depth, reflections, rolling shutter.
 """
 
 from __future__ import annotations
@@ -40,9 +40,17 @@ _STILL_PX, _STEP_PX, MAX_SUBEXPOSURES = 0.15, 0.8, 4
 
 
 class Renderer:
-    """Renderer of one object before one station's camera.
+    """Renderer of one object and the striker's arm in front of one station's camera.
 
-    Not thread-safe; OpenCV's threads should be off in its process.
+    It redraws only what changed since the last frame. Not thread-safe; OpenCV's threads should be off in its
+    process.
+
+    Args:
+        virtual_object: the object with its tags.
+        station: camera calibration and pose.
+        seed: seed of background and noise.
+        width: image width [px].
+        height: image height [px].
     """
 
     def __init__(
@@ -83,13 +91,15 @@ class Renderer:
         exposure_us: float,
         gain_db: float,
     ) -> NDArray[np.uint8]:
-        """Frame (height, width), the mean of k poses spread uniformly over the exposure (k = 1 at rest).
+        """Frame (height, width), uint8: the mean of k poses spread uniformly over the exposure.
+
+        The sensor's noise differs in every frame. k = 1 suffices at rest.
 
         Args:
-            p_world_object: (k, 3) positions [m].
-            q_wxyz: (k, 4) unit quaternions from O to W.
-            arm_angle: (k,) angles of the arm [rad].
-            arm_axis_world: (k, 3) points on the arm's hinge [m].
+            p_world_object: (k, 3) positions of the object's origin in W (world frame, z up) [m].
+            q_wxyz: (k, 4) unit quaternions (w, x, y, z) from O, the object's frame, to W.
+            arm_angle: (k,) angles of the arm [rad], 0 when it hangs, positive towards +x.
+            arm_axis_world: (k, 3) points on the arm's hinge in W [m].
             exposure_us: exposure of the whole frame.
             gain_db: gain of the sensor.
         """
@@ -110,13 +120,17 @@ class Renderer:
         arm_angle: NDArray[np.float64],
         arm_axis_world: NDArray[np.float64],
     ) -> int:
-        """Number of poses that an exposure needs: at most 0.8 px apart, and at most 4.
+        """Number of poses, 1 to 4, that render the motion blur of an exposure.
+
+        It is 1 if nothing moves by 0.15 px or more; else at least 2, so many that neighbouring poses are at
+        most 0.8 px apart, but no more than 4. The motion is that of the arm's tip and of the corners of the
+        object's bounding box, from the start of the exposure to its end.
 
         Args:
-            p_world_object: (2, 3) positions at start and end of the exposure [m].
-            q_wxyz: (2, 4) unit quaternions from O to W.
+            p_world_object: (2, 3) positions of the object's origin in W (world frame) at start and end [m].
+            q_wxyz: (2, 4) unit quaternions (w, x, y, z) from O, the object's frame, to W.
             arm_angle: (2,) angles of the arm [rad].
-            arm_axis_world: (2, 3) points on the arm's hinge [m].
+            arm_axis_world: (2, 3) points on the arm's hinge in W [m].
         """
         R = _rotations(q_wxyz)
         corners = self._corners @ np.swapaxes(R, 1, 2) + p_world_object[:, None, :]
@@ -161,7 +175,7 @@ class Renderer:
         return self._arm_layer
 
     def _expose_region(self, box: Box) -> None:
-        """Compute noise-free grey levels and noise within a box of the scene."""
+        """Update noise-free grey levels and their noise's standard deviation within a box of the image."""
         around = box.grown(_PSF_REACH, self._width, self._height)
         exposure_us, gain_db = self._settings
         light = _blur(self._scene[around.slices])[box.within(around)]
@@ -182,7 +196,7 @@ def _same_pose(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
 
 
 def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation matrices (k, 3, 3) of quaternions (k, 4)."""
+    """Rotation matrices (k, 3, 3) of quaternions (k, 4) (w, x, y, z), which need not be normalised."""
     w, x, y, z = (q_wxyz / np.linalg.norm(q_wxyz, axis=1, keepdims=True)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -193,7 +207,7 @@ def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _without_contained(boxes: list[Box]) -> list[Box]:
-    """Boxes without those that lie inside another."""
+    """Boxes from large to small, without those that lie inside a larger or equal one."""
     kept: list[Box] = []
     for box in sorted(boxes, key=lambda b: -(b.right - b.left) * (b.bottom - b.top)):
         inside = (

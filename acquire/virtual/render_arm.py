@@ -1,4 +1,4 @@
-"""Layers of the striker's arm: bar, tip, hub and the servo behind it, flat in the plane of the swing."""
+"""Image layer of the striker's arm: bar, tip, hub, and the servo behind it, flat in the swing's plane."""
 
 from __future__ import annotations
 
@@ -25,7 +25,12 @@ _ROUND = 28
 def _loop(
     corners: NDArray[np.float64], grey: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
-    """Edges of a clockwise polygon (n, 2): starts (n, 2), ends (n, 2), weights (n,), and the grey level."""
+    """Edges of a clockwise polygon: starts (n, 2), ends (n, 2), cover weights (n,) of 1, grey level.
+
+    Args:
+        corners: (n, 2) corners (x, z) [m] from the hinge, clockwise as the camera sees them.
+        grey: grey level of the polygon.
+    """
     return corners, np.roll(corners, -1, axis=0), np.ones(len(corners)), grey
 
 
@@ -51,17 +56,25 @@ _SERVO = _loop(_strip(-0.0145, 0.0145, 0.0345, -0.0125), 42.0)
 
 
 class ArmPainter:
-    """Painter of the arm. Not modelled: its depth along the hinge, its shadow, the stand."""
+    """Painter of an image layer of the striker's arm.
+
+    Not modelled: its depth along the hinge, its shadow, the stand.
+
+    Args:
+        lens: projection to pixels.
+        width: image width [px].
+        height: image height [px].
+    """
 
     def __init__(self, lens: Lens, width: int, height: int) -> None:
         self._lens, self._width, self._height = lens, width, height
 
     def layer(self, angle: NDArray[np.float64], axis_world: NDArray[np.float64]) -> Layer | None:
-        """Layer of the arm at k poses; None if it is out of view.
+        """Layer of the arm, averaged over k poses of one exposure; None if it is out of view.
 
         Args:
             angle: (k,) angles of the arm [rad], 0 when hanging, positive towards +x.
-            axis_world: (k, 3) points on the hinge [m].
+            axis_world: (k, 3) points on the hinge in W, the world frame [m].
         """
         found = [self._shape(shape, angle, axis_world) for shape in _SHAPES]
         found.append(self._shape((_SERVO,), np.zeros_like(angle), axis_world))

@@ -1,4 +1,4 @@
-"""Object surface prepared for drawing: convex groups of faces, and face boundaries cut into short pieces.
+"""Object surface prepared for drawing: convex groups of faces, and their boundaries in short pieces.
 
 The pieces are short enough for lens distortion to bend the boundaries.
 """
@@ -21,7 +21,10 @@ _FLAT = 1e-7
 
 @dataclass(frozen=True)
 class FaceGroup:
-    """Connected faces without a concave edge: seen from any point outside, none hides another."""
+    """Connected faces of a mesh without a concave edge: seen from outside, none hides another.
+
+    f is the number of faces (triangles). Their boundaries are cut into m short pieces between n points.
+    """
 
     vertices: NDArray[np.float64]
     """(v, 3) corners of the faces [m, in O]"""
@@ -36,13 +39,22 @@ class FaceGroup:
     end: NDArray[np.int64]
     """(m,) index of each piece's end point"""
     left_face: NDArray[np.int64]
-    """(m,) face that has the piece in its counter-clockwise direction; f if it belongs to another group"""
+    """(m,) index of the face that has the piece in its counter-clockwise direction; f if it is in another
+    group"""
     right_face: NDArray[np.int64]
-    """(m,) face on the other side of the piece"""
+    """(m,) index of the face on the other side of the piece; f if it is in another group"""
 
 
 def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[FaceGroup, ...]:
-    """Parts of a closed mesh with vertices (n, 3) [m] and triangles (m, 3), split along its concave edges."""
+    """Groups of faces of a closed mesh, split along its concave edges.
+
+    Args:
+        vertices: (n, 3) vertices [m, in O, the object's frame].
+        faces: (m, 3) triangles as indices of vertices, normals outward.
+
+    Returns:
+        The groups; every face is in one of them.
+    """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

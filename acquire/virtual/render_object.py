@@ -1,4 +1,4 @@
-"""Layers of the object and its tags."""
+"""Image layers of the object, its tags and its shadow, for the virtual camera's renderer."""
 
 from __future__ import annotations
 
@@ -31,16 +31,24 @@ so that a round wall has few"""
 @dataclass(frozen=True)
 class _Card:
     group: int
+    """index of the group of faces that the card is on"""
     T_object_marker: NDArray[np.float64]
+    """(4, 4) pose of the tag in O, the object's frame [m]; z points out of the card"""
     points: NDArray[np.float64]
     """(n, 3) points of the tag's lines [m, in O]"""
     lines: Lines
 
 
 class ObjectPainter:
-    """Painter of one object with its tags.
+    """Painter of image layers of one object with its tags, and of its shadow.
 
     Not modelled: the rounding of edges, print on the faces, gloss, light reflected between faces.
+
+    Args:
+        virtual_object: the object; tags without a given pose on it are not drawn.
+        lens: projection to pixels.
+        width: image width [px].
+        height: image height [px].
     """
 
     def __init__(self, virtual_object: VirtualObject, lens: Lens, width: int, height: int) -> None:
@@ -57,11 +65,13 @@ class ObjectPainter:
         self._vertices = virtual_object.mesh_vertices
 
     def layer(self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]) -> Layer | None:
-        """Layer of object and tags at k poses; None if out of view. Visibility is decided at the middle pose.
+        """Layer of object and tags, averaged over k poses of one exposure; None if they are out of view.
+
+        The visible faces and tags, their order and their shading are those of the middle pose.
 
         Args:
-            p_world_object: (k, 3) positions [m].
-            R_world_object: (k, 3, 3) rotations.
+            p_world_object: (k, 3) positions of the object's origin in W, the world frame [m].
+            R_world_object: (k, 3, 3) rotations from O, the object's frame, to W.
         """
         middle = len(p_world_object) // 2
         R = R_world_object[middle]
@@ -88,11 +98,15 @@ class ObjectPainter:
     def shadow(
         self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]
     ) -> Layer | None:
-        """Shadow of the object on the table, softened by 9 px; None if out of view.
+        """Layer whose cover is the object's shadow on the table; None if it is out of view.
+
+        The shadow is the image of the convex hull of the object's vertices, projected along the light onto
+        z = 0, and softened by a mean over 9 px along the rows and 5 px along the columns. The layer's light
+        equals its cover and has no meaning.
 
         Args:
-            p_world_object: (3,) position [m].
-            R_world_object: (3, 3) rotation.
+            p_world_object: (3,) position of the object's origin in W, the world frame [m].
+            R_world_object: (3, 3) rotation from O, the object's frame, to W.
         """
         points = self._vertices @ R_world_object.T + p_world_object
         points = points - np.maximum(points[:, 2:], 0.0) / LIGHT_WORLD[2] * LIGHT_WORLD
@@ -155,6 +169,9 @@ class ObjectPainter:
 
 
 def _shade(normal_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Shading factor (...) of unit normals (..., 3), Lambert plus ambient; 1 for a normal along -y."""
+    """Shading factor (...) of unit normals (..., 3) in W, the world frame: diffuse plus ambient light.
+
+    The diffuse part follows Lambert's law; the factor is 1 for a normal along -y, towards the camera.
+    """
     lit = np.maximum(normal_world @ LIGHT_WORLD, 0.0)
     return (_AMBIENT + (1.0 - _AMBIENT) * lit) / (_AMBIENT + (1.0 - _AMBIENT) * -LIGHT_WORLD[1])

@@ -1,4 +1,4 @@
-"""Printed tag as boundary lines between black and white areas, each with its step in grey level."""
+"""Printed square tag as boundary lines between black and white areas, with their steps in grey level."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ RIM_CELLS = 1
 
 @dataclass(frozen=True)
 class Lines:
-    """Directed straight lines of a tag; see `coverage` for their orientation."""
+    """Directed straight boundary lines of a tag on its white card.
+
+    The inside of a line is on its right, going from start to end and looking at the card. A cell is one black
+    or white square of the tag.
+    """
 
     points: NDArray[np.float64]
     """(n, 2) points in cells from the card's centre, x right, y up"""
@@ -34,17 +38,22 @@ class Lines:
     value: NDArray[np.float64]
     """(m,) grey levels inside minus outside"""
     cover: NDArray[np.float64]
-    """(m,) 1 on the card's rim, 0 inside it"""
+    """(m,) cover inside minus outside: 1 on the card's rim, 0 within the card"""
     tag_cells: int
     """number of cells along an edge of the black square"""
 
 
 @cache
 def tag_lines(family: TagFamily, marker_id: int) -> Lines:
-    """Boundary lines of a tag on its card, in pieces short enough for lens distortion to bend them.
+    """Boundary lines of a tag on its white card, in pieces short enough for lens distortion to bend them.
 
-    The lines are the longest straight runs of equal step, cut into pieces. Orientation as in the detector:
-    the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
+    The lines are the longest straight runs of equal step, cut into pieces of about two cells. Orientation as
+    in the detector: the first row of `generateImageMarker` is the top (+y), its first corner the top left
+    (-x, +y).
+
+    Args:
+        family: family of tags (dictionary of codes).
+        marker_id: id of the tag in its family.
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
     tag_cells = dictionary.markerSize + 2
@@ -73,7 +82,15 @@ def tag_lines(family: TagFamily, marker_id: int) -> Lines:
 
 
 def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:
-    """Runs (line, from, to, step) of equal non-zero steps; the outermost cells are outside the card."""
+    """Runs of equal non-zero grey-level steps along grid lines, as (line, from, to, step).
+
+    Args:
+        steps: (l, c) steps across l grid lines, at c cells along each; the first and last cell of a line lie
+            outside the card.
+
+    Returns:
+        Number of the line, first and last grid point of the run (0 at the card's edge), and step.
+    """
     found = []
     for line, row in enumerate(steps):
         edges = np.concatenate([[0], np.flatnonzero(np.diff(row)) + 1, [len(row)]])

@@ -25,27 +25,29 @@ _BANK = 1 << 22
 
 
 def brightness(exposure_us: float, gain_db: float) -> float:
-    """Factor on the scene's grey levels due to exposure and gain."""
+    """Factor on the scene's grey levels due to exposure [us] and gain [dB]; 1 at 1500 us and 0 dB."""
     return exposure_us / REFERENCE_EXPOSURE_US * gain_factor(gain_db)
 
 
 def gain_factor(gain_db: float) -> float:
-    """Amplitude ratio of a gain in dB (20 dB = 10)."""
+    """Amplitude ratio of a gain in dB; 20 dB give 10."""
     return 10.0 ** (gain_db / 20.0)
 
 
 def vignette(width: int, height: int) -> NDArray[np.float32]:
-    """Vignetting factor (height, width): 1 in the centre, 0.9 in the corners."""
+    """Vignetting factor (height, width) on an image's grey levels: 1 in the centre, 0.9 in the corners."""
     x = (np.arange(width) - (width - 1) / 2) / (width / 2)
     y = (np.arange(height) - (height - 1) / 2) / (height / 2)
     return (1.0 - 0.05 * (x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
 
 
 def noise_sd(clean: NDArray[np.float32], gain_db: float) -> NDArray[np.float32]:
-    """Standard deviation per pixel [grey levels]: sd^2 = (read * gain)^2 + 255 * gain * level / full well.
+    """Standard deviation of each pixel's noise [grey levels], of the shape of `clean`.
+
+    sd^2 = (read noise * gain)^2 + 255 * gain * level / full well, with gain the amplitude ratio.
 
     Args:
-        clean: noise-free grey levels of any shape.
+        clean: noise-free grey levels, (height, width).
         gain_db: gain of the sensor.
     """
     gain = gain_factor(gain_db)
@@ -54,7 +56,13 @@ def noise_sd(clean: NDArray[np.float32], gain_db: float) -> NDArray[np.float32]:
 
 
 class NoiseBank:
-    """Store of normal noise drawn once; each frame uses a section of it at a random offset."""
+    """Store of normal noise drawn once; each frame uses a section of it at a random offset.
+
+    Args:
+        rng: generator of noise and offsets.
+        width: image width [px].
+        height: image height [px].
+    """
 
     def __init__(self, rng: np.random.Generator, width: int, height: int) -> None:
         self._rng = rng
@@ -63,7 +71,12 @@ class NoiseBank:
         self._work = np.empty(self._shape, np.float32)
 
     def expose(self, clean: NDArray[np.float32], sd: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Frame (height, width): clean + noise, rounded and saturated. `clean` and `sd`: (height, width)."""
+        """Frame (height, width), uint8: noise-free grey levels plus noise, rounded, saturated at 0 and 255.
+
+        Args:
+            clean: (height, width) noise-free grey levels.
+            sd: (height, width) standard deviations of the noise [grey levels].
+        """
         size = clean.size
         offset = int(self._rng.integers(0, _BANK - size))
         noise = self._bank[offset : offset + size].reshape(self._shape)

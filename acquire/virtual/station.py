@@ -1,4 +1,4 @@
-"""Virtual station: camera, arm and gravity, known exactly to renderer and demo."""
+"""Virtual station: dimensions of the arm, gravity, friction, the camera's true calibration and pose."""
 
 from __future__ import annotations
 
@@ -22,18 +22,23 @@ WIDTH_PX, HEIGHT_PX = 656, 492
 
 @dataclass(frozen=True)
 class Station:
-    """Camera and arm of one virtual rig."""
+    """Camera of one virtual rig: true calibration and pose."""
 
     K: NDArray[np.float64]
     """(3, 3) camera matrix [px]"""
     distortion: NDArray[np.float64]
     """(5,) k1, k2, p1, p2, k3 (OpenCV)"""
     T_world_camera: NDArray[np.float64]
-    """(4, 4) pose of the camera"""
+    """(4, 4) pose of the camera (x right, y down, z forward) in W, the world frame [m]"""
 
 
 def station(seed: int) -> Station:
-    """Station for a seed: 2.6 px/mm at the pivot, camera within a few mm and 0.3 degrees of nominal."""
+    """Station for a seed: camera with 2.6 px/mm at the pivot, nearly at its nominal pose.
+
+    The nominal camera is at (0.03, -0.55, 0.08) m in W, the world frame (pivot at y = 0), and looks along +y.
+    The seed shifts it by up to 2 mm and turns it by up to 0.3 degrees, per axis, and changes principal point
+    (up to 4 px) and distortion.
+    """
     rng = np.random.default_rng((seed, 0x57A7))
     K = np.array([[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]])
     K[:2, 2] += rng.uniform(-4.0, 4.0, 2)
@@ -49,7 +54,11 @@ def station(seed: int) -> Station:
 
 
 def calibration_sheet(seed: int) -> dict[str, Any]:
-    """Values of this station for its rig file: camera calibration, striker, g and least friction."""
+    """Values of a seed's station for its rig file.
+
+    Keys: camera (width and height [px], K, distortion, T_world_camera), striker (arm_length_m,
+    effective_mass_kg), g_m_s2, and table_friction (the least possible coefficient).
+    """
     rig = station(seed)
     return {
         "camera": {

@@ -1,6 +1,6 @@
 """Merge of the virtual world's ground truth into a finished recording, under /truth/.
 
-The recording's content_id does not change.
+The recording's content_id (hash of all its other messages) does not change.
 """
 
 from __future__ import annotations
@@ -15,10 +15,18 @@ from schemas.proto import percuss_pb2 as pb
 
 
 def merge_truth(recording: Path, truth_file: Path) -> None:
-    """Append the truth file to the recording; world time is the host's monotonic clock.
+    """Append the messages of a truth file (true mass properties, poses, contacts) to a finished recording.
+
+    Their log time is world time (host monotonic) plus the recording's offset from it to wall time.
+
+    Args:
+        recording: path of the recording, which is rewritten.
+        truth_file: path of the virtual world's truth file.
 
     Raises:
-        RecorderError: the recording cannot be rewritten; it is unchanged.
+        RecorderError: the recording is incomplete, holds such messages already, or cannot be rewritten; it is
+            unchanged.
+        AcquireError: the truth file cannot be read or is cut short.
     """
     anchor = read_manifest(recording).wall_anchor_ns
     append_topics(recording, _messages(truth_file, anchor))

@@ -1,7 +1,9 @@
-"""Truth file of the virtual world: true poses and contacts, later merged into the recording.
+"""Truth file of the virtual world: true mass properties, poses and contacts.
 
-Layout: a varint length and a TruthBody; then any number of (kind byte, varint length, message), kind 1 =
-TruthPose, 2 = TruthContact.
+Its contents are merged into the recording later (`truth.merge_truth`).
+
+Layout: a varint length and a TruthBody (mass properties, station); then any number of (kind byte, varint
+length, protobuf message), kind 1 = TruthPose, 2 = TruthContact.
 """
 
 from __future__ import annotations
@@ -23,7 +25,12 @@ _POSE, _CONTACT = 1, 2
 
 
 class TruthWriter:
-    """Writer of a truth file; an existing file is replaced."""
+    """Writer of a truth file, readable by its owner only; an existing file is replaced.
+
+    Args:
+        path: path of the file.
+        body: true mass properties and station; written first.
+    """
 
     def __init__(self, path: Path, body: pb.TruthBody) -> None:
         self.path = path
@@ -34,11 +41,11 @@ class TruthWriter:
         self._file.write(_delimited(body))
 
     def pose(self, message: pb.TruthPose) -> None:
-        """Append a pose."""
+        """Append a true pose of object and arm; it may stay buffered until `flush`."""
         self._file.write(bytes([_POSE]) + _delimited(message))
 
     def contact(self, message: pb.TruthContact) -> None:
-        """Append a contact."""
+        """Append a true contact of the striker; it may stay buffered until `flush`."""
         self._file.write(bytes([_CONTACT]) + _delimited(message))
 
     def flush(self) -> None:
@@ -46,15 +53,15 @@ class TruthWriter:
         self._file.flush()
 
     def close(self) -> None:
-        """Flush and close."""
+        """Write all buffered messages and close the file."""
         self._file.close()
 
 
 def read_truth_file(path: Path) -> Iterator[TruthMessage]:
-    """Yield all messages in order, the body first.
+    """Yield all messages of a truth file in order: the body (mass properties), then poses and contacts.
 
     Raises:
-        AcquireError: the file cannot be read, or ends within a message.
+        AcquireError: the file cannot be read, ends within a message, or holds a message of unknown kind.
     """
     try:
         data = path.read_bytes()

@@ -1,7 +1,11 @@
 """Simulated world: one object on a table and the striker's arm, stepped by the host's monotonic clock.
 
-The arm's motor is called for a torque once per millisecond. While the object is at rest out of the striker's
-reach only the arm is integrated, so that an idle world costs almost nothing and nothing creeps.
+A function given by the caller computes the torque of the arm's motor once per millisecond. While the object
+is at rest out of the striker's reach only the arm is integrated, so that an idle world costs almost nothing
+and the object does not creep.
+
+Frames: W (world, z up, table at z = 0) and O (the object's shape file). The arm's angle is 0 when it hangs,
+positive towards W's +x.
 """
 # mujoco takes its names from a compiled module that pyright cannot analyse.
 # pyright: reportAttributeAccessIssue=false
@@ -47,21 +51,22 @@ _DROP_M = 0.0001
 
 @dataclass(frozen=True)
 class WorldState:
-    """State of object and arm at one instant."""
+    """State of object and arm at one instant, in W (world frame, z up)."""
 
     time_ns: int
+    """world time (host monotonic)"""
     p_world_object: NDArray[np.float64]
-    """(3,) position [m]"""
+    """(3,) position of the object's origin [m]"""
     q_world_object_wxyz: NDArray[np.float64]
-    """(4,) unit quaternion"""
+    """(4,) unit quaternion (w, x, y, z) that rotates from O, the object's frame, to W"""
     linear_velocity: NDArray[np.float64]
     """(3,) velocity of O's origin in W [m/s]"""
     angular_velocity: NDArray[np.float64]
     """(3,) angular velocity in W [rad/s]"""
     arm_angle: float
-    """[rad]"""
+    """angle of the arm [rad], 0 when it hangs, positive towards +x"""
     arm_velocity: float
-    """[rad/s]"""
+    """angular velocity of the arm [rad/s]"""
     p_world_hinge: NDArray[np.float64]
     """(3,) position of the arm's hinge [m]"""
     at_rest: bool
@@ -70,25 +75,31 @@ class WorldState:
 
 @dataclass(frozen=True)
 class StrikerContact:
-    """Completed contact between tip and object."""
+    """Completed contact of the striker's tip with the object, or completed push by a finger."""
 
     time_ns: int
-    """time of first contact"""
+    """world time of first contact (host monotonic)"""
     impulse_n_s: float
+    """magnitude of the impulse on the object [N s]; for the tip, of the normal force alone"""
     p_world_contact: NDArray[np.float64]
-    """(3,) point of first contact [m]"""
+    """(3,) point of first contact in W (world frame) [m]"""
     duration_s: float
+    """time from first to last contact; for a push, the requested duration"""
 
 
 class World:
-    """Physics of object, table and arm. Not thread-safe: one loop owns it.
+    """Physics of object, table and striker's arm, stepped by `step_to`. Not thread-safe: one loop owns it.
+
+    At the start the object stands on the table in the pose of its shape file, at W's origin.
 
     Args:
         virtual_object: the object.
-        motor: torque of the arm's motor, called once per millisecond.
-        start_ns: world time at the start.
+        motor: torque of the arm's motor [N m] as a function of arm angle [rad], arm velocity [rad/s] and
+            world time [ns]; called once per millisecond.
+        start_ns: world time at the start (host monotonic).
         on_tick: called with the state after every millisecond.
-        on_contact: called with every completed contact of the striker with the object.
+        on_contact: called with every completed contact of the striker's tip with the object, and with every
+            completed push.
         table_tilt: (2,) rotation of gravity against the table's normal about W's x and y [rad].
         arm_angle: initial angle of the arm [rad].
     """
@@ -138,14 +149,14 @@ class World:
     ) -> None:
         """Place the object, and set the arm's stand so that the hanging arm's tip touches the impact point.
 
-        The object is released a tenth of a millimetre over the table, whatever height is given. The tip
-        passes through the object until it has once been clear of it, because the stand is moved in after the
-        object.
+        The object is released at rest a tenth of a millimetre over the table, whatever height is given. The
+        arm keeps its angle. The tip passes through the object until it has once been clear of it by 2 mm,
+        because the stand is moved in after the object.
 
         Args:
-            R_world_object: (3, 3) rotation.
-            p_world_object: (3,) position [m].
-            impact_point_world: (3,) point on the object's surface [m]; the tip moves along +x there.
+            R_world_object: (3, 3) rotation from O, the object's frame, to W.
+            p_world_object: (3,) position of the object's origin in W [m]; z is replaced.
+            impact_point_world: (3,) point on the object's surface in W [m]; the tip moves along +x there.
 
         Raises:
             AcquireError: R_world_object is not a rotation.
@@ -173,14 +184,15 @@ class World:
     def push(
         self, p_world: NDArray[np.float64], impulse_world: NDArray[np.float64], duration_s: float
     ) -> None:
-        """Push the object like a finger, from now on: a half-sine of force in steps of 1 ms.
+        """Start to push the object like a finger: a half-sine of force over time, in steps of 1 ms.
 
-        The force acts at a point that moves with the object.
+        The force keeps its direction in W and acts at a point that moves with the object. When the push is
+        complete, `on_contact` is called.
 
         Args:
-            p_world: (3,) point of contact [m].
-            impulse_world: (3,) impulse [N s].
-            duration_s: duration of the contact, 0.002 to 0.1.
+            p_world: (3,) point of contact in W (world frame) [m].
+            impulse_world: (3,) total impulse in W [N s].
+            duration_s: duration of the contact [s], 0.002 to 0.1, rounded to whole milliseconds.
 
         Raises:
             AcquireError: the duration is out of range, or another push is under way.
@@ -207,21 +219,24 @@ class World:
     # --- time
 
     def step_to(self, time_ns: int) -> None:
-        """Step by whole milliseconds up to `time_ns`."""
+        """Step by whole milliseconds, the last ending at or before `time_ns` (host monotonic)."""
         while self.time_ns + TICK_NS <= time_ns:
             self._tick()
 
     @property
     def at_rest(self) -> bool:
-        """True if the object is at rest; the arm may move."""
+        """True if the object came to rest (slow for 0.2 s, untouched) and was not disturbed since.
+
+        The arm may move.
+        """
         return self._at_rest
 
     def arm(self) -> tuple[float, float]:
-        """Angle [rad] and velocity [rad/s] of the arm."""
+        """Angle [rad], 0 when hanging and positive towards +x, and angular velocity [rad/s] of the arm."""
         return float(self._qpos[7]), float(self._qvel[6])
 
     def state(self) -> WorldState:
-        """Current state of object and arm."""
+        """State of object and arm at the end of the last step; its arrays are copies."""
         q = self._qpos[3:7].copy()
         return WorldState(
             self.time_ns,
@@ -249,7 +264,11 @@ class World:
         self._on_tick(self.state())
 
     def _tick_near(self, torque: float, reach: float) -> None:
-        """Step one tick in which the object moves or the tip may be within `reach` [m] of it."""
+        """Step one tick (1 ms) in which the object moves, is pushed, or may be near the striker's tip.
+
+        Only the arm is integrated if the object rests, is not pushed, and the tip proves to be farther than
+        `reach` [m] from it.
+        """
         data = self._data
         clearance = self._clearance()
         if self._model.geom_contype[self._tip] == 0 and clearance > _NEAR_M:
@@ -271,7 +290,10 @@ class World:
         self._update_rest(near=near or pushed)
 
     def _apply_push(self) -> bool:
-        """Apply the push's force of this millisecond; True if there is one."""
+        """Apply the force of the current push for this millisecond; True if there is one.
+
+        After the last millisecond the push is removed and reported as a contact.
+        """
         push = self._push
         applied = self._data.xfrc_applied[self._object_body]
         applied[:] = 0.0
@@ -287,7 +309,11 @@ class World:
         return True
 
     def _swing(self, torque: float) -> None:
-        """Integrate the arm alone over a tick: I a'' = torque - damping a' - m g l/2 sin a, semi-implicit."""
+        """Integrate the arm alone over a tick (1 ms) under the motor's torque [N m].
+
+        Semi-implicit Euler steps of I a'' = torque - damping a' - m g l/2 sin a, with a the arm's angle [rad]
+        from hanging, I its moment of inertia about the hinge, m its mass and l its length.
+        """
         angle, velocity = self.arm()
         for _ in range(_SUBSTEPS):
             acceleration = (torque - self._arm_gravity * math.sin(angle)) / ARM_INERTIA_KG_M2
@@ -298,7 +324,10 @@ class World:
         self._qpos[7], self._qvel[6] = angle, velocity
 
     def _clearance(self) -> float:
-        """Lower bound of the gap between tip and object [m]."""
+        """Lower bound of the gap between the tip sphere and the object's convex hull [m].
+
+        Negative if they overlap.
+        """
         angle = float(self._qpos[7])
         hanging = np.array([math.sin(angle), 0.0, -math.cos(angle)])
         centre = self._model.body_pos[self._arm_body] + ARM_LENGTH_M * hanging
@@ -315,7 +344,10 @@ class World:
             self._data.qvel[0:6] = 0.0
 
     def _accumulate_contact(self, now_ns: int) -> None:
-        """Add the striker's force over the step that ended now to the contact's impulse."""
+        """Add the normal force on the striker's tip in the step that ended at `now_ns` to the open contact.
+
+        The first force opens a contact.
+        """
         data = self._data
         for i in range(data.ncon):
             contact = data.contact[i]
@@ -331,9 +363,10 @@ class World:
             self._contact.last_ns = now_ns
 
     def _contact_age_ns(self, distance: float) -> int:
-        """Time [ns] from first touch to the end of this step, at the present speed of the tip.
+        """Time [ns] from first touch to the end of this time step: one to two time steps.
 
-        `distance` is minus that penetration [m].
+        It is one step plus the time in which the tip, at its present speed, covers the penetration at the
+        step's begin. `distance` is the signed gap [m] between tip and object, negative where they overlap.
         """
         speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
         return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))
@@ -348,30 +381,38 @@ class World:
 
 @dataclass
 class _OpenContact:
-    """Contact in progress."""
+    """Contact of the striker's tip in progress."""
 
     first_ns: int
+    """world time of first touch"""
     impulse: float
+    """impulse so far [N s]"""
     position: NDArray[np.float64]
+    """(3,) point of first contact in W [m]"""
     last_ns: int
+    """end of the last time step with contact"""
 
 
 @dataclass
 class _Push:
-    """Push in progress."""
+    """Push by a finger in progress."""
 
     first_ns: int
+    """world time of its start"""
     forces: deque[NDArray[np.float64]]
     """forces (3,) [N] of the remaining milliseconds"""
     p_object: NDArray[np.float64]
-    """(3,) point of contact in O [m]"""
+    """(3,) point of contact in O, the object's frame [m]"""
     position: NDArray[np.float64]
+    """(3,) point of contact in W at the start [m]"""
     impulse: float
+    """magnitude of the total impulse [N s]"""
     duration_s: float
+    """requested duration"""
 
 
 def _rotate(q_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vector (3,) rotated by the quaternion (4,)."""
+    """Vector (3,) rotated by the unit quaternion (4,) (w, x, y, z)."""
     result = np.zeros(3)
     mujoco.mju_rotVecQuat(result, vector, q_wxyz)
     return result

@@ -35,11 +35,12 @@ STRIKER_FRICTION = 0.1
 
 
 def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
-    """MuJoCo XML of the world.
+    """MuJoCo model (MJCF XML text) of table, object and striker's arm.
 
     Args:
-        virtual_object: the object.
-        gravity_world: (3,) gravity [m/s2]; not along -z if the table is tilted.
+        virtual_object: the object: mass properties, contact spheres, shape and friction.
+        gravity_world: (3,) gravity in W (world frame, z normal to the table) [m/s2]; not along -z if the
+            table is tilted.
     """
     body = virtual_object.body
     I = body.inertia_com  # noqa: E741 - the field's name
@@ -76,7 +77,10 @@ def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64])
 
 
 def _striker_shapes(virtual_object: VirtualObject) -> tuple[str, str]:
-    """Assets and geoms for collisions with the tip."""
+    """MJCF assets and geoms (XML text each) of the object's shape for collisions with the striker's tip.
+
+    A box or cylinder needs no assets (empty text); other shapes give one mesh per convex part.
+    """
     shape = virtual_object.spec.shape
     collide = 'contype="0" conaffinity="2"'
     if shape.box is not None:

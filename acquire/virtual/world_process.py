@@ -1,8 +1,9 @@
 """World process of the virtual rig: physics and servo in one real-time loop.
 
 `python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` creates in RUN: `ttyDXL` (the
-servo), `pose.ring` (poses), `world.sock` (control, see OperatorLink) and `truth.bin`. Prints one JSON line
-when it is ready. Ends on SIGTERM, on "quit" and when its parent ends.
+servo's serial port), `pose.ring` (poses for the camera process), `world.sock` (control socket: place and push
+the object, read the state, quit) and `truth.bin` (true poses and contacts). Prints one JSON line when it is
+ready. Ends on SIGTERM, on SIGINT, on the request "quit" and when its parent ends.
 """
 
 from __future__ import annotations
@@ -47,12 +48,15 @@ _REQUEST_BYTES = 1 << 16
 class WorldProcess:
     """World, servo, pose ring, truth file and control socket, stepped together.
 
+    The pose ring (a memory-mapped ring buffer) gives the poses to the camera process; the truth file keeps
+    true poses and contacts for the recording.
+
     Args:
         virtual_object: the object.
         seed: seed of station and servo noise, also written to the truth file.
         folder: folder for files and sockets.
-        clock_ns: the world clock, CLOCK_MONOTONIC.
-        table_tilt: (2,) rotation of gravity about W's x and y [rad].
+        clock_ns: the world clock [ns], CLOCK_MONOTONIC.
+        table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].
     """
 
     def __init__(
@@ -89,7 +93,7 @@ class WorldProcess:
         self.stopped = False
 
     def close(self) -> None:
-        """Close everything; the truth file stays."""
+        """Close control socket, servo port and truth file; truth file and pose ring stay in the folder."""
         for client in self._clients:
             client.close()
         self._listener.close()
@@ -98,7 +102,10 @@ class WorldProcess:
         self._truth.close()
 
     def run(self, parent_alive: Callable[[], bool]) -> None:
-        """Step in real time until asked to quit, or until `parent_alive` returns False."""
+        """Step in real time until `stopped` is set, or until `parent_alive` returns False.
+
+        The request "quit" sets `stopped`; `parent_alive` is called twice a second.
+        """
         next_check_ns = 0
         while not self.stopped:
             now_ns = self._clock_ns()
@@ -109,7 +116,14 @@ class WorldProcess:
             self.step(now_ns)
 
     def step(self, now_ns: int) -> None:
-        """Step the world to now, then wait until the next tick is due, answering the servo's bus at once."""
+        """Step the world to `now_ns`, then wait until the next tick (1 ms) or a message on bus or socket.
+
+        A packet on the servo's bus and a request on the control socket end the wait and are answered at once.
+        While nothing moves the wait is 4 ms.
+
+        Args:
+            now_ns: host monotonic time.
+        """
         self._catch_up(now_ns)
         still = self.world.at_rest and abs(self.world.arm()[1]) < _STILL_RAD_S
         due_ns = self.world.time_ns + (_IDLE_NS if still else TICK_NS)
@@ -131,7 +145,11 @@ class WorldProcess:
                 self._receive(source)
 
     def _catch_up(self, now_ns: int) -> None:
-        """Step the world to now; the servo answers in time even if the physics is behind."""
+        """Step the world to `now_ns` (host monotonic).
+
+        If it is more than 10 ms behind, the servo's bus is served after every 10 ms of physics, so that the
+        servo answers in time.
+        """
         while now_ns - self.world.time_ns > _SLICE_NS:
             self.world.step_to(self.world.time_ns + _SLICE_NS)
             if self.servo.plugged_in:
@@ -269,7 +287,13 @@ class WorldProcess:
 
 
 def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
-    """True mass properties of the object, and true parameters of the station."""
+    """Message with the object's true mass properties and the station's true parameters.
+
+    Args:
+        virtual_object: the object.
+        seed: seed of the station (camera calibration and pose); also stored in the message.
+        table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].
+    """
     body = virtual_object.body
     normal, offset = body.region_plane
     return pb.TruthBody(
@@ -289,7 +313,7 @@ def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float
 
 
 def main() -> None:
-    """Run the world process."""
+    """Run the world process with the command line's arguments until it is asked to end."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--object", choices=OBJECT_NAMES, required=True, help="object to simulate")
     parser.add_argument("--seed", type=int, required=True, help="seed of object, station and servo noise")
