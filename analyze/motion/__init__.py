@@ -1,1 +1,1 @@
-"""From poses to phi and k."""
+"""Balance angle phi and rate k of each strike, from the tracked poses of its markers."""

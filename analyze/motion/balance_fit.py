@@ -1,10 +1,14 @@
-"""Balance angle phi and k of a strike whose edge slid or hopped, from the moment balance at the contact.
+"""Balance angle phi and k of a strike whose edge slid or hopped, from the moment balance.
+
+The moments about the line of contact with the table balance.
 
 Friction has no moment about the line of contact, so it does not enter.
 
-With s(t) the sliding of the contact along the table, z(t) the height of the edge over it (both seen by the
-camera), psi = phi - theta and R the distance of c from the edge, the balance of moments about the line of
-contact is, per I_edge,
+theta(t) is the tipping angle since rest, phi the theta at which the centre of mass c stands above the
+contact, psi = phi - theta, R the distance of c from the edge's centre line, rho the radius of the edge's
+rounding, I_edge the moment of inertia about the contact line and k = m g R / I_edge. With s(t) the sliding of
+the contact along the table and z(t) the height of the edge over it (both measured by the camera), the balance
+of moments about the line of contact is, divided by I_edge,
 
     theta'' = -k [ sin psi + (cos psi + rho / R) s'' / g + sin psi z'' / g ]
 
@@ -14,9 +18,9 @@ form, integrated by parts,
     Omega = theta' + (k / g) [ (cos psi + rho / R) s' + sin psi z' ],
     Omega' = -k sin psi + (k / g) [ sin psi s' - cos psi z' ] theta'
 
-only the velocities of the edge are left, and their errors do not accumulate: s enters theta as
--(k / g) cos psi s. For an edge that does not move this is `pivot_fit`. On a rounded edge s is the sliding
-relative to rolling.
+only the velocities of the edge are left, and their errors do not accumulate: s enters theta as -(k / g) cos
+psi s. For an edge that does not move this is the pendulum equation of `pivot_fit`. On a rounded edge s is the
+sliding relative to rolling.
 """
 
 from __future__ import annotations
@@ -63,18 +67,25 @@ def moment_balance(
     phi: float | None = None,
     offset_covariance: Array | None = None,
 ) -> MotionFit:
-    """Fit phi, k, theta0, omega0 over motion.angle[window[0]:window[1]] with the edge's measured motion.
+    """Fit phi, k, theta0, omega0 by the moment balance, with the edge's measured motion, over one window.
 
     Args:
-        motion: theta, slip and lift through the strike.
+        motion: tipping angle theta, slip (sliding of the edge along the table) and lift (its height) of every
+            frame.
         window: frames [start, stop) in which only gravity and the table act.
         radius: radius of the edge's rounding [m].
-        phi: first guess of phi [rad] where theta(t) is unlike a hinge's; None to take it from theta(t).
-        offset_covariance: (2, 2) covariance [m^2] of the edge's assumed position (EdgeMotion); None if it is
-            exact.
+        phi: first guess of the balance angle phi [rad] where theta(t) is unlike a hinge's; None to take it
+            from theta(t).
+        offset_covariance: (2, 2) covariance [m^2] of the edge's assumed position along and off the table;
+            None if the position is exact.
+
+    Returns:
+        The fit, with estimator "moment_balance": balance angle phi [rad], k [rad/s^2], theta0 and omega0
+        (theta and its rate at the window's first frame), the (2, 2) covariance of (phi, k), and residuals of
+        theta.
 
     Raises:
-        EstimationError: the window is too short or holds no tipping motion.
+        EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
     """
     angle = motion.angle
     sample = cut_sample(angle, window, 4)
@@ -91,6 +102,7 @@ def moment_balance(
     sample = replace(sample, sd=np.sqrt(np.maximum(variance, (0.1 * sample.sd) ** 2)))
 
     def model(x: Array) -> tuple[Array, Array]:
+        """Theta (n,) [rad] and its derivatives (n, 4) by the parameters x (4,): phi, k, theta0, Omega0."""
         steps = np.concatenate(
             [np.zeros((1, 4)), np.diag(_DIFFERENTIATION_STEPS), -np.diag(_DIFFERENTIATION_STEPS)]
         )
@@ -117,7 +129,7 @@ def moment_balance(
 
 
 def _slope(time: Array, values: Array) -> float:
-    """Slope of `values` (n,) over `time` (n,) [s], by least squares."""
+    """Slope of `values` (n,) over `time` (n,) [s], in their unit per second, by least squares."""
     away = time - np.mean(time)
     return float(away @ values) / float(away @ away)
 
@@ -132,14 +144,17 @@ def _covariance(
 ) -> Array:
     """Covariance (2, 2) of phi and k, caused by errors of theta, slip, lift and the edge's position.
 
+    It grows with the residuals: by their size, outliers clipped, and by their correlation from frame to
+    frame.
+
     Args:
-        sample: the data.
-        x: (4,) parameters phi, k, theta0, Omega0.
-        jacobian: (n, 4) derivatives of theta.
+        sample: the fitted part of theta(t).
+        x: (4,) best parameters phi, k, theta0, Omega0 [rad, rad/s^2, rad, rad/s].
+        jacobian: (n, 4) derivatives of theta by them.
         residual: (n,) measured minus fitted theta [rad].
-        edge: slip (n,) [m], lift (n,) [m], radius [m].
-        known: (n, 3, 3) covariance of theta, slip, lift in every frame; (2, 2) covariance of the edge's
-            position [m^2].
+        edge: slip (n,) [m], lift (n,) [m], radius of the rounding [m].
+        known: (n, 3, 3) covariance of theta, slip, lift in every frame [rad, m]; (2, 2) covariance of the
+            edge's position [m^2].
     """
     n = len(sample.time)
     (slip, lift, radius), (frames, offset) = edge, known
@@ -188,12 +203,14 @@ def driven_theta(
     """Tipping angles theta (n, c) [rad] of c cases whose edge moves as given, by the Runge-Kutta method.
 
     Args:
-        time: (n,) s.
-        parameters: (c, 4 or more) phi, k, theta0, Omega0.
+        time: (n,) times [s], ascending.
+        parameters: (c, 4 or more) per case: balance angle phi [rad], k [rad/s^2], and at the first time theta
+            [rad] and Omega [rad/s], which is theta' plus the share of the edge's velocity (module's
+            equations).
         slip: (n,) or (n, c) sliding of the edge [m], linear between the times.
         lift: (n,) or (n, c) height of the edge [m], linear between the times.
-        radius: radius of the rounding [m].
-        jump: time index, and the jumps in speed (c,) [rad/s] there; None for none.
+        radius: radius of the edge's rounding [m].
+        jump: index of a time, and the jumps in angular speed (c,) [rad/s] there; None for no jump.
     """
     phi, k = parameters[:, 0].copy(), parameters[:, 1].copy()
     state = parameters[:, 2:4].T.copy()
@@ -203,7 +220,7 @@ def driven_theta(
     found[0] = state[0]
 
     def rate(state: Array, s: Array, z: Array) -> Array:
-        """Derivative (2, c) of the state; s and z are the speeds of the edge times k / g."""
+        """Time derivative (2, c) of (theta, Omega); s and z are the edge's speeds times k / g."""
         psi = phi - state[0]
         sin, cos = np.sin(psi), np.cos(psi)
         found = np.empty_like(state)

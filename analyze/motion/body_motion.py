@@ -1,4 +1,4 @@
-"""Motion of a free body: poses of its frame O in W over time, and their differences.
+"""Motion of a free body: poses of its object frame O in world frame W over time, and differences.
 
 All integrals over a motion are sums over these differences: summation by parts has no remainder at the ends,
 so that weak forms hold exactly for the discrete motion, as they do for the continuous one.
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """Poses of a body at n >= 2 times."""
+    """Poses of a body, that is of its object frame O in the world frame W, at n >= 2 times."""
 
     time: Array
     """(n,) time [s], ascending"""
@@ -35,35 +35,36 @@ class BodyMotion:
         return len(self.time)
 
     def part(self, start: int, stop: int) -> BodyMotion:
-        """Poses [start, stop) of the motion."""
+        """Motion that consists of the poses with indices [start, stop) only."""
         return BodyMotion(self.time[start:stop], self.position[start:stop], self.R_world_object[start:stop])
 
     @cached_property
     def dt(self) -> Array:
-        """Time differences (n - 1,) [s]."""
+        """Differences (n - 1,) between neighbouring times [s]."""
         return np.diff(self.time)
 
     @cached_property
     def angular_velocity(self) -> Array:
-        """Mean angular velocity (n - 1, 3) between neighbouring times, in O [rad/s]."""
+        """Mean angular velocity (n - 1, 3) between neighbouring times, in the object frame O [rad/s]."""
         return self._turns.as_rotvec() / self.dt[:, None]
 
     @cached_property
     def halfway(self) -> Array:
-        """Rotations (n - 1, 3, 3) from O to W halfway between the times."""
+        """Rotations (n - 1, 3, 3) from object frame O to world W, halfway between neighbouring times."""
         half = Rotation.from_rotvec(0.5 * self._turns.as_rotvec()).as_matrix()
         return self.R_world_object[:-1] @ half
 
     @cached_property
     def _turns(self) -> Rotation:
+        """Rotations (n - 1) from each pose to the next, in the object frame O."""
         return Rotation.from_matrix(self.R_world_object[:-1].transpose(0, 2, 1) @ self.R_world_object[1:])
 
     def path_of(self, point: Array) -> Array:
-        """Positions (n, 3) in W [m] of a point (3,) given in O [m]."""
+        """Positions (n, 3) in the world frame W [m] of a body point (3,) given in the object frame O [m]."""
         return self.position + self.R_world_object @ point
 
 
 def trapezoid_weights(time: Array) -> Array:
-    """Weights (n,) [s] of the trapezoidal rule at times (n,) [s]."""
+    """Weights (n,) [s] of the trapezoidal rule for values at times (n,) [s], ascending."""
     gaps = np.diff(time)
     return 0.5 * (np.append(gaps, 0.0) + np.insert(gaps, 0, 0.0))

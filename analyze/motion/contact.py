@@ -1,7 +1,7 @@
-"""Errors of phi and k caused by a contact that is not a perfect hinge.
+"""Errors of the balance angle phi and of k caused by a contact that is not a perfect hinge.
 
-The fit follows theta(t) to a ten-thousandth of a degree even where the edge creeps, so its residuals do not
-reveal these errors.
+The fit follows the tipping angle theta(t) to a ten-thousandth of a degree even where the edge creeps, so its
+residuals do not reveal these errors.
 """
 
 from __future__ import annotations
@@ -17,8 +17,12 @@ from analyze.types import MotionFit
 class ContactErrors:
     """Standard deviations of phi and k caused by the contact, in addition to the fit's own.
 
-    phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, E up to 2), fitted to the true
-    theta(t); on 35 with other seeds the 95 % intervals held phi in 83 %, before the zero was given its floor.
+    phi is the balance angle, k = m g R / I_edge the rate of the tip (R: distance of the centre of mass from
+    the edge).
+
+    phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, energy ratio up to 2), fitted to the
+    true theta(t); on 35 with other seeds the 95 % intervals held phi in 83 %, before the standard deviation
+    of theta's zero was given a lower bound.
     k: on 360 strikes of four objects through images, on roundings of 1 mm: off by 1.0 to 1.3 of the fit's own
     sd (0.06 to 0.07 %).
     """
@@ -33,12 +37,12 @@ class ContactErrors:
 
 
 def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:
-    """The fit with the contact's errors added to its covariance.
+    """Copy of a fit of phi and k, with the variances caused by the contact added to its covariance.
 
     Args:
-        fit: phi and k of one strike.
+        fit: balance angle phi and k of one strike; the variance of k stays as it is if k is None.
         rolls: True if the edge is a round rim.
-        errors: standard deviations by the contact.
+        errors: standard deviations of phi and k caused by the contact.
     """
     phi_sd = errors.rim_phi_sd if rolls else errors.edge_phi_sd
     added = np.diag([phi_sd**2, (errors.k_relative_sd * (fit.k or 0.0)) ** 2])

@@ -1,6 +1,8 @@
 """Contact time of a strike from its motion, for a hand or a pendulum without a contact sensor.
 
-The fitted pendulum is extrapolated back to theta = 0, where the object stood until the contact:
+The fitted pendulum is extrapolated back to the tipping angle theta = 0, where the object stood until the
+contact: with omega the angular speed after the impact, phi the balance angle and k the pendulum's rate
+[rad/s^2],
 
     theta(t) = omega (t - t_c) - 1/2 k sin(phi) (t - t_c)^2
 
@@ -25,7 +27,7 @@ ms"""
 
 @dataclass(frozen=True)
 class ContactTime:
-    """Time of an impact with its standard deviation."""
+    """Time of an impact, estimated from the motion that follows it, with its standard deviation."""
 
     time_ns: int
     """time of the impact [ns], on the clock of the fit"""
@@ -35,7 +37,14 @@ class ContactTime:
 
 
 def contact_time(fit: MotionFit) -> ContactTime | None:
-    """Contact time, extrapolated from a fit back to theta = 0; None if the motion is not a tip from rest."""
+    """Contact time, extrapolated from a fit back to tipping angle 0; None if that is impossible.
+
+    None if the fit has no k, or its first fitted frame does not tip forward (omega0 <= 0) or lies below rest
+    (theta0 < 0).
+
+    Args:
+        fit: pendulum fitted to the free motion of one strike.
+    """
     if fit.k is None or fit.omega0 <= 0 or fit.theta0 < 0:
         return None
     slowing = fit.k * math.sin(fit.phi)

@@ -1,8 +1,8 @@
 """Motion of the pivot edge during a strike: sliding along the table, or lifting off it.
 
 The camera measures the motion of the point that is assumed to be the edge. If that point is off the true edge
-by d, rotation alone moves it by (R(theta) - 1) d: a registration error, not sliding. Its vertical part
-determines d, whose effect is then removed.
+by d, rotation alone moves it by (R(theta) - 1) d, with R(theta) the rotation by the tipping angle theta: a
+registration error, not sliding. The vertical part of this motion determines d, whose effect is then removed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MIN_RISE = 3e-4
 
 @dataclass(frozen=True)
 class EdgeMotion:
-    """Sliding and lifting of the edge over a window, relative to its first frames."""
+    """Corrected motion of the pivot edge, and the ranges of its slip and lift in a window of frames."""
 
     motion: PlanarMotion
     """the motion, with slip and lift of the true edge"""
@@ -55,11 +55,15 @@ class EdgeMotion:
 
 
 def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
-    """Slip and lift of the edge, corrected for its misplacement.
+    """Slip and lift of the true pivot edge, corrected for the error of its assumed position.
 
     Args:
-        motion: the motion from `tip_angle`.
-        window: frames [start, stop) that are evaluated; all frames are corrected.
+        motion: tipping angle, slip (along the table) and lift (off it) of the assumed edge, from `tip_angle`.
+        window: frames [start, stop) from which the error and the ranges are determined; all frames are
+            corrected.
+
+    Returns:
+        The corrected motion, the ranges of its slip and lift in the window [m], and the edge's offset.
     """
     angle = motion.angle
     used = slice(*window)
@@ -73,7 +77,7 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
 
 
 def displacement_per_offset(theta: Array) -> Array:
-    """Displacement (n, 2, 2) of a point by a turn theta (n,) [rad], per metre of offset from the edge.
+    """Displacement (n, 2, 2) of a point by rotations theta (n,) [rad], per metre of offset from the edge.
 
     Rows: displacement along and off the table; columns: offset along and off the table.
     """
@@ -82,10 +86,15 @@ def displacement_per_offset(theta: Array) -> Array:
 
 
 def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
-    """First frame of a window from which the edge only rises; None if it stays on the table.
+    """First frame of a window from which the edge only rises off the table; None if it stays on it.
 
     From then on the body flies, or turns about its next edge: with a bevel or facets it reaches the next edge
-    before the next face.
+    before the next face. None also if the window has fewer than ten frames, or the edge is off the table in
+    all of them.
+
+    Args:
+        motion: motion of the strike with the lift of its edge.
+        window: frames [start, stop).
     """
     first, last = window
     lift = motion.lift[first:last]
@@ -101,7 +110,19 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
-    """Motion of the true edge: slip and lift less the displacement by the point's `offset` (2,) [m]."""
+    """Motion of the true edge: slip and lift less the displacement caused by the assumed point's offset.
+
+    Args:
+        motion: the motion with slip and lift of the assumed point.
+        used: frames over which the ranges of slip and lift are taken.
+        offset: (2,) offset of the assumed point from the true edge, along and off the table [m].
+        covariance: (2, 2) its covariance [m^2].
+        sd: standard deviation of slip and lift in the frames `used` [m].
+
+    Returns:
+        The corrected motion with its ranges; its `offset` is that of the true edge from the point (sign
+        reversed).
+    """
     angle = motion.angle
     along, off = (displacement_per_offset(angle.theta) @ offset).T
     slip, lift = angle.slip - along, motion.lift - off
@@ -112,7 +133,16 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
-    """Offset (2,) [m] of the point from an edge that may slide, from the lift alone; covariance (2, 2)."""
+    """Offset (2,) [m] of the assumed point from an edge that may slide, and its covariance (2, 2) [m^2].
+
+    It follows from the lift alone. An offset of more than 1.5 mm is taken for a real lift: then the prior, 0
+    with 0.5 mm, is returned.
+
+    Args:
+        theta: (n,) tipping angle [rad].
+        lift: (n,) height of the point over its position at rest [m].
+        sd: (n,) standard deviation of the lift [m].
+    """
     A = displacement_per_offset(theta)[:, 1]
     scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
     weight = np.ones_like(lift)
@@ -136,9 +166,16 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 
 
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """Offset (2,) [m] of the point from an edge that held, and covariance (2, 2); None if it did not hold.
+    """Offset (2,) [m] of the assumed point from an edge that held, and its covariance (2, 2) [m^2].
 
-    Such large offsets come from a tag whose place is unknown, or from one not printed to scale.
+    None if rotation about a fixed edge does not explain slip and lift, or with fewer than ten frames. Such
+    large offsets come from a tag whose place is unknown, or from one not printed to scale.
+
+    Args:
+        theta: (n,) tipping angle [rad].
+        slip: (n,) displacement of the point along the table [m].
+        lift: (n,) its displacement off the table [m].
+        sd: (n,) standard deviation of slip and lift [m].
     """
     moved, still = displacement_per_offset(theta), np.zeros(len(theta))
     off_table = np.concatenate([moved[:, 1], still[:, None]], axis=1)
@@ -160,7 +197,14 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
 
 
 def smooth_range(values: Array, sd: Array) -> float:
-    """Range of the running median over five values, less four of its own sd, in the unit of `values` (n,)."""
+    """Range of the running median over five values, less four sd of that range; at least 0.
+
+    In the unit of the values; 0 if there are fewer than five.
+
+    Args:
+        values: (n,) values, one per frame.
+        sd: (n,) their standard deviations.
+    """
     if len(values) < _NEIGHBOURS:
         return 0.0
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _NEIGHBOURS), axis=1)

@@ -41,7 +41,7 @@ MAX_FALLS = 8
 
 @dataclass(frozen=True)
 class FallWindow:
-    """Stretch of a track in free fall."""
+    """Stretch of frames of a track in which the tag falls freely."""
 
     start: int
     """index of the first frame"""
@@ -52,12 +52,16 @@ class FallWindow:
 
 
 def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWindow]:
-    """Stretches of free fall in a track, in order of time, without overlaps.
+    """Stretches of free fall in a track of a tag, in order of time, without overlaps.
 
     Args:
-        time_ns: (n,) times of the frames in which the tag was found.
+        time_ns: (n,) times of the frames in which the tag was found [ns].
         positions: (n, 3) positions of the tag [m].
         sd: (3,) standard deviation of a frame's position along each axis [m].
+
+    Returns:
+        The stretches, with indices into `time_ns`; empty if there is no fall, or if the track has fewer than
+        `MIN_FRAMES` frames.
     """
     if len(time_ns) < MIN_FRAMES:
         return []
@@ -80,7 +84,14 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
 
 
 def _parabolas(scaled: Array, sd: Array) -> list[tuple[int, int]]:
-    """Stretches [start, stop) of evenly spaced positions (n, 3) on a parabola, the longest fall first."""
+    """Stretches [start, stop) of evenly spaced positions that lie on a parabola, the longest fall first.
+
+    At most `MAX_FALLS` that do not overlap, as indices into the positions.
+
+    Args:
+        scaled: (n, 3) positions over their standard deviations.
+        sd: (3,) those standard deviations [m].
+    """
     candidates: list[tuple[float, int, int]] = []
     length = float(MIN_FRAMES)
     while round(length) <= min(len(scaled), MAX_FRAMES):
@@ -113,11 +124,13 @@ def _parabolas(scaled: Array, sd: Array) -> list[tuple[int, int]]:
 
 
 def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
-    """Fall 1/2 a T^2 [m] and ratio of third-degree to second-degree term, (windows,) each.
+    """Fall 1/2 a T^2 [m] and ratio of third-degree to second-degree term of each window, (windows,) each.
+
+    a is the acceleration, T the window's duration.
 
     Args:
         parts: (windows, 3, 4) coefficients of the scaled positions on `basis`.
-        basis: (frames, 4) orthonormal polynomials.
+        basis: (frames, 4) orthonormal polynomials of degree 0 to 3.
         sd: (3,) scale of the positions [m].
     """
     in_metres = parts * sd[:, None]
@@ -131,7 +144,15 @@ def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
 def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int) -> FallWindow | None:
     """Stretch extended frame by frame along its own curve; None if it is no fall.
 
-    Its two end frames are left out: a hand or the ground may still have touched the tag there.
+    The two end frames of the extended stretch are left out: a hand or the ground may still have touched the
+    tag there. None if fewer than `MIN_FRAMES` frames or a fall of less than `MIN_FALL_M` remain.
+
+    Args:
+        number: (n,) number of each frame on an even grid of frames.
+        scaled: (n, 3) positions over their standard deviations.
+        sd: (3,) those standard deviations [m].
+        start: index of the stretch's first frame.
+        stop: index after its last frame.
     """
     noise = max(1.0, _Curve(number[start:stop], scaled[start:stop]).rms)
     while stop < len(number) and _continues(number, scaled, sd, (start, stop), stop, noise):
@@ -146,9 +167,13 @@ def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int)
 
 
 class _Curve:
-    """Polynomial of third degree through positions (n, 3) at frame numbers (n,)."""
+    """Polynomial of third degree, fitted to scaled positions (n, 3) at frame numbers (n,).
+
+    Positions are scaled by their standard deviations; `rms` is the root mean square residual in that unit.
+    """
 
     def __init__(self, number: IntArray, scaled: Array) -> None:
+        """Fit the polynomial to scaled positions (n, 3) at frame numbers (n,)."""
         self._middle, self._half = (number[0] + number[-1]) / 2, max((number[-1] - number[0]) / 2, 1)
         design = np.vander((number - self._middle) / self._half, 4, increasing=True)
         self._inverse = np.linalg.inv(design.T @ design)
@@ -157,11 +182,11 @@ class _Curve:
         self.rms = float(np.sqrt(np.sum(left**2) / max(3 * (len(number) - 4), 1)))
 
     def fall(self, sd: Array) -> float:
-        """Fall 1/2 a T^2 over the curve's duration T [m]."""
+        """Fall 1/2 a T^2 over the curve's duration T [m], for positions scaled by `sd` (3,) [m]."""
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a position from the curve, over the standard deviation of the prediction."""
+        """Distance (3,) of a scaled position (3,) at a frame number from the curve, over its sd."""
         at = ((frame - self._middle) / self._half) ** np.arange(4)
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)
 
@@ -169,7 +194,16 @@ class _Curve:
 def _continues(
     number: IntArray, scaled: Array, sd: Array, window: tuple[int, int], frame: int, noise: float
 ) -> bool:
-    """True if a frame beside the stretch lies on the stretch's own curve."""
+    """True if a frame beside a stretch lies on the stretch's own curve, with no long gap between.
+
+    Args:
+        number: (n,) number of each frame on an even grid of frames.
+        scaled: (n, 3) positions over their standard deviations.
+        sd: (3,) those standard deviations [m].
+        window: the stretch, indices [start, stop).
+        frame: index of the frame.
+        noise: rms distance of the stretch's frames from the curve, in standard deviations.
+    """
     start, stop = window
     if abs(int(number[frame] - number[start if frame < start else stop - 1])) > MAX_MISSING + 1:
         return False
@@ -183,7 +217,7 @@ def _continues(
 
 
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
-    """Windows that do not overlap, those with the longest falls preferred."""
+    """Windows that do not overlap, chosen in the order of their falls, the longest fall first."""
     taken: list[FallWindow] = []
     for window in sorted(windows, key=lambda each: -each.fall):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):

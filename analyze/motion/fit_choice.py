@@ -1,4 +1,8 @@
-"""Choice of the estimator for one strike: hinge, rolling contact, or moment balance, and its window."""
+"""Choice of the estimator for one strike: hinge, rolling contact, or moment balance, and its window.
+
+The tipping angle theta(t) of a strike (one impact that tips the object about an edge) gives the balance angle
+phi and k = m g R / I_edge. A hinge is an edge that stays in place.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +62,7 @@ Smaller differences are within the error of the edge's position.
 
 @dataclass(frozen=True)
 class StrikeFits:
-    """Fits of one strike's motion, with the one chosen."""
+    """Fits of the motion of one strike (impact that tips the object), with the one chosen."""
 
     chosen: MotionFit | None
     """the fit to use; None if nothing fits"""
@@ -69,19 +73,19 @@ class StrikeFits:
     second_impact: Judgement | None = None
     """verdict on a second impact that splits the motion; None if there is none"""
     problem: str = ""
-    """reason why nothing fits"""
+    """reason why nothing fits; empty if a fit was chosen"""
 
 
 @dataclass(frozen=True)
 class _WindowFit:
-    """Outcome of a fit over one window."""
+    """Outcome of one estimator's fit over one window of frames: the fit, or the reason for its failure."""
 
     fit: MotionFit | None
     """the fit; None if nothing fits"""
     window: tuple[int, int]
     """frames [start, stop)"""
     problem: str = ""
-    """reason why there is no fit"""
+    """reason why there is no fit; empty if there is one"""
 
 
 def fit_strike(
@@ -93,14 +97,17 @@ def fit_strike(
 ) -> StrikeFits:
     """Fit phi and k to the free motion of a strike with the estimator that its contact requires.
 
-    The window of the fit ends at an angle past phi, so that it is found by iteration.
+    The window of the fit ends at a fixed angle past the balance angle phi, so that it is found by iteration.
 
     Args:
         motion: the motion through the whole window of the strike.
-        course: its events, with the release.
-        planned: the strike; its predicted phi gives the first window.
-        settings: limits.
+        course: its events, with the release (first frame in which only gravity acts).
+        planned: the planned strike; its predicted phi gives the first window.
+        settings: limits of the window, of a moved edge and of jumps in speed.
         section: the object's cross-section at the pivot axis; None if its shape is unknown.
+
+    Returns:
+        The chosen fit and the rejected ones; `chosen` is None, with the reason in `problem`, if nothing fits.
     """
     curve, rolls = rolling_curve(section, planned)
     if curve is None:
@@ -129,9 +136,21 @@ def _fits(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits by `estimator`, or by the moment balance about a rounding of `radius` [m].
+    """Fits of a strike by `estimator`, or by the moment balance where the edge moved.
 
-    The moment balance is not tried if `radius` is None.
+    If the edge lifts off the table for good, the window ends there, and the chosen fit's note states it.
+
+    Args:
+        motion: the motion through the whole window of the strike.
+        course: its events.
+        planned: the planned strike; its predicted balance angle gives the first window.
+        settings: limits.
+        estimator: fit of theta(t) over a window.
+        radius: radius of the edge's rounding for the moment balance [m]; None to leave the moment balance
+            out.
+
+    Returns:
+        The fits with the chosen one; `chosen` is None if nothing fits.
     """
     whole = _fit_window(motion.angle, course, planned.phi_predicted_rad, settings.window, estimator)
     left = lift_off_frame(edge_motion(motion, whole.window).motion, whole.window)
@@ -148,14 +167,25 @@ def _fits(
 
 
 def _joined(*notes: str) -> str:
-    """Notes that are not empty, in one line."""
+    """Notes that are not empty, joined by "; " in one line; empty if there are none."""
     return "; ".join(note for note in notes if note)
 
 
 def _fit_window(
     angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, estimator: Estimator
 ) -> _WindowFit:
-    """Fit over the window that ends past the fit's own phi, by iteration from the predicted phi [rad]."""
+    """Fit over the window that ends a fixed angle past the fit's own balance angle phi, by iteration.
+
+    Args:
+        angle: tipping angle theta(t) of the strike.
+        course: its events.
+        phi_predicted: predicted balance angle [rad], for the first window.
+        limits: bounds of the window.
+        estimator: fit of theta(t) over a window.
+
+    Returns:
+        The last fit with its window. The fit is None, with the reason, if any fit of the iteration fails.
+    """
     window = free_window(angle, course, phi_predicted, limits)
     try:
         fit = estimator(angle, window)
@@ -171,9 +201,15 @@ def _fit_window(
 
 
 def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -> _WindowFit | None:
-    """Fit over a window that ends where the edge leaves the table.
+    """Fit over a window that ends where the edge leaves the table; None if it is not usable.
 
-    None if it is too short to hold the balance point.
+    None if the window has fewer than 2 `MIN_FRAMES` frames, if the fit fails, or if the window does not hold
+    the balance point.
+
+    Args:
+        angle: tipping angle theta(t) of the strike.
+        window: frames [start, stop).
+        estimator: fit of theta(t) over a window.
     """
     if window[1] - window[0] < 2 * MIN_FRAMES:
         return None
@@ -192,15 +228,23 @@ def _fits_over(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits over one window: moment balance if the edge moved, else the estimator, if need be on a part.
+    """Fits over one window: by the moment balance if the edge moved, else by the estimator.
+
+    Where the speed jumps, the estimator is applied to a part of the window without a jump, and a second
+    impact is reported unless the jump is explained by the first touch or by the table.
 
     Args:
         motion: the motion through the whole window of the strike.
         found: fit over the window by `estimator`.
-        planned: the strike.
+        planned: the planned strike.
         settings: limits.
         estimator: fit of theta(t) over a window.
-        radius: radius of the edge's rounding for the moment balance [m]; None to leave that out.
+        radius: radius of the edge's rounding for the moment balance [m]; None to leave the moment balance
+            out.
+
+    Returns:
+        The chosen fit and the rejected ones, with a verdict on a second impact; `chosen` is None if nothing
+        fits.
     """
     hinge, window = found.fit, found.window
     angle, limits = motion.angle, settings.verdict
@@ -236,7 +280,14 @@ def _fits_over(
 
 
 def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: VerdictLimits) -> StrikeFits:
-    """Rolling fits with the reason for the choice, violated assumptions, and a hinge fit for comparison."""
+    """Rolling fits with the reason for the choice, violated assumptions, and a hinge fit to compare.
+
+    Args:
+        fits: fits of the strike; returned as they are if none is chosen, or the chosen one is not of rolling.
+        angle: tipping angle theta(t).
+        rolls: reason in words why the contact rolls.
+        limits: limit above which the edge counts as moved.
+    """
     fit = fits.chosen
     if fit is None or fit.rolling is None:
         return fits
@@ -250,7 +301,13 @@ def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: Verd
 
 
 def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[MotionFit, ...]:
-    """Fit as a hinge, marked with the assumption it violates; empty if it does not fit."""
+    """Fit of a window as a hinge, marked with the assumption that it violates; empty if it fails.
+
+    Args:
+        angle: tipping angle theta(t).
+        window: frames [start, stop).
+        violated: the assumption in words.
+    """
     try:
         return (replace(pivot_fit(angle, window), violated=(violated,)),)
     except EstimationError:
@@ -258,7 +315,14 @@ def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[
 
 
 def _is_jump(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
-    """True if a jump in speed is significant (gain in chi^2) and large (size [rad/s]) for the fit."""
+    """True if a jump in angular speed is both significant and large for the fit.
+
+    Args:
+        fit: the fit without the jump.
+        size: jump in speed [rad/s].
+        gain: decrease of chi^2 by the jump.
+        limits: least gain, and least ratio of the jump to the speed at the start of the fit.
+    """
     return gain >= limits.speed_jump_chi2 and abs(size) >= limits.speed_jump_ratio * abs(fit.omega0)
 
 
@@ -271,11 +335,13 @@ def _balanced(
 ) -> tuple[MotionFit | None, str]:
     """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
+    The hinge (an edge in place) is also kept if the moment balance fails or leaves a jump in speed.
+
     Args:
         edge: sliding and lifting of the edge.
         window: frames [start, stop).
         hinge: the hinge fit; None if a hinge does not fit.
-        planned: the strike, with predicted phi and the pivot's rounding.
+        planned: the planned strike, with predicted balance angle phi and the pivot's rounding.
         limits: limits of a moved edge and of a jump.
     """
     moved = max(edge.slide_range, edge.lift_range) >= limits.edge_moved
@@ -285,6 +351,7 @@ def _balanced(
     phi = None if hinge is not None else planned.phi_predicted_rad
 
     def balance(frames: tuple[int, int]) -> MotionFit:
+        """Moment-balance fit over frames [start, stop)."""
         return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
 
     try:
@@ -318,11 +385,11 @@ def _reason_for_balance(
     """Reason to prefer a moment balance although the edge was not seen to move; empty if there is none.
 
     Args:
-        angle: theta(t).
+        angle: tipping angle theta(t).
         window: frames [start, stop).
-        hinge: the hinge's fit.
-        balanced: the moment balance.
-        left: gain in chi^2 by a jump in speed that remains with the moment balance.
+        hinge: fit with an edge that stays in place.
+        balanced: fit by the moment balance.
+        left: decrease of chi^2 by a jump in speed that remains with the moment balance.
         radius: radius of the edge's rounding [m].
         limits: limits of a jump.
     """
@@ -340,7 +407,17 @@ def _reason_for_balance(
 
 
 def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
-    """True if the balance fits better than two impacts, and its phi is that of the clean part."""
+    """True if a moment balance explains a jump in speed that a hinge fit shows.
+
+    That is, if it fits no worse than two impacts, and its balance angle phi agrees with that of the part
+    without a jump; False if there is no such part.
+
+    Args:
+        angle: tipping angle theta(t).
+        window: frames [start, stop).
+        balanced: fit by the moment balance.
+        radius: radius of the edge's rounding [m].
+    """
     twice = fit_two_impacts(angle, window, radius)
     if twice is not None and frame_noise(twice.fit.residual) < frame_noise(balanced.residual):
         return False
@@ -354,7 +431,18 @@ def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit
 def _with_second_impact(
     motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str, radius: float
 ) -> StrikeFits:
-    """Fits with a second impact, for a motion that no single hinge fits; without a fit if this fails too."""
+    """Fits with a jump in speed by a second impact, for a motion that no single hinge fits.
+
+    Args:
+        motion: the motion with slip and lift of the true edge.
+        window: frames [start, stop).
+        limits: limits of a jump.
+        problem: reason why a hinge did not fit.
+        radius: radius of the edge's rounding [m].
+
+    Returns:
+        The fit and the verdict "struck twice"; without a fit, with `problem`, if there is no such jump.
+    """
     found = fit_two_impacts(motion.angle, window, radius)
     if found is None or not _is_jump(found.fit, found.size, found.gain, limits):
         return StrikeFits(None, (), motion, problem=problem)
@@ -363,7 +451,14 @@ def _with_second_impact(
 
 
 def _jump_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
-    """Message about a second impact: size [rad/s] and time of the jump, and the remedy."""
+    """Message about a second impact: size of the jump and its time after the strike, and the remedy.
+
+    Args:
+        angle: tipping angle theta(t), with the times of the frames.
+        index: frame of the jump.
+        size: jump in angular speed [rad/s].
+        window: frames [start, stop); its first frame is the time of the strike.
+    """
     after = 1e-6 * (angle.time_ns[index] - angle.time_ns[window[0]])
     jumped = f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike"
     return f"{jumped}: catch the striker after the first contact"

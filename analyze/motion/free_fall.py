@@ -1,14 +1,15 @@
 """Ratio q of true to stated time in a video, from a tag that falls freely in view of the camera.
 
-With the stated time tau and the true time t = q tau,
+With the stated time tau, the true time t = q tau, the tag's position p(tau) in the camera frame, its rotation
+R(tau), and p0, v0 and a the position, velocity and acceleration of the centre of mass at tau = 0,
 
-    p(tau) = p0 + v0 tau + 1/2 a tau^2 + R(tau) r - drag + shutter,    |a| = q^2 g
+    p(tau) = p0 + v0 tau + 1/2 a tau^2 + R(tau) r - drag + shutter,    norm(a) = q^2 g
 
 The magnitude of g is known, its direction is not needed. The tag may turn: r is the arm from the centre of
-mass to the tag, with prior standard deviation `ARM_SD`. Air decelerates by beta |v| v, beta = 1/2 rho C_d A /
-m, which is the same in either time; a rolling shutter exposes each row later by its line time. Both are
-unknowns with priors, so that the error of q includes them. Lengths are relative to the tag: q is proportional
-to the root of its size.
+mass to the tag, with prior standard deviation `ARM_SD`. Air decelerates by beta norm(v) v, beta = 1/2 rho C_d A /
+m (air density rho, drag coefficient C_d, area A), which is the same in either time; a rolling shutter exposes
+each row later by its line time. Both are unknowns with priors, so that the error of q includes them. Lengths
+are relative to the tag: q is proportional to the root of its size.
 """
 
 # scipy is only partly typed.
@@ -68,7 +69,7 @@ FOCAL_SD_SHARE = 0.005
 
 @dataclass(frozen=True)
 class FallSetup:
-    """Tag, gravity and camera of a free fall."""
+    """Known quantities of a free fall: tag, gravity, falling mass and camera."""
 
     size: float
     """edge of the tag [m]"""
@@ -89,14 +90,18 @@ class FallSetup:
 
     @property
     def drag(self) -> tuple[float, float]:
-        """Drag beta and its sd [1/m], between a card that falls face on and one edge on."""
+        """Drag beta (deceleration over squared speed) and its sd [1/m], for a card of unknown attitude.
+
+        The drag lies between that of a card that falls face on and nothing, for one edge on: half the largest
+        value, with a standard deviation of as much.
+        """
         most = 0.5 * AIR_DENSITY * DRAG_COEFFICIENT * (CARD_RATIO * self.size) ** 2 / self.mass
         return most / 2, most / 2
 
 
 @dataclass(frozen=True)
 class Fall:
-    """One free fall with its estimate of q, the ratio of true to stated time."""
+    """One free fall of the tag, with its estimate of q, the ratio of true to stated time."""
 
     start_ns: int
     """stated time of the first frame [ns]"""
@@ -130,11 +135,17 @@ class Fall:
 def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall | None:
     """Fit of a fall, its ends cut where a hand or the ground still acts; None if no fall is left.
 
+    Frames are cut at the worse end while that clearly reduces the misfit; a margin at both ends is then left
+    out. None if the misfit stays above `MAX_MISFIT`, or the remaining fall is shorter than `MIN_FALL_M`.
+
     Args:
         track: track of the tag.
         covariance: (n, 3, 3) covariance of its positions [m^2].
         window: stretch of the track that looks like a fall.
         setup: tag, gravity, camera.
+
+    Raises:
+        EstimationError: the stretch has no acceleration.
     """
     fall = fit_fall(track, covariance, window, setup)
     while fall.misfit > 1.0 + MAX_EXCESS_MISFIT / np.sqrt(fall.frames):
@@ -160,10 +171,13 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
     """Fit one fall by generalised least squares with robust weights.
 
     Args:
-        track: track of the tag, as a camera with a global shutter would give it.
-        covariance: (n, 3, 3) covariance of its positions [m^2].
+        track: track of the tag, not yet corrected for a rolling shutter.
+        covariance: (n, 3, 3) covariance of its positions in the camera frame [m^2].
         window: the frames of the fall.
         setup: tag, gravity, camera.
+
+    Returns:
+        The fall with q, the ratio of true to stated time, its errors and its misfit.
 
     Raises:
         EstimationError: the stretch has no acceleration.
@@ -236,7 +250,7 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
 
 @dataclass(frozen=True)
 class _Solved:
-    """Solution of the weighted least squares of one fall."""
+    """Solution of the weighted least squares of one fall, in stated time."""
 
     stated: Array
     """(n,) stated time since the middle of the fall [s]"""
@@ -257,7 +271,15 @@ class _Solved:
 
 
 def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
-    """Result of one fall: q with its own error and with the error that all falls share."""
+    """Result of one fall: q with the error by its own noise and the error that all falls share.
+
+    q is the ratio of true to stated time.
+
+    Args:
+        track: track of the tag.
+        window: the frames of the fall.
+        solved: solution of its least squares.
+    """
     solution, inverse, stated, q = solved.solution, solved.inverse, solved.stated, solved.time_ratio
     v, a = solution[3:6], solution[6:9]
     size = float(np.linalg.norm(a))
@@ -296,7 +318,7 @@ def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
 
 
 def _correlation_sd_factor(residuals: Array) -> float:
-    """Factor on the standard deviation by correlation of neighbouring residuals (n, 3)."""
+    """Factor >= 1 on a standard deviation for the correlation of neighbouring residuals (n, 3)."""
     size = float(np.sum(residuals**2))
     r = float(np.sum(residuals[1:] * residuals[:-1])) / size if size > 0 else 0.0
     r = min(max(r, 0.0), MAX_LAG_ONE_CORRELATION)
@@ -310,7 +332,7 @@ def _frame_s(stated: Array) -> float:
 
 
 def _powers(time: Array) -> Array:
-    """Derivatives (n, 3, 9) of the position by p0, v0 and a at times (n,) [s]."""
+    """Derivatives (n, 3, 9) of the position by start p0, velocity v0 and acceleration a at times (n,)."""
     eye = np.eye(3)
     return np.concatenate(
         [each[:, None, None] * eye for each in (np.ones_like(time), time, 0.5 * time**2)], axis=2
@@ -318,11 +340,13 @@ def _powers(time: Array) -> Array:
 
 
 def _turn_columns(R: Array, time: Array) -> Array:
-    """Derivatives (n, 3, 3) of the position by the arm: R(tau) - R(0), smoothed over time.
+    """Derivatives (n, 3, 3) of the position by the arm from the centre of mass: R(tau) - R(middle).
+
+    The rotations are smoothed over time by a polynomial.
 
     Args:
-        R: (n, 3, 3) rotations from M to C.
-        time: (n,) stated times [s].
+        R: (n, 3, 3) rotations from the marker frame to the camera frame.
+        time: (n,) stated times tau since the middle of the fall [s].
     """
     middle = Rotation.from_matrix(R[len(R) // 2])
     turns = (Rotation.from_matrix(R) * middle.inv()).as_rotvec()
@@ -334,7 +358,12 @@ def _turn_columns(R: Array, time: Array) -> Array:
 
 
 def _drag(speed: Array, time: Array) -> Array:
-    """Displacement (n, 3) [m] by a drag of beta = 1 at velocities `speed` (n, 3), up to a straight line."""
+    """Displacement (n, 3) by air of drag beta = 1 /m, up to a straight line: norm(v) v integrated twice [m].
+
+    Args:
+        speed: (n, 3) velocities v [m/s].
+        time: (n,) times [s].
+    """
     push = np.linalg.norm(speed, axis=1, keepdims=True) * speed
     steps = np.diff(time)[:, None]
     once = np.vstack([np.zeros(3), np.cumsum((push[1:] + push[:-1]) / 2 * steps, axis=0)])
@@ -343,7 +372,7 @@ def _drag(speed: Array, time: Array) -> Array:
 
 @dataclass(frozen=True)
 class TrueTime:
-    """Ratio q of true to stated time from all falls, with its sources of error."""
+    """Ratio q of true to stated time from all falls, with its standard deviation by source of error."""
 
     time_ratio: float
     """q, true seconds per stated second"""
@@ -362,11 +391,11 @@ class TrueTime:
 def true_time(falls: list[Fall], setup: FallSetup) -> TrueTime:
     """Weighted mean of q over all falls, its error widened by their scatter (Birge 1932).
 
-    Errors that the falls share do not shrink with their number.
+    q is the ratio of true to stated time. Errors that the falls share do not shrink with their number.
 
     Args:
         falls: at least one fall.
-        setup: tag and gravity.
+        setup: tag and gravity, whose errors are added.
     """
     noise = np.array([fall.noise_sd for fall in falls])
     shared = np.array([fall.shared_sd for fall in falls])

@@ -1,5 +1,8 @@
 """Centre of mass c and gravity g from free flights: c moves on a parabola however the body rotates.
 
+With x(t) the position and R(t) the rotation of the object frame O in the world frame W (z up), and p0, v0 the
+start and velocity of c,
+
     x(t) + R(t) c = p0 + v0 t - 1/2 g t^2 z - drag
 
 is linear in c, g and, for every flight, p0 and v0. Rotation in flight reveals c; free rotation reveals the
@@ -33,7 +36,7 @@ _ROUNDS = 50
 
 @dataclass(frozen=True)
 class Flight:
-    """Stretch of motion in which only gravity and air act."""
+    """Stretch of a thrown body's motion in which only gravity and air act."""
 
     motion: BodyMotion
     """poses of the body"""
@@ -43,7 +46,7 @@ class Flight:
 
 @dataclass(frozen=True)
 class FlightBody:
-    """Centre of mass and gravity from flights."""
+    """Centre of mass c and gravity g, fitted to free flights of one body."""
 
     com: Array
     """(3,) c in O [m]"""
@@ -58,24 +61,27 @@ class FlightBody:
 
     @property
     def com_sd(self) -> Array:
-        """Standard deviation (3,) of c [m]."""
+        """Standard deviation (3,) of the centre of mass along the axes of the object frame O [m]."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def gravity_sd(self) -> float:
-        """Standard deviation of g [m/s^2]."""
+        """Standard deviation of the fitted gravity g [m/s^2]."""
         return float(np.sqrt(self.covariance[3, 3]))
 
 
 def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
-    """Fit c and g to all flights together; W's z is vertical.
+    """Fit the centre of mass c and gravity g to all flights of a body together.
 
     Args:
-        flights: flights of one body.
+        flights: flights of one body; z of the world frame W, in which its poses are given, is vertical.
         drag: deceleration over squared speed [1/m]: density * drag coefficient * area / (2 mass).
 
+    Returns:
+        c in the object frame O, g, their covariance, and the median flight's residual.
+
     Raises:
-        EstimationError: the flights do not determine c: too few, too short, or without rotation.
+        EstimationError: fewer than `MIN_THROWS` throws, or flights without the rotation that determines c.
     """
     systems = [_without_start(flight.motion, drag) for flight in flights]
     groups = np.array([flight.group for flight in flights])
@@ -121,9 +127,9 @@ def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float
 
     Args:
         flights: flights of one body.
-        com: (3,) point in O [m].
+        com: (3,) point in the object frame O [m].
         gravity: g [m/s^2].
-        drag: as in `fit_flights` [1/m].
+        drag: deceleration by air over squared speed [1/m].
     """
     found: list[float] = []
     for flight in flights:
@@ -137,13 +143,20 @@ def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float
 def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
     """Linear equations of one flight in (c, g), with its start and velocity projected out.
 
+    c is the centre of mass in the object frame O, g the gravity.
+
+    Args:
+        motion: the flight.
+        drag: deceleration by air over squared speed [1/m].
+
     Returns:
-        (3 n, 4) coefficients and (3 n,) right side [m].
+        (3 n, 4) coefficients of (c, g) and (3 n,) right side [m].
     """
     time = motion.time - motion.time.mean()
     line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))
 
     def rest(values: Array) -> Array:
+        """Part of the columns (n, ...) that no straight line in time explains."""
         return values - line @ (line.T @ values)
 
     slowed = _twice_integrated(motion, drag)
@@ -157,13 +170,18 @@ def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
 
 
 def _twice_integrated(motion: BodyMotion, drag: float) -> Array:
-    """Displacement (n, 3) [m] caused by air drag, the deceleration integrated twice."""
+    """Displacement (n, 3) in the world frame [m] by air drag, the deceleration integrated twice.
+
+    Args:
+        motion: the flight.
+        drag: deceleration over squared speed [1/m].
+    """
     velocity = np.gradient(motion.position, motion.time, axis=0)
     slowing = -drag * np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
     return _integrated(_integrated(slowing, motion.dt), motion.dt)
 
 
 def _integrated(values: Array, dt: Array) -> Array:
-    """Integral (n, 3) of `values` (n, 3) over steps dt (n - 1,), by the trapezoidal rule."""
+    """Integral (n, 3) of `values` (n, 3) over steps dt (n - 1,), by the trapezoidal rule; 0 at the first."""
     steps = 0.5 * (values[1:] + values[:-1]) * dt[:, None]
     return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])

@@ -40,10 +40,14 @@ SETTLED_RATIO = 1.25
 
 
 def largest_jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
-    """Jump in speed that would improve a fit the most.
+    """Jump in angular speed that would improve a fit the most, as frame, size and gain.
+
+    Args:
+        angle: tipping angle theta(t) of the strike.
+        fit: fit of the pendulum to it.
 
     Returns:
-        Index into the angle's frames, size [rad/s], and the improvement of chi^2.
+        Index into the angle's frames, size [rad/s], and the decrease of chi^2.
     """
     window = slice(*fit.window)
     time = np.asarray((angle.time_ns[window] - fit.time0_ns) * 1e-9, dtype=np.float64)
@@ -55,12 +59,14 @@ def largest_jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
 def longest_clean_fit(
     angle: TipAngle, window: tuple[int, int], estimator: Estimator = pivot_fit
 ) -> MotionFit | None:
-    """Fit over the longest stretch within `window` that shows no jump; None if there is none.
+    """Fit over the longest stretch of a window that shows no jump in speed; None if there is none.
+
+    The stretch has at least 2 `MIN_FRAMES` frames, small residuals, and holds the balance point.
 
     Args:
-        angle: theta(t).
+        angle: tipping angle theta(t).
         window: frames [start, stop).
-        estimator: the fit.
+        estimator: function that fits theta(t) over a stretch.
     """
     first, last = window
     shortest = 2 * MIN_FRAMES
@@ -84,13 +90,16 @@ def settled_fit(fit: MotionFit, refit: Callable[[tuple[int, int]], MotionFit]) -
     """The fit, or one that begins later if the striker still touched the object in its first frames.
 
     Contacts too light to show as a jump leave residuals far above the scatter of neighbouring frames. The
-    window then begins at the first frame from which the residuals are as small as that. (Measured on a
-    strike with four such contacts, of 4-8 % of the first one's impulse, the last 11 ms after the window's
-    start: phi off by 0.17 deg before, 0.001 deg after.)
+    window then begins at the first frame from which the residuals are nearly as small as from any later
+    start. (Measured on a strike with four such contacts, of 4-8 % of the first one's impulse, the last 11 ms
+    after the window's start: balance angle phi off by 0.17 deg before, 0.001 deg after.)
 
     Args:
         fit: fit over the whole window.
-        refit: gives the fit of the same estimator over another window.
+        refit: function that fits the same angle by the same estimator over another window [start, stop).
+
+    Returns:
+        `fit` itself, or the later fit with a note that states the delay.
     """
     if _rms(fit) < UNSETTLED_RATIO * frame_noise(fit.residual):
         return fit
@@ -120,7 +129,7 @@ def _rms(fit: MotionFit) -> float:
 def frame_noise(residual: Array) -> float:
     """Standard deviation of a frame's noise, from second differences of `residual` (n,), in its unit.
 
-    Insensitive to slow drift. NaN if n < 3.
+    It is insensitive to slow drift. NaN if n < 3.
     """
     if len(residual) < 3:
         return math.nan
@@ -128,7 +137,14 @@ def frame_noise(residual: Array) -> float:
 
 
 def holds_balance(angle: TipAngle, fit: MotionFit) -> bool:
-    """True if the window passes the balance point or turns back below it, so that phi is not extrapolated."""
+    """True if a fit's window passes the balance point or turns back below it.
+
+    In both cases the balance angle phi is not extrapolated.
+
+    Args:
+        angle: tipping angle theta(t).
+        fit: fit over part of it, with its phi and window.
+    """
     start, end = fit.window
     inside = angle.theta[start] < fit.phi < angle.theta[end - 1]
     turned = float(np.max(angle.theta[start:end])) > max(angle.theta[start], angle.theta[end - 1]) + 0.02

@@ -1,13 +1,13 @@
-"""Landing angle from the object's shape: theta at which its next face comes to lie on the table.
+"""Landing angle from the object's shape: tipping angle at which its next face reaches the table.
 
-A box lands on a side at 90 deg and stops, which shows in theta(t). A bottle that lies on its side lands on a
-chamfer at 45 deg, which hardly slows it; from there on it turns about the chamfer's other edge, with another
-phi and another k.
+A box lands on a side at 90 deg and stops, which shows in the tipping angle theta(t). A bottle that lies on
+its side lands on a chamfer at 45 deg, which hardly slows it; from there on it turns about the chamfer's other
+edge, with another balance angle phi and another k.
 
-Turned by theta about the pivot p, at the height of its rounding, the body would penetrate the table by
-height(theta) - radius. A face at angle a that reaches L ahead penetrates by L sin(theta - a). A face counts
-only if it penetrates deeper than the error of the surface: neither a scan's facets nor a narrow bevel carry
-the body.
+Turned by theta about the pivot p, at the height of its rounding's radius, the body would penetrate the table
+by height(theta) - radius, where height is the support function: the height that p needs for the lowest point
+to touch. A face at angle a that reaches L ahead penetrates by L sin(theta - a). A face counts only if it
+penetrates deeper than the error of the surface: neither a scan's facets nor a narrow bevel carry the body.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ _LIFTED_RAD = math.radians(1.0)
 
 
 def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | None:
-    """Landing angle: theta [rad] from which the next face may touch the table.
+    """Landing angle: tipping angle theta [rad] from which the next face may touch the table.
 
-    None if no face touches within the section's range of angles, or only before balance.
+    None if no flat face touches within the section's range of angles, or only before the predicted balance.
 
     Args:
         section: cross-section of the object about the pivot point.
-        planned: the strike, with the pivot's rounding and its uncertainty, and the predicted phi.
+        planned: the planned strike, with the pivot's rounding and its uncertainty, and the predicted balance
+            angle.
     """
     angles = section.start + section.step * np.arange(len(section.height))
     depth = section.height - planned.pivot.radius_m

@@ -1,13 +1,14 @@
-"""Centre of mass c and inertia of a body from contacts with the table at an edge or corner, any friction.
+"""Centre of mass c and inertia of a body from contacts at an edge or corner, with any friction.
 
-Forces that act at the contact have no moment about it. With q a point of the body and b = c - q, all per
-mass:
+Forces that act at the contact have no moment about it. With q a point of the body in contact, b = c - q, g
+the gravity vector and w the angular velocity, all per mass:
 
     (b x (q'' - g) + d/dt L_q) . e = 0        L_q = J_q w
 
-for e along the edge that touches; at a corner for every e. Where edge or corner is rounded, q lies on the
-centre line of the rounding and the contact rho below it, which adds rho (e x z) . (c'' - g). All of it is
-linear in b and J_O (inertia per mass about O).
+for e along the edge that touches; at a corner for every e. J_q is the inertia per mass about q. Where edge or
+corner is rounded with radius rho, q lies on the centre line of the rounding and the contact rho below it,
+which adds rho (e x z) . (c'' - g), z pointing up. All of it is linear in b and J_O (inertia per mass about
+the object frame's origin O).
 
 Weak form: multiplied by windows that vanish at both ends, and integrated by parts, so that no acceleration is
 ever needed (the modulating functions of Shinbrot 1957, "On the analysis of linear and nonlinear systems").
@@ -64,7 +65,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class BalancedBody:
-    """Centre of mass, inertia and rounding, fitted to contacts."""
+    """Centre of mass c, inertia per mass about it and edge rounding of a body, fitted to its contacts."""
 
     com: Array
     """(3,) c in O [m]"""
@@ -81,44 +82,51 @@ class BalancedBody:
 
     @property
     def com_sd(self) -> Array:
-        """Standard deviation (3,) of c [m]."""
+        """Standard deviation (3,) of the centre of mass along the axes of the object frame O [m]."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def inertia_sd(self) -> Array:
-        """Standard deviations (3, 3) of the inertia per mass [m^2]."""
+        """Standard deviations (3, 3) of the entries of the inertia per mass about c [m^2]."""
         return tensor(np.sqrt(np.diag(self.covariance)[3:9]))
 
     @property
     def rounding_sd(self) -> float:
-        """Standard deviation of the rounding [m]."""
+        """Standard deviation of the radius of the edges' rounding [m]."""
         return math.sqrt(float(self.covariance[9, 9]))
 
 
 def tensor(entries: Array) -> Array:
-    """Symmetric matrix (3, 3) with entries (6,) xx yy zz xy xz yz."""
+    """Symmetric matrix (3, 3) with entries (6,) in the order xx, yy, zz, xy, xz, yz."""
     return np.einsum("i,irc->rc", entries, _UNITS)
 
 
 def about_com(inertia_origin: Array, com: Array) -> Array:
-    """Inertia per mass (3, 3) about c (3,), from that about O's origin, by Steiner's theorem [m^2]."""
+    """Inertia per mass (3, 3) about the centre of mass [m^2], by Steiner's theorem.
+
+    Args:
+        inertia_origin: (3, 3) inertia per mass about the origin of the object frame O [m^2].
+        com: (3,) centre of mass in O [m].
+    """
     return inertia_origin - (float(com @ com) * np.eye(3) - np.outer(com, com))
 
 
 def moment_rows(
     contact: Contact, radius: float, gravity: float, windows: int = WINDOWS_PER_CONTACT
 ) -> tuple[Array, Array]:
-    """Weak moment balance of one contact, as linear equations.
+    """Weak moment balance of one contact, as linear equations in centre of mass and inertia.
 
     Args:
         contact: the motion and its point of contact.
         radius: radius of the rounding [m].
-        gravity: g [m/s^2].
+        gravity: magnitude g of gravity [m/s^2].
         windows: number of test functions per direction.
 
     Returns:
-        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) right side; one row per window and
-        direction, scaled so that white noise in the moment gives every row the same sd.
+        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) right side; c is the centre of
+        mass in the object frame O [m], J_O the inertia per mass about its origin [m^2]. One row per window
+        and direction (three at a corner, one at an edge), scaled so that white noise in the moment gives a
+        window's rows the same sd, however long the contact lasts.
     """
     motion = contact.motion
     n, dt = len(motion), motion.dt[:, None]
@@ -151,7 +159,10 @@ def moment_rows(
             def moment_of(
                 arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below
             ) -> float:
-                """Weak moment of (q'' - g) about the contact, on an arm (3,) in O from the centre line."""
+                """Weak moment of (q'' - g) about the contact, on an arm (3,) in object frame O from q.
+
+                q is the contact's point on the centre line of the rounding, g the gravity vector.
+                """
                 arms = R @ arm
                 turned = window * np.cross(e, arms)
                 return -float(
@@ -176,11 +187,14 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
     Args:
         contacts: contacts of one body.
-        gravity: g [m/s^2].
+        gravity: magnitude g of gravity [m/s^2].
         radius: expected radius of the rounding and its standard deviation [m].
 
+    Returns:
+        Centre of mass c in the object frame O, inertia per mass about c, rounding, and their covariance.
+
     Raises:
-        EstimationError: the contacts are too few, or too similar.
+        EstimationError: there are fewer than 7 contacts, or they are too similar to determine the body.
     """
     if 3 * len(contacts) < 20:
         raise EstimationError(
@@ -202,6 +216,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     )
 
     def balance(x: Array) -> tuple[Array, Array]:
+        """Residuals (n,) of the moment balance at x (10,) = (c, J_O, rounding), and derivatives (n, 10)."""
         power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
         matrix, level = np.einsum("p,prc->rc", power, by_power[0]), power @ by_power[1]
         by_radius = np.einsum("p,prc->rc", slope, by_power[0]) @ x[:9] - slope @ by_power[1]
@@ -216,9 +231,11 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         prior_row[9] = spread / radius[1]
 
         def residual(x: Array) -> Array:
+            """Residuals (n + 1,) of the moment balance and of the rounding's prior."""
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
+            """Derivatives (n + 1, 10) of those residuals."""
             return np.vstack([balance(x)[1], prior_row])
 
         # scipy's type hints admit only the names of its built-in derivatives.
@@ -253,7 +270,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
 
 def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
-    """Covariance (p, p) of a robust fit whose residuals share errors within groups.
+    """Covariance (p, p) of a robust fit of p parameters whose residuals share errors within groups.
 
     Liang and Zeger 1986; Huber's weights as in White 1980.
 
@@ -263,6 +280,9 @@ def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, sp
         groups: (n,) number of the group of each residual.
         prior: (p,) row of the prior.
         spread: robust standard deviation of the residuals.
+
+    Raises:
+        EstimationError: the residuals do not determine all parameters.
     """
     weight = huber_weights(left, _HUBER_SIGMAS, spread)
     size = np.sqrt(np.sum(J**2, axis=0))

@@ -1,4 +1,4 @@
-"""Rounding that the shape itself has at the end of its resting face, as moulded parts do."""
+"""Rounding that the object's shape itself has at the end of its resting face, on moulded parts."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ _MIN_FACE_RATIO = 0.5
 
 
 def moulded_radius(points: Array, phi: float) -> float | None:
-    """Radius [m] of the shape's own rounding, centred above the end of the face; None if it has none.
+    """Radius [m] of the shape's own rounding, centred above the end of the resting face, or None.
+
+    None if the section is not a circle of one centre and radius from rest to past the balance angle, if the
+    resting face is short against the radius, or if the points span no area.
 
     Args:
         points: (n, 2) corners of the section's hull from the end of the face [m]: x in the direction of
             tipping, z up.
-        phi: expected balance angle [rad].
+        phi: expected balance angle [rad], at which the centre of mass stands above the contact.
     """
     try:
         section = support_of_outline(points, np.zeros(2))

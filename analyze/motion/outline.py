@@ -45,7 +45,10 @@ LOW, HIGH = math.radians(-10.0), math.radians(150.0)
 
 @dataclass(frozen=True)
 class Outline:
-    """Convex polygon in the plane of the section; facet i runs anticlockwise from corner i to i + 1."""
+    """Convex polygon in the plane of the cross-section, with lengths and angles of its facets.
+
+    Facet i runs anticlockwise from corner i to corner i + 1.
+    """
 
     corners: Array
     """(n, 2) corners relative to the pivot point p [m]: x in the direction of tipping, z up"""
@@ -59,18 +62,22 @@ class Outline:
         return len(self.length)
 
     def turn(self, i: int) -> float:
-        """Angle [rad] between facets i - 1 and i."""
+        """Angle [rad] by which the outline turns at corner i, from facet i - 1 to facet i."""
         return float((self.angle[i % len(self)] - self.angle[(i - 1) % len(self)]) % (2 * math.pi))
 
     @cached_property
     def curvature(self) -> Array:
-        """Curvature (n,) at the corners [1/m]; exact for chords of a circle of any length."""
+        """Curvature (n,) of the outline at its corners [1/m]; exact for chords of a circle of any length."""
         turns = np.remainder(self.angle - np.roll(self.angle, 1), 2 * math.pi)
         return 2.0 * turns / (self.length + np.roll(self.length, 1))
 
 
 def simplified_polygon(corners: Array) -> Outline:
-    """Polygon through `corners` (n, 2) [m], with facets of negligible length or turn merged."""
+    """Polygon through `corners`, with facets of negligible length or turn merged into their neighbours.
+
+    Args:
+        corners: (n, 2) corners of a convex polygon, anticlockwise [m]; at least three remain.
+    """
     while len(corners) > 3:
         sides = np.roll(corners, -1, axis=0) - corners
         lengths = np.hypot(sides[:, 0], sides[:, 1])
@@ -86,7 +93,7 @@ def simplified_polygon(corners: Array) -> Outline:
 
 
 def _polygon(corners: Array) -> Outline:
-    """Polygon through `corners` (n, 2) [m], starting at the facet with the least angle."""
+    """Outline through `corners` (n, 2) [m], anticlockwise, starting at the facet with the least angle."""
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     first = int(np.argmin(angle))
@@ -99,6 +106,13 @@ def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
     """Outline thinned until its curves are smooth, those curves, and their roughness.
 
     Roughness is the standard deviation of the log curvature from corner to corner.
+
+    Args:
+        whole: the outline with all its corners.
+
+    Returns:
+        The outline with fewer corners (`whole` itself if it is smooth), its curves, and the roughness, 0 if
+        there are too few corners to estimate it.
     """
     outline, curves = whole, _curves(whole)
     rough = _roughness(outline, curves) or 0.0
@@ -115,7 +129,7 @@ def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
 def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
     """Roughness: standard deviation of the log curvature from corner to corner, beyond a linear trend.
 
-    Only corners that may touch the table count; None if there are too few.
+    Only corners that may touch the table count; None if there are too few of them for a second difference.
     """
     parts: list[Array] = [np.zeros(0)]
     for curve in curves:
@@ -126,7 +140,11 @@ def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
 
 
 def _thinned(whole: Outline, spacing: float) -> Outline:
-    """Outline reduced to the corners that touch the table every `spacing` [rad], and to the ends of faces."""
+    """Outline reduced to the corners that touch the table every `spacing` [rad], and to the ends of faces.
+
+    A face is a facet longer than 4 % of the perimeter, or than all others within `spacing` of its angle
+    together.
+    """
     turned = np.arange(-math.pi + 0.5 * spacing, math.pi, spacing)
     touches = np.argmin(
         np.outer(np.cos(turned), whole.corners[:, 1]) - np.outer(np.sin(turned), whole.corners[:, 0]), axis=1
@@ -142,17 +160,21 @@ def _thinned(whole: Outline, spacing: float) -> Outline:
 
 @dataclass(frozen=True)
 class Curve:
-    """Run of facets that approximate a curve."""
+    """Run of facets of an outline that approximate a smooth curve."""
 
     facets: list[int]
     """indices of the facets, in order"""
 
     def contacts(self, outline: Outline, theta: Array) -> tuple[IntArray, Array, Array]:
-        """Contact points of this curve with the table at angles theta (n,) [rad].
+        """Contact points of this curve with the table at tipping angles theta (n,) [rad].
+
+        Args:
+            outline: the outline to which the curve's facets belong.
+            theta: (n,) tipping angles since rest [rad].
 
         Returns:
-            (k,) indices of the angles at which this curve touches, (k, 2) contact points [m], and (k,) radii
-            of curvature there [m].
+            (k,) indices of the angles at which this curve touches, (k, 2) contact points in the outline's
+            coordinates [m], and (k,) radii of curvature there [m].
         """
         length, nodes = outline.length[self.facets], self._tangents(outline)
         whole = nodes[0] + np.remainder(theta - nodes[0], 2 * math.pi)
@@ -186,7 +208,8 @@ class Curve:
     def _tangents(self, outline: Outline) -> Array:
         """Tangent angles (facets + 1,) of the curve at its corners [rad], ascending.
 
-        They are a cubic spline's, limited to lie between the angles of the two facets at each corner.
+        They are a cubic spline's through the corners, limited to lie between the angles of the two facets at
+        each corner.
         """
         turns = np.array([outline.turn(i) for i in self.facets])
         angle = outline.angle[self.facets[0]] + np.concatenate([[0.0], np.cumsum(turns[1:])])
@@ -208,7 +231,7 @@ class Curve:
 
 
 def _curves(outline: Outline) -> list[Curve]:
-    """Runs of at least `MIN_CURVE_FACETS` bent facets that meet without a corner."""
+    """Curves of an outline: runs of at least `MIN_CURVE_FACETS` bent facets that meet without a corner."""
     n = len(outline)
     joined = [outline.turn(i) < CORNER_TURN for i in range(n)]
     bent = [_is_bent(outline, joined, i) for i in range(n)]
@@ -227,6 +250,8 @@ def _curves(outline: Outline) -> list[Curve]:
 
 def _is_bent(outline: Outline, joined: list[bool], i: int) -> bool:
     """True if facet i is part of a curve: at one end at least, the outline bends as much as beyond it.
+
+    "As much" means at least a quarter of the curvature at the next corner (1 / `FLAT_RADIUS_RATIO`).
 
     Args:
         outline: the polygon.

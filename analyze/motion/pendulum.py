@@ -1,9 +1,10 @@
-"""Free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, and its derivatives.
+"""Free tipping motion theta'' = -k sin(phi - theta) - c theta' abs(theta'), and its derivatives.
 
-In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. It is integrated in
-fixed steps of fourth order, together with its variational equations: at the fixed step of 8 ms and k = 100
-rad/s^2 the error stays below 6e-6 rad over 0.5 s, a tenth of the best camera's noise. Plain floats, because
-arrays of four numbers would cost twenty times as much.
+theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate [rad/s^2], c the drag
+coefficient. In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' abs(psi'). It is
+integrated in fixed steps of fourth order, together with its variational equations: at the fixed step of 8 ms
+and k = 100 rad/s^2 the error stays below 6e-6 rad over 0.5 s, a tenth of the best camera's noise. Plain
+floats, because arrays of four numbers would cost twenty times as much.
 """
 
 from __future__ import annotations
@@ -30,7 +31,13 @@ State = tuple[float, float, float, float, float, float, float, float]
 
 
 def _rate(y: State, k: float, c: float) -> State:
-    """Derivative of the state by time, with drag coefficient c."""
+    """Derivative by time of the state y (see `State`): angle from balance, speed, and their derivatives.
+
+    Args:
+        y: psi, omega, then the derivatives of (psi, omega) by psi_0, by omega_0 and by the drag coefficient.
+        k: rate of the pendulum [rad/s^2].
+        c: drag coefficient [1].
+    """
     psi, omega, a, da, b, db, e, de = y
     kc = k * math.cos(psi)
     drag = 2.0 * c * abs(omega)
@@ -47,7 +54,7 @@ def _rate(y: State, k: float, c: float) -> State:
 
 
 def _add(y: State, rate: State, h: float) -> State:
-    """State y + h rate."""
+    """State y + h rate, entry by entry: `y` moved on by the time h [s] at the derivative `rate`."""
     return (
         y[0] + h * rate[0],
         y[1] + h * rate[1],
@@ -63,10 +70,11 @@ def _add(y: State, rate: State, h: float) -> State:
 def trajectory(
     time: Array, phi: float, k: float, theta0: float, omega0: float, radius: float = 0.0
 ) -> tuple[Array, Array, Array]:
-    """Motion without drag and its derivatives by the parameters, by Nystroem's method.
+    """Motion of a tip without drag and its derivatives by the parameters, by Nystroem's method.
 
-    For psi'' = f(psi) that method needs only three slopes per step. An edge of radius rho rolls: c comes
-    nearer to the contact on either side of the balance (docs/decisions/0025). With e = k rho / g
+    For psi'' = f(psi), psi = theta - phi, that method needs only three slopes per step. An edge of radius rho
+    rolls: the centre of mass comes nearer to the contact on either side of the balance (docs/decisions/0025).
+    With e = k rho / g
 
         psi'' = sin psi (k + e psi'^2) / i,    i = 1 - 2 e (1 - cos psi)
 
@@ -76,14 +84,15 @@ def trajectory(
 
     Args:
         time: (n,) time since the initial state [s], ascending, the first may be 0.
-        phi: balance angle [rad].
-        k: as in MotionFit [rad/s^2].
-        theta0: theta at time 0 [rad].
+        phi: balance angle [rad], at which the centre of mass stands above the contact.
+        k: rate m g R / I_edge [rad/s^2] of the tip.
+        theta0: tipping angle theta at time 0 [rad].
         omega0: angular speed at time 0 [rad/s].
         radius: radius rho of the edge's rounding [m].
 
     Returns:
-        theta (n,), omega (n,), and d theta / d (phi, k, theta0, omega0) (n, 4).
+        theta (n,) [rad], angular speed omega (n,) [rad/s], and d theta / d (phi, k, theta0, omega0) (n, 4).
+        Once theta is more than 50 rad from balance, the last values are repeated.
     """
     sin, cos = math.sin, math.cos
     e = k * radius / G
@@ -93,7 +102,7 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """Acceleration psi'', and its derivatives by psi and by the energy."""
+        """Acceleration psi'' at the angle psi from balance, and its derivatives by psi and energy."""
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))
         strength = (k + e * (energy - 2.0 * k * c) * by_inertia) * by_inertia
@@ -140,7 +149,16 @@ def trajectory(
 def _by_parameters(
     time: Array, omega: Array, by_theta0: Array, by_omega0: Array, k: float, omega0: float
 ) -> Array:
-    """Derivatives (n, 4) of theta by phi, k, theta0, omega0."""
+    """Derivatives (n, 4) of theta by phi, k, theta0, omega0, from those by theta0 and omega0.
+
+    Args:
+        time: (n,) time since the initial state [s].
+        omega: (n,) angular speed [rad/s].
+        by_theta0: (n,) derivative of theta by the initial angle theta0.
+        by_omega0: (n,) derivative of theta by the initial speed omega0 [s].
+        k: rate of the pendulum [rad/s^2].
+        omega0: angular speed at time 0 [rad/s].
+    """
     # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k without
     # another equation. The change of e with k is neglected: less than a hundredth of it.
     by_k = (time * omega - omega0 * by_omega0) / (2.0 * k)
@@ -150,18 +168,19 @@ def _by_parameters(
 def trajectory_with_drag(
     time: Array, phi: float, k: float, theta0: float, omega0: float, drag: float
 ) -> tuple[Array, Array, Array]:
-    """Motion with drag and its derivatives by the parameters, by the Runge-Kutta method.
+    """Motion of a tip with drag and its derivatives by the parameters, by the Runge-Kutta method.
 
     Args:
         time: (n,) time since the initial state [s], ascending, the first may be 0.
-        phi: balance angle [rad].
-        k: as in MotionFit [rad/s^2].
-        theta0: theta at time 0 [rad].
+        phi: balance angle [rad], at which the centre of mass stands above the contact.
+        k: rate m g R / I_edge [rad/s^2] of the tip.
+        theta0: tipping angle theta at time 0 [rad].
         omega0: angular speed at time 0 [rad/s].
-        drag: drag coefficient c [1].
+        drag: drag coefficient c of the term c theta' abs(theta') [1].
 
     Returns:
-        theta (n,), omega (n,), and d theta / d (phi, k, theta0, omega0, drag) (n, 5).
+        theta (n,) [rad], angular speed omega (n,) [rad/s], and d theta / d (phi, k, theta0, omega0, drag) (n,
+        5). Once theta is more than 50 rad from balance, the last values are repeated.
     """
     y: State = (theta0 - phi, omega0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
     now = 0.0
@@ -187,10 +206,16 @@ def trajectory_with_drag(
 
 
 def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
-    """Energy ratio: kinetic energy at theta = 0, real or extrapolated, over the energy needed to reach phi.
+    """Energy ratio of a tip: kinetic energy at rest pose over the energy needed to reach the balance.
 
-    omega_rest^2 / (2 k (1 - cos phi)), with omega_rest from the energy integral omega^2 / 2 + k cos(theta -
-    phi) = const.
+    omega_rest^2 / (2 k (1 - cos phi)), with omega_rest, the angular speed at theta = 0 (real or
+    extrapolated), from the energy integral omega^2 / 2 + k cos(theta - phi) = const.
+
+    Args:
+        phi: balance angle [rad].
+        k: rate of the pendulum [rad/s^2].
+        theta0: tipping angle theta at some time [rad].
+        omega0: angular speed at that time [rad/s].
     """
     square = omega0 * omega0 + 2.0 * k * (math.cos(theta0 - phi) - math.cos(phi))
     return square / (2.0 * k * (1.0 - math.cos(phi)))
@@ -199,12 +224,13 @@ def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
 def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
     """First guess of phi, k, theta0, omega0 by linear least squares on the twice integrated equation.
 
+    These are balance angle [rad], rate [rad/s^2], and angle [rad] and speed [rad/s] at the first time.
     Nothing is differentiated: theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k
-    sin(phi), B = k cos(phi), II the double integral.
+    sin(phi), B = k cos(phi), II the double integral over time.
 
     Args:
-        time: (n,) s.
-        theta: (n,) rad.
+        time: (n,) times [s].
+        theta: (n,) tipping angle [rad].
     """
     columns = _integrated_columns(time, theta)
     solution = np.linalg.lstsq(columns, theta, rcond=None)[0]
@@ -217,15 +243,18 @@ def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
 
 
 def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> list[tuple[float, int, Array]]:
-    """First guesses as by `first_guess`, with a jump in speed at one frame each.
+    """First guesses of a tip with a jump in angular speed at one frame, for several frames.
+
+    Each is a linear least-squares solution of the twice integrated pendulum equation.
 
     Args:
-        time: (n,) s.
-        theta: (n,) rad.
+        time: (n,) times [s].
+        theta: (n,) tipping angle [rad].
         frames: indices of `time` at which a jump is tried.
 
     Returns:
-        (sum of squares, frame, (5,) phi, k, theta0, omega0, jump) for each frame, the best first.
+        (sum of squares [rad^2], frame, (5,) balance angle phi, k, theta0, omega0, jump) for each frame, the
+        best first.
     """
     columns = _integrated_columns(time, theta)
     found: list[tuple[float, int, Array]] = []
@@ -241,9 +270,17 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
 
 
 def _integrated_columns(time: Array, theta: Array) -> Array:
-    """Columns (n, 4) of the twice integrated equation: 1, t, -II cos(theta), II sin(theta)."""
+    """Columns (n, 4) of the twice integrated pendulum equation: 1, t, -II cos(theta), II sin(theta).
+
+    II is the double integral over time from the first time on, t the time since then.
+
+    Args:
+        time: (n,) times [s].
+        theta: (n,) tipping angle [rad].
+    """
 
     def integrate(values: Array) -> Array:
+        """Integral (n,) of `values` (n,) over time from the first time on, by the trapezoidal rule."""
         return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
 
     return np.stack(

@@ -1,6 +1,7 @@
 """Phases of a strike in theta(t): rest, impact (to t1), stage one, stage two (from t2), landing (t3).
 
-The phases are those of VISAPP 2013, 3.2.1, Fig. 6.
+theta(t) is the object's tipping angle. In stage one it slows down towards the balance angle, in stage two it
+falls beyond it. The phases are those of VISAPP 2013, 3.2.1, Fig. 6.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _MIN_STEP_S = 1 / 200
 
 @dataclass(frozen=True)
 class Course:
-    """Events of a strike in theta(t), as indices into a TipAngle."""
+    """Events of a strike in its tipping angle theta(t), as indices of the frames."""
 
     moved_frame: int | None
     """first frame that is clearly off rest; None if the object did not move"""
@@ -44,14 +45,17 @@ class Course:
 def find_course(
     angle: TipAngle, contact_time_ns: int, limits: WindowLimits, landing_angle_rad: float | None = None
 ) -> Course:
-    """Find first motion, release, top and end of a strike in theta(t).
+    """Find first motion, release, top and end of a strike in its tipping angle theta(t).
 
     Args:
         angle: theta(t) of the whole window, resting frames first.
-        contact_time_ns: log_time of the contact as the striker measured it, 0 if not known.
+        contact_time_ns: log_time of the contact as the striker measured it [ns], 0 if not known.
         limits: guards of the gravity-only window.
         landing_angle_rad: theta [rad] from which the shape's next face may touch, whether or not that slows
             the body; None if only theta(t) shows a landing.
+
+    Returns:
+        The events; all but the end are None if the object did not move.
     """
     theta, n = angle.theta, len(angle.theta)
     threshold = np.maximum(_MIN_MOVED_RAD, 6.0 * angle.sd)
@@ -81,15 +85,19 @@ def find_course(
 
 
 def _after(angle: TipAngle, struck: int, limits: WindowLimits) -> int:
-    """First frame past the guard that follows the frame `struck`."""
+    """First frame past the guard (time and frames in which the striker may touch) after frame `struck`.
+
+    It may be the frame count, if the guard lasts to the end.
+    """
     until_ns = int(angle.time_ns[struck]) + round(1e9 * limits.guard_s)
     return max(struck + limits.guard_frames, int(np.searchsorted(angle.time_ns, until_ns, side="left")))
 
 
 def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) -> int:
-    """First frame after `released` at or beyond a landing angle [rad]; the frame count if there is none.
+    """First frame from `released` on at or beyond a landing angle [rad]; the frame count if there is none.
 
-    A single frame beyond it counts only if it is the last: otherwise it may be a wrong reading.
+    A single frame beyond it counts only if it is the last: otherwise it may be a wrong reading. The frame
+    count also if the landing angle is None.
     """
     if landing_angle_rad is None:
         return len(angle.theta)
@@ -99,11 +107,12 @@ def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) ->
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """First frame after `released` in which the body is stopped; the frame count if there is none.
+    """Frame after `released` at which a landing stops the body; the frame count if there is none.
 
-    A body is stopped if it loses a third of a high angular speed within two frames. A loss that had already
-    begun does not count: on the way up gravity alone slows a small body as much. Above 240 frames a second
-    only every few frames are used, because the turn between neighbours would be within their errors.
+    A body is stopped if, beyond a tipping angle of 20 deg, it loses a third of an angular speed of over 1
+    rad/s between one frame and the next. A loss that had already begun does not count: on the way up gravity
+    alone slows a small body as much. Above about 300 frames a second only every few frames are used, because
+    the turn between neighbours would be within their errors.
     """
     every = (
         max(1, round(_MIN_STEP_S / max(1e-9 * float(np.median(np.diff(angle.time_ns))), 1e-6)))
@@ -140,10 +149,13 @@ def _landing(angle: TipAngle, released: int) -> int:
 
 
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
-    """Frames [start, stop) in which only gravity acts: from release to 25 deg past phi, or a landing.
+    """Frames [start, stop) in which only gravity acts: from release to 25 deg past balance, or a landing.
+
+    It ends earlier if the object returns to rest; (0, 0) if the object did not move. The 25 deg are the
+    default of `limits.past_phi`.
 
     Args:
-        angle: theta(t).
+        angle: tipping angle theta(t).
         course: its events.
         phi: balance angle [rad].
         limits: bounds of the window.
@@ -162,12 +174,16 @@ def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimit
 
 
 def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
-    """Index ranges of the phases; stage two begins at the first frame past phi.
+    """Frame ranges of a strike's phases; stage two begins at the first frame past the balance angle phi.
 
     Args:
-        angle: theta(t).
+        angle: tipping angle theta(t).
         course: its events.
         phi: balance angle [rad]; None if unknown.
+
+    Returns:
+        Ranges [start, stop) of rest, strike, stage one, stage two and landing, each None if it did not occur;
+        if the object did not move, all frames are rest.
     """
     n = len(angle.theta)
     if course.moved_frame is None or course.released_frame is None:
@@ -187,8 +203,8 @@ def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
 def speed_jump(time: Array, residual: Array, sd: Array, omega_response: Array) -> tuple[int, float, float]:
     """Most likely jump in angular speed within a window: (index, size [rad/s], gain in chi^2).
 
-    A jump at frame i adds a ramp to theta. It is taken as linear in time, which holds for the few frames that
-    determine it.
+    A jump at frame i adds a ramp to the tipping angle theta. It is taken as linear in time, which holds for
+    the few frames that determine it. (0, 0, 0) if no jump reduces chi^2.
 
     Args:
         time: (n,) times of the frames [s].

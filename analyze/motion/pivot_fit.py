@@ -1,11 +1,12 @@
 """Balance angle phi and k of one strike: the pendulum fitted to theta(t) while only gravity acts.
 
-Levenberg-Marquardt with exact derivatives and Huber's loss (analyze/least_squares), because the
-error of a misread frame is not Gaussian. The covariance is that of the linearised fit, scaled by the
-residuals' own variance and by their correlation from frame to frame, so that it stays correct where the
-camera's noise is misjudged or the contact is not quite a hinge. If phi is then uncertain by more than 0.3
-deg, the interval of the profile likelihood replaces it. An error of theta's zero moves phi by the same
-amount; its variance is added at the end.
+theta(t) is the tipping angle, phi the theta at which the centre of mass stands above the pivot edge, and k =
+m g R / I_edge [rad/s^2] the pendulum's rate. Levenberg-Marquardt with exact derivatives and Huber's loss
+(analyze/least_squares), because the error of a misread frame is not Gaussian. The covariance is that of the
+linearised fit, scaled by the residuals' own variance and by their correlation from frame to frame, so that it
+stays correct where the camera's noise is misjudged or the contact is not quite a hinge. If phi is then
+uncertain by more than 0.3 deg, the interval of the profile likelihood replaces it. An error of theta's zero
+moves phi by the same amount; its variance is added at the end.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _FALLBACK_K = 60.0
 
 @dataclass(frozen=True)
 class Sample:
-    """Part of theta(t) that is fitted, with a first guess of the parameters."""
+    """Part of the tipping angle theta(t) that is fitted, with a first guess of the parameters."""
 
     time0_ns: int
     """log_time [ns] of the first frame"""
@@ -62,10 +63,10 @@ class Sample:
 
 @dataclass(frozen=True)
 class FittedModel:
-    """Best parameters of a model of theta(t)."""
+    """Best parameters of a model of the tipping angle theta(t), with residuals and covariance."""
 
     parameters: Array
-    """(p,) phi, k, theta0, omega0[, more]"""
+    """(p,) phi, k, theta0, omega0[, more] [rad, rad/s^2, rad, rad/s]"""
     residual: Array
     """(n,) measured minus fitted theta [rad]"""
     covariance: Array
@@ -73,19 +74,24 @@ class FittedModel:
 
 
 def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> MotionFit:
-    """Fit phi, k, theta0, omega0 without drag over angle[window[0]:window[1]].
+    """Fit phi, k, theta0, omega0 of the pendulum without drag to theta(t) over one window.
 
     Args:
-        angle: tipping angle of the strike.
+        angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) in which only gravity acts.
-        radius: radius of the edge's rounding [m], on which it rolls.
+        radius: radius of the edge's rounding [m], on which the edge rolls.
+
+    Returns:
+        The fit: balance angle phi [rad], k = m g R / I_edge [rad/s^2], theta and its rate at the window's
+        first frame, the (2, 2) covariance of (phi, k), and residuals.
 
     Raises:
-        EstimationError: the window is too short or holds no tipping motion.
+        EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
     """
     sample = replace(cut_sample(angle, window, 4), radius=radius)
 
     def model(x: Array) -> tuple[Array, Array]:
+        """Theta (n,) [rad] and its derivatives (n, 4) at parameters x (4,): phi, k, theta0, omega0."""
         theta, _, jacobian = trajectory(sample.time, *_numbers(x), radius)
         return theta, jacobian
 
@@ -94,18 +100,23 @@ def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> 
 
 
 def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
-    """Fit phi, k, theta0, omega0 and the drag coefficient c of c theta' |theta'| for a sharp edge.
+    """Fit the pendulum with the drag term c theta' abs(theta'), for a sharp edge, to theta(t).
 
     Args:
-        angle: tipping angle of the strike.
+        angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) in which only gravity and air act.
 
+    Returns:
+        The fit: balance angle phi [rad], k [rad/s^2], theta and its rate at the window's first frame, their
+        errors, and the drag coefficient c in `damping`.
+
     Raises:
-        EstimationError: the window is too short or holds no tipping motion.
+        EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
     """
     sample = cut_sample(angle, window, 5)
 
     def model(x: Array) -> tuple[Array, Array]:
+        """Theta (n,) [rad] and its derivatives (n, 5) at x (5,): phi, k, theta0, omega0, drag."""
         theta, _, jacobian = trajectory_with_drag(sample.time, *_numbers(x), float(x[4]))
         return theta, jacobian
 
@@ -115,7 +126,7 @@ def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
 
 
 def _numbers(x: Array) -> tuple[float, float, float, float]:
-    """First four parameters phi, k, theta0, omega0 as floats."""
+    """First four parameters phi, k, theta0, omega0 of x (4 or more,) as floats."""
     return float(x[0]), float(x[1]), float(x[2]), float(x[3])
 
 
@@ -123,12 +134,16 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
     """Cut a window out of theta(t), with a first guess of the pendulum's parameters.
 
     Args:
-        angle: tipping angle of the strike.
+        angle: tipping angle theta(t) of the strike.
         window: frames [start, stop).
         parameters: number of parameters that will be fitted.
 
+    Returns:
+        The window's times, angles and standard deviations. Where the linear guess is not a tip, it is
+        replaced by a rough one from the largest angle.
+
     Raises:
-        EstimationError: the window is too short.
+        EstimationError: the window has fewer than `MIN_FRAMES` or `parameters` + 3 frames.
     """
     first, last = window
     if last - first < max(MIN_FRAMES, parameters + 3):
@@ -147,17 +162,21 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
 
 
 def fit_model(sample: Sample, model: Model, start: Array, profiled: bool = True) -> FittedModel:
-    """Fit a model of theta(t) whose first two parameters are phi and k.
+    """Fit a model of theta(t) whose first two parameters are balance angle phi and k.
 
     Args:
-        sample: measured theta(t).
+        sample: measured tipping angle theta(t).
         model: theta (n,) and its derivatives (n, p) at parameters (p,).
-        start: (p,) first parameters.
+        start: (p,) first parameters phi [rad], k [rad/s^2], theta0 [rad], omega0 [rad/s][, more].
         profiled: True if the model is the pendulum itself, so that the profile likelihood may replace the
             linearised interval of an uncertain phi.
 
+    Returns:
+        The best parameters, the residuals, and the covariance of (phi, k).
+
     Raises:
-        EstimationError: the best fit is not a tip over an edge.
+        EstimationError: the best fit is not a tip over an edge: phi outside 0 to 2.5 rad, or k outside 0.5 to
+            5000 rad/s^2.
     """
     scale = _SCALE[: len(start)]
     minimum = minimise(Observations(sample.theta, sample.sd), model, start, scale)
@@ -176,12 +195,14 @@ def motion_fit(
 ) -> MotionFit:
     """MotionFit of fitted parameters, with the uncertain zero of theta added to the variance of phi.
 
+    theta is the tipping angle, phi the balance angle. `damping` is set to 0.
+
     Args:
         estimator: name of the estimator.
-        angle: tipping angle of the strike.
+        angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) that were fitted.
         sample: the data cut from them.
-        fitted: the fit.
+        fitted: the fitted model.
     """
     covariance = fitted.covariance.copy()
     covariance[0, 0] += angle.zero_sd**2
@@ -201,7 +222,17 @@ def motion_fit(
 
 
 def _covariance(minimum: Minimum, sample: Sample, scale: Array, profiled: bool) -> Array:
-    """Covariance (p, p) of the parameters; arguments as in `minimise` and `fit_model`."""
+    """Covariance (p, p) of the fitted parameters, whose first is the balance angle phi.
+
+    It is scaled up as a whole to the profile likelihood's interval of phi if that is wider, the linearised sd
+    of phi exceeds 0.3 deg, and `profiled` is True.
+
+    Args:
+        minimum: the least-squares solution.
+        sample: the fitted part of theta(t).
+        scale: (p,) typical changes of the parameters.
+        profiled: True if the model is the pendulum itself.
+    """
     inverse, variance = unit_covariance(minimum, sample.sd, scale), residual_variance(minimum, sample.sd)
     linear_sd = math.sqrt(float(inverse[0, 0]) * variance)
     if linear_sd <= _MAX_LINEAR_PHI_SD or not profiled:

@@ -1,10 +1,10 @@
 """Comparison of measured theta(t) with a prediction from other strikes and the first free frames.
 
-The pendulum starts from the first free frames and moves with the predicted phi and k. Any other motion of the
-edge (sliding, or rolling on a curve that is not a circle) is taken from the strike's own fit: the difference
-of that fit from the pendulum with the same numbers. Upright is unstable: an error of the start grows with
-e^(sqrt(k) t), and so does the prediction's standard deviation. Once it is so large that errors no longer add
-up linearly, the prediction ends.
+theta(t) is the tipping angle. The pendulum starts from the first free frames and moves with the predicted
+balance angle phi and rate k. Any other motion of the edge (sliding, or rolling on a curve that is not a
+circle) is taken from the strike's own fit: the difference of that fit from the pendulum with the same
+numbers. Upright is unstable: an error of the start grows with e^(sqrt(k) t), and so does the prediction's
+standard deviation. Once it is so large that errors no longer add up linearly, the prediction ends.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _PARAMETERS = 4
 
 @dataclass(frozen=True)
 class PredictedValues:
-    """Predicted phi and k of a strike."""
+    """Balance angle phi and rate k of a strike, as predicted from other strikes, with errors."""
 
     phi: float
     """balance angle [rad]"""
@@ -54,7 +54,7 @@ class PredictedValues:
 
 @dataclass(frozen=True)
 class PredictedMotion:
-    """Measured minus predicted theta(t) over the strike's free frames."""
+    """Measured minus predicted tipping angle theta(t) over the strike's free frames."""
 
     strike_id: str
     """id of the strike"""
@@ -75,25 +75,28 @@ class PredictedMotion:
 
     @property
     def worst(self) -> int:
-        """Index of the predicted frame with the largest offset over its sd."""
+        """Index of the predicted frame with the largest offset from the prediction over its sd."""
         return self.start + int(np.argmax(np.abs(self.offset[self.start :]) / self.sd[self.start :]))
 
     @property
     def outside(self) -> float:
-        """Share of the predicted frames off by more than 1.96 sd; 0.05 is expected."""
+        """Share (0 to 1) of the predicted frames off by more than 1.96 sd; 0.05 is expected."""
         return float(np.mean(np.abs(self.offset[self.start :]) > SIGMAS_95 * self.sd[self.start :]))
 
 
 def predicted_motion(
     strike_id: str, angle: TipAngle, fit: MotionFit, predicted: PredictedValues
 ) -> PredictedMotion:
-    """Difference between measured theta(t) and a pendulum with predicted phi and k.
+    """Difference between measured tipping angle theta(t) and a pendulum with predicted phi and k.
 
     Args:
         strike_id: id of the strike.
         angle: measured theta(t).
         fit: the strike's own fit; its window holds the free frames.
-        predicted: phi and k from other strikes.
+        predicted: balance angle phi and rate k from other strikes.
+
+    Returns:
+        Offset of every free frame up to the end of the prediction, with its standard deviation and a chi^2.
     """
     inside, first = slice(*fit.window), int(angle.time_ns[fit.window[0]])
     time = np.asarray((angle.time_ns[inside] - first) * 1e-9, dtype=np.float64)
@@ -141,13 +144,20 @@ def predicted_motion(
 
 
 def _estimator_rows(by: Array, noise: Array) -> Array:
-    """Generalised least-squares estimator (p, n) for derivatives `by` (n, p) and noise (n, n)."""
+    """Generalised least-squares estimator (p, n): times residuals (n,) it gives parameters (p,).
+
+    Args:
+        by: (n, p) derivatives of the observations by the parameters.
+        noise: (n, n) covariance of the observations.
+    """
     weighted = np.linalg.solve(noise, by)
     return np.asarray(np.linalg.solve(by.T @ weighted, weighted.T), dtype=np.float64)
 
 
 def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float:
-    """chi^2 of the shift of (phi, ln k) that offsets of theta imply.
+    """Chi^2 of the shift of (phi, ln k) that offsets of the tipping angle theta imply.
+
+    phi is the balance angle, k the rate of the tip; chi^2 has 2 degrees of freedom.
 
     Args:
         offset: (n,) measured minus predicted theta [rad].
@@ -163,7 +173,12 @@ def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float
 
 
 def _noise(residual: Array, sd: Array) -> Array:
-    """Covariance (n, n) of the frames' noise [rad^2], by size and correlation of the residuals (n,)."""
+    """Covariance (n, n) of the frames' noise [rad^2], by size and correlation of the residuals.
+
+    Args:
+        residual: (n,) measured minus fitted angle of a strike's own fit [rad].
+        sd: (n,) stated standard deviation of the angle [rad].
+    """
     n = len(residual)
     z = residual / sd
     squares = max(float(np.sum(z * z)), 1e-30)
@@ -173,6 +188,11 @@ def _noise(residual: Array, sd: Array) -> Array:
 
 
 def _excess_scatter(own: Array, by_frames: Array) -> Array:
-    """Part of the strike's own covariance (2, 2) that its frames' noise does not explain."""
+    """Part (2, 2) of the strike's own covariance of (phi, ln k) that frame noise does not explain.
+
+    Args:
+        own: (2, 2) the strike's own covariance.
+        by_frames: (2, 2) covariance by its frames' noise.
+    """
     values, vectors = np.linalg.eigh(own - by_frames)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)

@@ -1,9 +1,10 @@
 """Profile likelihood of phi, for fits whose linearised covariance cannot be trusted.
 
-Where a strike rocked back far below the top, or flew over it, theta(t) bends little and phi and k nearly
-replace each other: the sum of squares is a curved valley, and its curvature at the bottom does not give its
-length. So phi is held at values away from the best one, all other parameters are fitted again, and the value
-is sought at which the sum has grown by 1.96^2 variances (Venzon and Moolgavkar 1988).
+phi is the balance angle, k the rate of the fitted pendulum, theta(t) the tipping angle. Where a strike rocked
+back far below the top, or flew over it, theta(t) bends little and phi and k nearly replace each other: the
+sum of squares is a curved valley, and its curvature at the bottom does not give its length. So phi is held at
+values away from the best one, all other parameters are fitted again, and the value is sought at which the sum
+has grown by 1.96^2 variances (Venzon and Moolgavkar 1988).
 """
 
 # scipy is only partly typed.
@@ -53,9 +54,10 @@ class FittedTip:
 
 
 def profile_sd(tip: FittedTip, variance: float) -> float:
-    """Standard deviation of phi [rad]: rms length of the two sides of its 95 % interval, over 1.96.
+    """Standard deviation of balance angle phi [rad] by the profile likelihood of a fitted tip.
 
-    A side on which the sum of squares never grows enough ends at 0.5 or 130 deg.
+    It is the rms length of the two sides of the 95 % interval of phi, over 1.96. A side on which the sum of
+    squares never grows enough ends at phi = 0.5 or 130 deg.
 
     Args:
         tip: the fit.
@@ -66,7 +68,14 @@ def profile_sd(tip: FittedTip, variance: float) -> float:
 
 
 def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
-    """Length of one side of the interval over 1.96 [rad]; `sign` is -1 or 1."""
+    """Length of one side of the 95 % interval of balance angle phi, over 1.96 [rad].
+
+    Args:
+        tip: the fit.
+        variance: variance of the weighted residuals, correlation included.
+        lowest: weighted sum of squares at the best phi.
+        sign: -1 for the side of smaller phi, 1 for that of larger phi.
+    """
     phi = float(tip.parameters[0])
     room = (_PHI_RANGE[1] - phi) if sign > 0 else (phi - _PHI_RANGE[0])
     wanted = SIGMAS_95**2 * variance
@@ -81,7 +90,7 @@ def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
 
 
 def _sum_of_squares(tip: FittedTip, phi: float) -> float:
-    """Least weighted sum of squares for a given phi [rad], over all other parameters."""
+    """Least weighted sum of squares for a given balance angle phi [rad], over all other parameters."""
     best = tip.parameters
     shift = tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
     start = best[1:] + shift
@@ -93,12 +102,14 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
     scale = np.array([0.2, 0.02, 0.2, 0.1])[: len(x)]
 
     def unpack(x: Array) -> tuple[float, float, float, float, float]:
+        """Parameters phi, k, theta0, omega0, drag from x: ln k, theta0, omega0[, drag]."""
         k = math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
         return phi, k, float(x[1]), float(x[2]), float(x[3]) if len(x) == 4 else 0.0
 
     columns = np.empty(0)
 
     def residual(x: Array) -> Array:
+        """Weighted residuals (n,) at x: ln k, theta0, omega0[, drag]."""
         nonlocal columns
         phi, k, theta0, omega0, drag = unpack(x)
         model, _, columns = (
@@ -109,6 +120,7 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
+        """Derivatives (n, 3 or 4) of the residuals by x, from the columns of the last residuals."""
         part = -columns[:, 1 : 1 + len(x)] * tip.weight[:, None]
         part[:, 0] *= unpack(x)[1]
         return np.clip(part, -1e9, 1e9)

@@ -1,4 +1,7 @@
-"""Pose of a marker at rest, from all still frames together, with the planned orientation as prior."""
+"""Pose of a marker at rest, from all still frames together, and the check of the object's placement.
+
+The planned orientation of the object serves as prior if the marker's place on the object is known.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
@@ -42,13 +45,16 @@ def rest_pose(
 ) -> tuple[Array, Array]:
     """Rotation R_camera_marker (3, 3) and position p_camera_marker (3,) [m] of a marker at rest.
 
+    They map the marker frame to the camera frame. If the marker's place on the object is unknown, the
+    solution for the mean corners nearest to the tracked pose is taken, without a prior.
+
     Args:
-        corners_ideal: (n, 4, 2) corners in the still frames [ideal px].
+        corners_ideal: (n, 4, 2) corners in the still frames [ideal px: without lens distortion].
         track: the marker's track, with the pose solution chosen by the motion.
         still: (frames of the track,) True for its still frames.
         marker: marker with its place on the object, if known.
-        camera: camera with its pose in W.
-        R_world_object: nominal orientation of the object.
+        camera: camera with its pose in the world frame W.
+        R_world_object: (3, 3) nominal rotation from object frame O to W.
     """
     mean = np.median(corners_ideal, axis=0)
     middle = int(np.flatnonzero(still)[np.count_nonzero(still) // 2])
@@ -68,6 +74,7 @@ def rest_pose(
     def linearise(pose: tuple[Array, Array]) -> Linearised:
         # The rotation is R exp(w): derivatives about the marker's own axes, so that the prior separates tilt
         # from direction.
+        """Weighted residuals (11,) at a pose, and their derivatives (11, 6) by turn and position."""
         R, p = pose
         in_camera = points @ R.T + p
         by_translation = project_jacobian(camera, in_camera)
@@ -83,7 +90,7 @@ def rest_pose(
 
 
 def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:
-    """Pose after a step (6,) of rotation [rad] and position [m], the rotation limited to 0.3 rad per axis."""
+    """Pose (R, p) after a step (6,) of rotation [rad] and position [m], each turn limited to 0.3 rad."""
     R, p = pose
     return R @ Rotation.from_rotvec(np.clip(step[:3], -0.3, 0.3)).as_matrix(), p + step[3:]
 
@@ -91,15 +98,16 @@ def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:
 def placement_error(
     R_camera_marker: Sequence[Array], markers: Sequence[Marker], camera: CameraModel, R_world_object: Array
 ) -> tuple[float, Array] | None:
-    """Angle [rad] between the object's orientation and the plan's, and its correction (3,) in W [rad].
+    """Angle [rad] between the object's orientation and the planned one, and its correction.
 
     Args:
-        R_camera_marker: (3, 3) each, one per entry of `markers`.
-        markers: the markers seen; those without a known place on the object are ignored.
-        camera: camera with its pose in W.
-        R_world_object: planned orientation.
+        R_camera_marker: (3, 3) rotations from marker to camera frame, one per entry of `markers`.
+        markers: the markers seen; markers without a known place on the object are ignored.
+        camera: camera with its pose in the world frame W.
+        R_world_object: (3, 3) planned rotation from object frame O to W.
 
     Returns:
+        The angle [rad] and the rotation vector (3,) in W [rad] from the present to the planned orientation;
         None if no marker's place on the object is known.
     """
     turns = [

@@ -1,4 +1,4 @@
-"""Choice between a hinge and a rolling contact for a strike, with the reason."""
+"""Choice between a hinge (edge in place) and a rolling contact for a strike, with the reason."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ def rolling_curve(
 
     Args:
         section: the object's cross-section at the pivot axis; None if unknown.
-        planned: the strike, with the rounding of its edge.
+        planned: the planned strike, with the rounding of its edge.
+
+    Returns:
+        The support function of the section itself if it is curved there, or of a circle of the edge's
+        rounding if that is large (or a round rim's); and the reason in words.
     """
     radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
     if section is not None and is_curved(section, planned):
@@ -48,12 +52,22 @@ def rolling_curve(
 
 
 def is_curved(section: SupportFunction, planned: PlannedStrike) -> bool:
-    """True if the section is a curve where it touches the table, not a corner or a bevel."""
+    """True if the section is a curve where it touches the table during a planned strike.
+
+    False for a corner or a bevel.
+
+    Args:
+        section: the object's cross-section at the pivot axis.
+        planned: the planned strike, with the predicted balance angle.
+    """
     return is_curved_to(section, planned.phi_predicted_rad)
 
 
 def is_curved_to(section: SupportFunction, phi: float) -> bool:
-    """True if the section is a curve where it touches, from rest to past a balance at `phi` [rad]."""
+    """True if the section is a curve where it touches, from rest to past a balance at `phi` [rad].
+
+    False for a corner, or for a curve with a flat face (a bevel) in it.
+    """
     last = phi + _PAST_PHI
     return (
         section.curved_over(_FIRST_ANGLE, last, _MIN_CURVE_RADIUS_M) > _MIN_CURVE_RAD
@@ -65,9 +79,9 @@ def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: P
     """Motion with slip and lift relative to rolling on a curve, instead of on the plan's rounding.
 
     Args:
-        motion: motion as tracked.
-        curve: support function of the section.
-        planned: the strike, with the rounding of its edge.
+        motion: tracked motion, with slip (along the table) and lift (off it) of the pivot edge.
+        curve: support function of the cross-section that rolls.
+        planned: the planned strike, with the rounding of its edge.
     """
     along, over = curve.rolling_displacement(motion.angle.theta)
     slip = motion.angle.slip + planned.pivot.radius_m * motion.angle.theta - along

@@ -1,11 +1,12 @@
-"""Balance angle phi and k of a strike whose contact rolls on a cross-section of known shape (method 3).
+"""Balance angle phi and k of a strike that rolls on a cross-section of known shape (method 3).
 
-The equations are those of rolling_motion.py. phi is the angle at which c stands over the contact. The centre
-of curvature of the section, at the point that touches at phi, replaces a hinge's centre line p: near phi the
-section rolls like the circle about that point. With R the distance of c from there and rho that circle's
-radius, k = g R / (I_c / m + (R + rho)^2) as for a hinge, and the plane through that point at phi holds c
-(docs/decisions/0017). On a circle the motion determines phi and k alone. On any other curve it depends on R
-too, which is a fifth unknown with a wide prior: c is expected near the section's middle.
+The equations are those of rolling_motion.py. phi is the tipping angle at which the centre of mass c stands
+over the contact. The centre of curvature of the section, at the point that touches at phi, replaces a hinge's
+centre line p: near phi the section rolls like the circle about that point. With R the distance of c from
+there, rho that circle's radius and I_c the inertia about the axis through c, k = g R / (I_c / m + (R +
+rho)^2) as for a hinge, and the plane through that point at phi holds c (docs/decisions/0017). On a circle the
+motion determines phi and k alone. On any other curve it depends on R too, which is a fifth unknown with a
+wide prior: c is expected near the section's middle.
 """
 
 from __future__ import annotations
@@ -50,15 +51,23 @@ _MAX_LINEAR_PHI_SD = math.radians(0.3)
 
 
 def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFunction) -> MotionFit:
-    """Fit phi, k, theta0, omega0, and c's distance if determined, over angle[window[0]:window[1]].
+    """Fit a body that rolls on a known section to theta(t) over one window.
+
+    Five parameters are fitted: 1 / J, a / J, b / J (the body: centre of mass c at (-b, a) from the pivot
+    point, J = I_c / m + a^2 + b^2), theta and its rate at the window's first frame.
 
     Args:
-        angle: theta(t) of the strike.
+        angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) in which only gravity and the table act.
         section: the body's cross-section about the pivot point.
 
+    Returns:
+        The fit: balance angle phi [rad], k [rad/s^2], theta0, omega0, the (2, 2) covariance of (phi, k),
+        residuals, and in `rolling` the circle of curvature at phi.
+
     Raises:
-        EstimationError: the window is too short or holds no tipping motion.
+        EstimationError: the window has too few frames, the body has no balance on the section, or k is
+            outside 0.5 to 5000 rad/s^2.
     """
     sample = cut_sample(angle, window, 5)
     expected = _expected(sample, section)
@@ -67,6 +76,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
 
     def model(x: Array) -> tuple[Array, Array]:
+        """Theta (n,) and the prior's rows (3,) at x (5,), and their derivatives (n + 3, 5)."""
         sets = x + steps
         theta = np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
@@ -108,7 +118,11 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 
 
 def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
-    """Prior of c: near the middle of a known section, otherwise wide."""
+    """Prior of the centre of mass: near the middle of a known section, otherwise wide.
+
+    Without a known section it lies in the direction of the first guess of the balance angle, at the distance
+    that a solid body with the first guess of k has, with an sd of that distance.
+    """
     if math.isfinite(section.middle_sd):
         ahead, above = section.middle
         return ComPrior(
@@ -121,13 +135,21 @@ def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
 
 
 def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
-    """Ratio of profiled to linearised interval of phi, for a hinge with the same phi and k; at least 1."""
+    """Ratio of profiled to linearised interval of balance angle phi, for a similar hinge; at least 1.
+
+    The hinge has the same phi and k as the rolling fit, and its residuals. 1 if phi's sd is at most 0.3 deg.
+
+    Args:
+        sample: the fitted part of theta(t).
+        fitted: the rolling fit.
+    """
     if math.sqrt(float(fitted.covariance[0, 0])) <= _MAX_LINEAR_PHI_SD:
         return 1.0
     x = fitted.parameters[:4]
     hinge = replace(sample, theta=trajectory(sample.time, *(float(each) for each in x))[0] + fitted.residual)
 
     def model(x: Array) -> tuple[Array, Array]:
+        """Theta (n,) of a hinge and its derivatives (n, 4) at x (4,): phi, k, theta0, omega0."""
         theta, _, jacobian = trajectory(sample.time, float(x[0]), float(x[1]), float(x[2]), float(x[3]))
         return theta, jacobian
 

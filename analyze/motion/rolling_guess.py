@@ -1,10 +1,12 @@
-"""First guess for a rolling contact, by linear least squares on the twice integrated equation of motion.
+"""First guess for a rolling contact, by linear least squares on the integrated equation of motion.
 
-For a hinge `pendulum.first_guess` does the same.
+`pendulum.first_guess` is the equivalent for a hinge. With theta the tipping angle, rho the section's radius
+of curvature, and x = (1, a, b) / J, m and f as in rolling_motion (centre of mass at (-b, a) from the pivot
+point; m and f depend on the section alone),
 
-    theta + x . G(theta) + x . II f (g - rho theta'^2) = theta0 + c t
+    theta + x . M(theta) + x . II f (g - rho theta'^2) = theta0 + c t
 
-with the terms of rolling_motion, G the integral of m over theta and II the double one over time; only the
+with M the integral of m over theta, II the double integral over time, and constants theta0 and c; only the
 small term with rho needs a speed, taken from a polynomial.
 """
 
@@ -45,7 +47,11 @@ class ComPrior:
     """expected I_c / m + distance^2 [m^2], with a standard deviation of half of it"""
 
     def rows(self) -> Array:
-        """Coefficients (3, 3) of the prior on (1 / J, a / J, b / J), each row in its standard deviation."""
+        """Coefficients (3, 3) of the prior on (1 / J, a / J, b / J), each row divided by its sd.
+
+        a is the offset of the centre of mass c from the pivot point upwards, -b that in the direction of
+        tipping, J = I_c / m + a^2 + b^2.
+        """
         by_sd = self.J / self.sd
         return np.array(
             [
@@ -56,7 +62,7 @@ class ComPrior:
         )
 
     def values(self) -> Array:
-        """Right side (3,) of the prior's rows."""
+        """Right side (3,) of the prior's equations on (1 / J, a / J, b / J), in standard deviations."""
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 
 
@@ -65,11 +71,14 @@ def first_rolling_guess(
 ) -> Array:
     """First guess (5,) of 1 / J, a / J, b / J, theta0, omega0 [1/m^2, 1/m, 1/m, rad, rad/s].
 
+    Centre of mass c at (-b, a) from the pivot point at rest, J = I_c / m + a^2 + b^2, theta0 and omega0 the
+    tipping angle and its rate at the first time.
+
     Args:
         time: (n,) time [s].
         theta: (n,) tipping angle [rad].
         sd: (n,) standard deviation of theta [rad].
-        section: support function of the section.
+        section: support function of the section on which the body rolls.
         expected: prior of c.
     """
     t = time - time[0]
@@ -94,6 +103,6 @@ def first_rolling_guess(
 
 
 def _integrated(at: Array, values: Array) -> Array:
-    """Cumulative integral (n, 3) of `values` (n, 3) over `at` (n,), by the trapezoidal rule."""
+    """Cumulative integral (n, 3) of `values` (n, 3) over `at` (n,), by the trapezoidal rule; starts at 0."""
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(at)[:, None]
     return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])

@@ -1,15 +1,17 @@
-"""Motion of a body that rolls on a curved section, in parameters x that enter linearly, and phi, k and R.
+"""Motion of a body that rolls on a curved section, in linear parameters x, and its phi, k and R.
 
-With c at (-b, a) from the pivot point p at rest, J = I_c / m + a^2 + b^2, s the height of c over the table,
-s' the horizontal distance from c to the contact, rho the section's radius there and M = I_c / m + s^2 + s'^2,
-rolling without sliding means (method 3)
+theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate at balance. With the centre of
+mass c at (-b, a) from the pivot point p at rest (x in the direction of tipping, z up), I_c the inertia about
+the axis through c, J = I_c / m + a^2 + b^2, s the height of c over the table, s' the horizontal distance from
+c to the contact, rho the section's radius of curvature there and M = I_c / m + s^2 + s'^2, rolling without
+sliding means (method 3)
 
     M theta'' = -s' (g + rho theta'^2)
     M / J = 1 + m(theta) . x,    s' / J = f(theta) . x,    x = (1, a, b) / J
 
-m and f depend on the section alone. Where the contact also slides by u and lifts by z, the
-balance of moments about the line of contact (free of friction) is, in the weak form in which only their
-velocities enter,
+m and f depend on the section alone. R is the distance of c from the section's centre of curvature. Where the
+contact also slides by u and lifts by z, the balance of moments about the line of contact (free of friction)
+is, in the weak form in which only their velocities enter,
 
     Omega = M theta' + s u' + s' z'
     Omega' = -s' (g - rho theta'^2) + (s' u' + s'' z') theta'
@@ -45,7 +47,16 @@ _MIN_DISTANCE = 1e-3
 
 
 def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
-    """Coefficients m (..., 3) and f (..., 3), and radius rho (...) [m], of a section at theta (...) [rad]."""
+    """Coefficients m (..., 3) and f (..., 3), and radius of curvature rho (...) [m], of a section.
+
+    With x = (1, a, b) / J the body's parameters (centre of mass at (-b, a) from the pivot point, J = I_c / m
+    + a^2 + b^2), 1 + m . x is the inertia about the contact over J, and f . x the horizontal distance from
+    the centre of mass to the contact over J.
+
+    Args:
+        section: support function of the section.
+        theta: (...) tipping angles [rad].
+    """
     h, ahead, radius = section.evaluate(theta)
     cos, sin = np.cos(theta), np.sin(theta)
     m = np.stack(
@@ -61,8 +72,8 @@ def rolling_theta(
 
     Args:
         time: (n,) time [s].
-        x: (c, 5) 1 / J, a / J, b / J, and at the first time theta and Omega / M (the speed, if nothing
-            slides).
+        x: (c, 5) 1 / J, a / J, b / J (centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 +
+            b^2), and at the first time theta and Omega / M (the angular speed, if nothing slides).
         section: support function of the section.
         slide: sliding and lifting of the contact, (n,) or (n, c) each [m], linear between the times; None if
             it only rolls.
@@ -77,6 +88,7 @@ def rolling_theta(
     found[0] = theta
 
     def rate(state: Array, u: Array | None, z: Array | None) -> Array:
+        """Derivative (2, c) of theta and Omega / J by time; u, z: speeds of sliding and lifting [m/s]."""
         theta, turn = state
         h, ahead, radius = section.evaluate(theta)
         cos, sin = np.cos(theta), np.sin(theta)
@@ -101,12 +113,18 @@ def rolling_theta(
 
 
 def _limited_speed(speed: Array) -> Array:
-    """Speed limited to `_MAX_SPEED` either way, [rad/s]."""
+    """Angular speed, limited to `_MAX_SPEED` in either sense of rotation [rad/s]."""
     return np.minimum(np.maximum(speed, -_MAX_SPEED), _MAX_SPEED)
 
 
 def balance_angle(section: SupportFunction, body: Array) -> float | None:
-    """Balance angle [rad] of a body x (3,): c first stands over the contact; None if it never does."""
+    """Least tipping angle [rad] at which c passes over the contact; None if it never does up to 2 rad.
+
+    Args:
+        section: support function of the section on which the body rolls.
+        body: (3,) 1 / J, a / J, b / J: centre of mass c at (-b, a) from the pivot point, J = I_c / m + a^2 +
+            b^2.
+    """
     theta = np.linspace(*_BALANCE_RANGE, _BALANCE_ANGLES)
     ahead = columns(section, theta)[1] @ body
     passed = np.flatnonzero((ahead[:-1] > 0.0) & (ahead[1:] <= 0.0))
@@ -116,10 +134,12 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
 def balance_parameters(section: SupportFunction, body: Array, phi: Array) -> tuple[Array, Array, Array]:
     """Balance angle phi [rad], k [rad/s^2] and R [m], (c,) each, of c bodies; NaN where a body has none.
 
+    R is the distance of the centre of mass from the section's centre of curvature at phi, k = m g R / I_edge.
+
     Args:
         section: support function of the section.
-        body: (c, 3) 1 / J, a / J, b / J of each body: c at (-b, a) from the pivot point, J = I_c / m + a^2 +
-            b^2 [m^2].
+        body: (c, 3) 1 / J, a / J, b / J of each body: centre of mass at (-b, a) from the pivot point, J = I_c
+            / m + a^2 + b^2 [m^2].
         phi: (c,) approximate balance angles [rad].
     """
     J = 1.0 / body[:, 0]
@@ -142,8 +162,9 @@ def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float
     """Energy ratio: energy at (theta, omega) over that at balance phi, both relative to rest at theta = 0.
 
     Args:
-        section: support function of the section.
-        body: (3,) 1 / J, a / J, b / J.
+        section: support function of the section on which the body rolls.
+        body: (3,) 1 / J, a / J, b / J: centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 +
+            b^2.
         phi: balance angle [rad].
         theta: tipping angle [rad].
         omega: angular speed there [rad/s].

@@ -17,8 +17,9 @@ def runge_kutta_state(
     """State (2, c) of c cases after `duration` [s]; row 0 is the angle [rad], row 1 its momentum.
 
     Args:
-        rate: derivative (2, c) of the state by time.
-        state: (2, c) present state; the momentum is in the unit of `rate`.
+        rate: function that gives the derivative (2, c) of a state by time; it does not depend on the time
+            itself.
+        state: (2, c) present state; the momentum is in the unit that `rate` uses. It is not changed.
         duration: time to integrate over [s], in equal steps.
         max_step: longest step [s].
     """

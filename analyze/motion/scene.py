@@ -1,4 +1,7 @@
-"""Checks on single images before a strike: markers in view, rest, and placement against the plan."""
+"""Checks on single images before a strike: markers in view, rest, and placement against the plan.
+
+A strike is one impact that tips the object; its plan states how the object is put down.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ _MAX_ERROR_RATIO = 2.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Markers and brightness of one image."""
+    """Markers found in one image, and its brightness."""
 
     time_ns: int
     """log_time of the image [ns]"""
@@ -47,15 +50,24 @@ class Scene:
     duplicate_ids: tuple[int | str, ...]
     """marker ids found more than once in the image"""
     saturated_fraction: float
-    """share of saturated pixels"""
+    """share of saturated pixels, of every second pixel in both directions"""
     coarse: NDArray[np.float32]
-    """every eighth pixel, to detect motion if no marker is in view"""
+    """every eighth pixel in both directions [grey levels], to detect motion if no marker is in view"""
 
 
 def read_scene(
     frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)
 ) -> Scene:
-    """Find the markers of `families` in one image, with corners refined to sub-pixel accuracy."""
+    """Find the markers of `families` in one image, with corners refined to sub-pixel accuracy.
+
+    A marker whose edges cannot be fitted keeps the detector's corners; of a marker found twice, the larger
+    contour is kept and its id noted.
+
+    Args:
+        frame: the image, with its time.
+        camera: camera that took it.
+        families: marker families (code dictionaries) that are searched.
+    """
     corners: dict[int | str, Array] = {}
     duplicate_ids: list[int | str] = []
     for sighting in detect(frame.image, families):
@@ -76,10 +88,12 @@ def read_scene(
 
 
 def at_rest(scenes: Sequence[Scene]) -> bool:
-    """True if nothing has moved over a quarter of a second (one interval of the previews).
+    """True if nothing has moved over the last quarter of a second (one interval of the previews).
+
+    False also if the images do not cover that time, or if different markers are seen in them.
 
     Args:
-        scenes: images in order of time.
+        scenes: markers of successive images, in order of time.
     """
     if not scenes:
         return False
@@ -99,7 +113,7 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
 
 @dataclass(frozen=True)
 class PlacementCheck:
-    """Difference of the object's placement from the plan, and the correction."""
+    """Difference of the object's orientation from the planned one, and the correction in words."""
 
     error: float | None
     """angle to the planned orientation [rad]; None if no marker with a known place is in view"""
@@ -115,8 +129,13 @@ def check_placement(
     Args:
         scene: markers in the image.
         markers: the object's markers by id.
-        camera: camera with its pose in W.
-        planned: the strike, with R_world_object and the markers expected in view.
+        camera: camera with its pose in the world frame W.
+        planned: the planned strike, with the object's orientation R_world_object and the markers expected in
+            view.
+
+    Returns:
+        Angle to the planned orientation, and an instruction to the user; the angle is None, with the reason
+        as text, if a marker is in view twice or no marker with a known place is in view.
     """
     wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
     if scene.duplicate_ids:
@@ -158,7 +177,14 @@ def _pose_near_plan(
 ) -> Array | None:
     """Rotation R_camera_marker (3, 3) of a marker; None if its corners are not the view of a square.
 
-    If both pose solutions of the square fit the image, the one nearer the plan is taken.
+    If both pose solutions of the square fit the image and the marker's place on the object is known, the one
+    nearer the plan is taken, otherwise the one that fits better.
+
+    Args:
+        corners_ideal: (4, 2) corners without lens distortion [ideal px].
+        marker: the marker.
+        camera: camera with its pose in the world frame W.
+        R_world_object: (3, 3) planned rotation from object frame O to W.
     """
     pair = solve_pose(corners_ideal, marker.size, camera.K)
     if pair is None:
@@ -172,11 +198,12 @@ def _pose_near_plan(
 
 
 def _advice(error: float, correction: Array, wanted: str, wanted_seen: bool) -> str:
-    """Instruction that corrects a misplacement of `error` [rad]; empty below 8 deg.
+    """Instruction to the user that corrects a misplacement of the object; empty below 8 deg.
 
     Args:
         error: angle to the planned orientation [rad].
-        correction: (3,) rotation vector in W from the present to the planned orientation [rad].
+        correction: (3,) rotation vector in the world frame W from the present to the planned orientation
+            [rad].
         wanted: names of the markers that should face the camera.
         wanted_seen: True if one of them is in view.
     """

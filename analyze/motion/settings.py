@@ -10,24 +10,25 @@ from analyze.motion.contact import ContactErrors
 
 @dataclass(frozen=True)
 class WindowLimits:
-    """Bounds of the gravity-only window."""
+    """Bounds of the window of frames in which only gravity acts on the tipping object."""
 
     guard_frames: int = 2
     """number of frames left out after the impact, because the striker may still touch the object"""
     guard_s: float = 0.008
     """least time left out after the impact [s]; it decides at frame rates above 240 Hz"""
     past_phi: float = math.radians(25.0)
-    """angle past phi [rad] at which the window ends; beyond it the edge may lose its grip and slide"""
+    """angle past the balance angle phi [rad] at which the window ends; beyond it the edge may lose its grip
+    and slide"""
     above_rest: float = math.radians(0.7)
-    """theta [rad] below which the resting face may touch"""
+    """tipping angle theta [rad] below which the resting face may touch"""
 
 
 @dataclass(frozen=True)
 class VerdictLimits:
-    """Limits beyond which a strike does not count as a clean tip."""
+    """Limits beyond which a strike (one impact on the object) does not count as a clean tip."""
 
     min_turn: float = math.radians(0.5)
-    """least peak of theta [rad] of an object that has moved"""
+    """least peak of the tipping angle theta [rad] of an object that has moved"""
     slip: float = 0.004
     """largest sliding along the table before the balance point [m]"""
     lift: float = 0.002
@@ -39,7 +40,8 @@ class VerdictLimits:
     speed_jump_ratio: float = 0.06
     """least sudden change of speed that counts as a jump, over the speed at release"""
     second_impact_ratio: float = 0.12
-    """the same ratio from which a jump is a second impact, however soon after the first it comes"""
+    """ratio of a jump in speed to the speed at release from which it is a second impact, however soon after
+    the first it comes"""
     speed_jump_chi2: float = 14.0
     """least gain in chi^2 by a jump in speed; noise alone reaches it in about one strike of two hundred"""
     hard_energy_ratio: float = 3.5

@@ -1,8 +1,11 @@
-"""The paper's estimator of phi: theta at the second sign change of the acceleration (VISAPP 2013, 3.2.1).
+"""The paper's estimator of phi: theta at the second sign change of its acceleration.
 
-Theta is differentiated twice. The first sign change is the end of the impact, the second the passage over the
-equi-plane. Smoothing is a parameter, because noise that is differentiated twice requires it and because it
-shifts the result. The result is reported beside that of `pivot_fit`, and not used.
+Source: VISAPP 2013, 3.2.1.
+
+phi is the balance angle. The tipping angle theta is differentiated twice. The first sign change is the end of
+the impact, the second the passage of the centre of mass over the pivot edge. Smoothing is a parameter,
+because noise that is differentiated twice requires it and because it shifts the result. The result is
+reported beside that of `pivot_fit`, and not used.
 """
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
@@ -25,7 +28,7 @@ _MAX_FRAME_GAP = 1.5
 
 
 def _smooth(values: Array, points: int) -> Array:
-    """Moving mean (n,) over an odd number of points, shorter at the ends."""
+    """Moving mean (n,) of `values` (n,) over an odd number of points, fewer towards the ends."""
     half = points // 2
     sums = np.concatenate([[0.0], np.cumsum(values)])
     index = np.arange(len(values))
@@ -34,13 +37,13 @@ def _smooth(values: Array, points: int) -> Array:
 
 
 def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array]:
-    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences of moving means.
+    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] of the tipping angle theta(t).
 
-    A moving mean across missing frames would be biased. They are interpolated by a cubic spline first, and
-    left out of the result.
+    They are central differences of moving means. A moving mean across missing frames would be biased. They
+    are interpolated by a cubic spline first, and left out of the result.
 
     Args:
-        angle: theta(t).
+        angle: theta(t) of n frames.
         points: width of the moving mean [frames].
     """
     time: Array = (angle.time_ns - angle.time_ns[0]) * 1e-9
@@ -55,13 +58,21 @@ def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array
 
 
 def _differentiated(theta: Array, time: Array, points: int) -> tuple[Array, Array]:
-    """First and second derivative (n,) of `theta` (n,) over `time` (n,) after smoothing."""
+    """First (n,) and second derivative (n,) of `theta` (n,) over `time` (n,), each after a moving mean.
+
+    Args:
+        theta: (n,) angle [rad].
+        time: (n,) time [s].
+        points: width of the moving mean [frames].
+    """
     omega = np.gradient(_smooth(theta, points), time)
     return omega, np.gradient(_smooth(omega, points), time)
 
 
 def acceleration_noise(points: int) -> float:
-    """Noise of the acceleration for theta of sd 1 and frame interval 1: sd(alpha) dt^2 / sd(theta).
+    """Noise of the angular acceleration for an angle of sd 1 and frame interval 1, dimensionless.
+
+    It is sd(alpha) dt^2 / sd(theta), with alpha the acceleration, theta the angle and dt the frame interval.
 
     Args:
         points: width of the moving mean [frames].
@@ -73,20 +84,25 @@ def acceleration_noise(points: int) -> float:
 def sign_change(
     angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None
 ) -> MotionFit:
-    """Balance angle phi as the paper estimates it, over angle[window[0]:window[1]].
+    """Balance angle phi as the paper estimates it, from theta(t) over one window.
 
-    The sd of phi is sd(alpha) over the slope of alpha by theta, at the crossing. With a `fit` of the same
-    motion the slope is its k and the noise at least its residual (video coding adds to the noise); without
-    one the slope is that of the noisy crossing itself.
+    phi is the tipping angle theta at the second sign change of its acceleration alpha. The sd of phi is
+    sd(alpha) over the slope of alpha by theta, at the crossing. With a `fit` of the same motion the slope is
+    its k and the noise at least its residual (video coding adds to the noise); without one the slope is that
+    of the noisy crossing itself.
 
     Args:
-        angle: theta(t).
+        angle: theta(t) of the strike.
         window: frames [start, stop), from the impact or just after it.
         points: width of the moving mean [frames].
         fit: pendulum fit of the same motion; None if there is none.
 
+    Returns:
+        A fit with phi and its variance; k is None and the residuals are 0.
+
     Raises:
-        EstimationError: the acceleration has no second sign change in the window (the object rocked back).
+        EstimationError: the window has fewer than `points` + 4 frames, or the acceleration has no second sign
+            change in it (the object rocked back, or the window starts after the balance).
     """
     first, last = window
     if last - first < points + 4:

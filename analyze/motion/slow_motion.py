@@ -1,8 +1,9 @@
 """True frame rate of slow-motion videos, found by analysing strikes at the usual slow-motion ratios.
 
-If the stated times are up to about ten times too slow, a strike is analysed as it is, and its k shows the
-ratio (estimation/rate.py). Beyond that the motion is not a tip by the stated times: the object seems to stand
-still after the impact, or to fall without end. At the right ratio it is a tip.
+If the stated times are up to about ten times too slow, a strike is analysed as it is, and its rate k = m g R
+/ I_edge, which scales with the square of the frame rate, shows the ratio (estimation/rate.py). Beyond that
+the motion is not a tip by the stated times: the object seems to stand still after the impact, or to fall
+without end. At the right ratio it is a tip.
 """
 
 from __future__ import annotations
@@ -48,15 +49,18 @@ def slow_motion_ratio(
     task: StrikeTask,
     k_predicted: float,
 ) -> int | None:
-    """Ratio of true to stated frame rate at which a strike is a tip; None if it is one as stated, or at none.
+    """Ratio of true to stated frame rate at which the motion of a strike is a tip, or None.
+
+    None if it is a clean tip at the stated rate, if the object turned by less than 15 deg, or if it is a tip
+    at none of the ratios `RATE_RATIOS`.
 
     Args:
         motion: motion by the stated times.
         tracks: the object's markers through the strike's window.
         markers: the object's markers.
-        camera: camera with its pose in W.
+        camera: camera with its pose in the world frame W.
         task: the strike as planned and as carried out.
-        k_predicted: rough prediction of k [rad/s^2].
+        k_predicted: rough prediction of k = m g R / I_edge [rad/s^2].
     """
     if (
         motion.verdict is Verdict.GOOD
@@ -80,7 +84,7 @@ def slow_motion_ratio(
 
 
 def _rise_time_s(angle: TipAngle) -> float:
-    """Time from the first motion to 90 % of the largest angle [s]."""
+    """Time from the first motion to 90 % of the largest tipping angle, by the stated times [s]."""
     theta = angle.theta
     end = int(np.argmax(theta >= 0.9 * float(theta.max())))
     start = (
@@ -90,14 +94,22 @@ def _rise_time_s(angle: TipAngle) -> float:
 
 
 def _tip_time_s(phi: float, k: float) -> float:
-    """Approximate duration of a tip from rest to its fall [s], over the top with a little energy to spare."""
+    """Approximate duration [s] of a tip from rest to its fall, over the top with a little energy to spare.
+
+    Args:
+        phi: balance angle [rad].
+        k: rate of the tip, m g R / I_edge [rad/s^2].
+    """
     theta = np.linspace(0.0, phi + FALL_RAD, 200)
     rate = np.sqrt(2 * k * (SPARE_ENERGY * (1 - math.cos(phi)) + 1 - np.cos(phi - theta)))
     return float(np.trapezoid(1 / rate, theta))
 
 
 def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
-    """Track with its times divided by `ratio`, thinned: a rough k and verdict need few frames."""
+    """Track with its times divided by `ratio`, thinned to 100 to 200 frames if it has more.
+
+    A rough k and verdict need few frames.
+    """
     some = slice(None, None, max(1, len(track.time_ns) // MAX_FRAMES))
     return replace(
         track,
@@ -111,19 +123,29 @@ def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
 
 
 def _task(task: StrikeTask, ratio: int) -> StrikeTask:
-    """Task with its times divided by `ratio`."""
+    """Task (plan and times of a strike) with its times divided by `ratio`, without `unmarked_ns`."""
     end = None if task.images_end_ns is None else task.images_end_ns // ratio
     return replace(task, contact_time_ns=task.contact_time_ns // ratio, images_end_ns=end, unmarked_ns=None)
 
 
 def true_rate(ratio: float, rate_hz: float) -> float:
-    """True frame rate [Hz] of a file that states `rate_hz`, with 29.97 taken as 30."""
+    """True frame rate [Hz] of a file that states `rate_hz`, with 29.97 taken as 30.
+
+    Args:
+        ratio: true over stated frame rate.
+        rate_hz: stated frame rate [Hz]; a rate within 0.2 % of a whole number is taken as that number.
+    """
     usual = round(rate_hz)
     return ratio * (usual if abs(usual - rate_hz) < 2e-3 * rate_hz else rate_hz)
 
 
 def slow_motion_text(ratio: float, rate_hz: float) -> str:
-    """Message about a slow-motion video, with the remedy."""
+    """Message that a video seems to be slow motion, with the option that corrects the import.
+
+    Args:
+        ratio: true over stated frame rate.
+        rate_hz: stated frame rate [Hz].
+    """
     return (
         f"the motion is a tip of this object only if the true frame rate is {ratio:g} times"
         f" the stated {rate_hz:.4g} frames a second (slow motion?): "

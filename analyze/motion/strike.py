@@ -1,4 +1,8 @@
-"""Analysis of one strike: from marker tracks to balance angle phi, k and a verdict."""
+"""Analysis of one strike: from marker tracks to balance angle phi, k and a verdict.
+
+A strike is one impact that tips the object about an edge; phi is the tipping angle at which its centre of
+mass stands above that edge, k = m g R / I_edge the rate of the tip.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +45,7 @@ _MIN_SEEN_NS = 200_000_000
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
-    """Placement and pivot of a planned strike as arrays."""
+    """Planned pose of the object and pivot point of a strike, as arrays."""
     return Placement(
         R_world_object=np.array(planned.R_world_object, dtype=float),
         p_world_object=np.array(planned.p_world_object, dtype=float),
@@ -57,17 +61,21 @@ def analyse_strike(
     task: StrikeTask,
     settings: MotionSettings | None = None,
 ) -> TipMotion:
-    """Analyse one strike: motion, phases, fits and verdict.
+    """Analyse one strike: motion, phases, fits and verdict, from the tracks of its markers.
 
-    A bad strike raises no error: its verdict names the fault, and phi and k are given if they could be
-    fitted.
+    A bad strike raises no error: its verdict names the fault, and balance angle phi and rate k are given if
+    they could be fitted.
 
     Args:
         tracks: the object's markers through the strike's window.
         markers: the object's markers.
-        camera: camera with its pose in W.
+        camera: camera with its pose in the world frame W.
         task: the strike as planned and as carried out.
         settings: limits; None for the defaults.
+
+    Returns:
+        The motion with its verdict; tipping angle, phases and fit are None where they could not be
+        determined.
     """
     settings = settings or MotionSettings()
     if (unseen := _judge_unseen(task)) is not None:
@@ -81,12 +89,15 @@ def analyse_strike(
 
 
 def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
-    """Analyse the motion of one strike: phases, fits and verdict.
+    """Analyse the motion of one strike: phases, fits and verdict, from its tipping angle.
 
     Args:
         motion: the motion in the plane across the pivot axis.
         task: the strike as planned and as carried out.
-        settings: limits.
+        settings: limits of the fit's window, of a clean tip and of the contact.
+
+    Returns:
+        The motion with its verdict; the fit is None if nothing fits or the balance angle is too uncertain.
     """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
@@ -129,7 +140,11 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 
 
 def verdict_of(motion: TipMotion) -> StrikeVerdict:
-    """Verdict on a strike as the session reports it."""
+    """Verdict on an analysed strike in the form in which the session reports it.
+
+    It holds code, reason, balance angle phi with its sd [rad] (None without a fit), energy ratio, and the
+    largest tipping angle [rad] if the object rocked back, otherwise None.
+    """
     fit, top = motion.fit, None
     if (
         motion.verdict is Verdict.ROCKED_BACK
@@ -152,7 +167,8 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
 def _judge_unseen(task: StrikeTask) -> Judgement | None:
     """Verdict "unreadable" if the images end before a tip could show in them; None if they do not.
 
-    Such a strike must not be reported as "not moved".
+    Such a strike must not be reported as "not moved". None also if the end of the images is unknown, or there
+    are images and no measured contact time.
     """
     end = task.images_end_ns
     if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _MIN_SEEN_NS:
@@ -165,6 +181,8 @@ def _judge_unseen(task: StrikeTask) -> Judgement | None:
 
 def end_of_rest_ns(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
     """log_time [ns] at which rest ends: shortly before the contact, or at a marker's earlier motion.
+
+    If neither is known it is just after the last tracked frame; 0 without tracks.
 
     Args:
         tracks: the object's markers.
@@ -187,7 +205,13 @@ def end_of_rest_ns(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
 
 
 def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
-    """Verdict on a strike whose theta(t) could not be fitted."""
+    """Verdict on a strike whose tipping angle theta(t) could not be fitted: rocked back, or unreadable.
+
+    Args:
+        angle: theta(t).
+        course: its events.
+        reason: why no fit was possible, for the verdict "unreadable".
+    """
     if course.came_back and course.top_frame is not None:
         top = math.degrees(float(angle.theta[course.top_frame]))
         return Judgement(
@@ -198,7 +222,13 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 
 
 def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
-    """Frames [start, stop) from release to 5 deg past balance; later ones do not affect phi."""
+    """Frames [start, stop) from release to 5 deg past balance; later ones do not affect phi.
+
+    Args:
+        angle: tipping angle of the strike.
+        released: first frame in which only gravity acts.
+        fit: fit with the balance angle phi; its window limits the result.
+    """
     last = fit.window[1]
     past = np.flatnonzero(angle.theta[released:last] > fit.phi + 0.09)
     return released, (released + int(past[0]) if len(past) else last)
@@ -207,7 +237,14 @@ def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[
 def _alternatives(
     angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings
 ) -> tuple[MotionFit, ...]:
-    """Fits by the paper's estimator, for comparison."""
+    """Fit by the paper's estimator `sign_change`, for comparison; empty if it fails.
+
+    Args:
+        angle: tipping angle theta(t) of the strike.
+        course: its events; the window begins at the first motion.
+        fit: the chosen fit; the window ends with its window.
+        settings: width of the moving mean.
+    """
     if course.moved_frame is None:
         return ()
     try:
@@ -227,6 +264,10 @@ def _smoothing_points(angle: TipAngle, usual: int) -> int:
     """Width of the moving mean [frames]; above 180 Hz it spans the same time as `usual` frames at 120 Hz.
 
     The noise of a second derivative grows with the square of the frame rate.
+
+    Args:
+        angle: tipping angle with the times of its frames.
+        usual: width [frames] at up to 180 Hz.
     """
     frame_ns = float(np.median(np.diff(angle.time_ns)))
     return usual if frame_ns > _FAST_FRAME_NS else 2 * round(usual * 1e9 / 120 / frame_ns / 2) + 1
@@ -240,7 +281,16 @@ def _result(
     fit: MotionFit | None,
     alternatives: tuple[MotionFit, ...],
 ) -> TipMotion:
-    """TipMotion of an analysed strike, with its phases and energy ratio."""
+    """TipMotion (result) of an analysed strike, with its phases and energy ratio.
+
+    Args:
+        task: the strike as planned and as carried out.
+        judgement: its verdict.
+        angle: tipping angle theta(t).
+        course: its events.
+        fit: the chosen fit; None if there is none, then there is no energy ratio.
+        alternatives: fits by other estimators.
+    """
     return TipMotion(
         strike_id=task.strike_id,
         plan_strike_id=task.planned.id,
@@ -255,7 +305,7 @@ def _result(
 
 
 def _energy_ratio(fit: MotionFit) -> float:
-    """Energy of the strike over the energy needed to tip, for a hinge or a rolling contact."""
+    """Energy of the strike over the energy needed to reach balance, of a hinge or rolling contact."""
     return (
         fit.rolling.energy_ratio
         if fit.rolling
@@ -264,7 +314,7 @@ def _energy_ratio(fit: MotionFit) -> float:
 
 
 def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
-    """TipMotion of a strike of which no motion could be measured."""
+    """TipMotion (result) of a strike without measured motion: ids and verdict, all else None."""
     return TipMotion(
         task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None
     )

@@ -1,4 +1,4 @@
-"""Input and verdict of the analysis of one strike."""
+"""Data that the analysis of one strike needs, and the verdict that it returns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StrikeTask:
-    """Information on one strike besides its marker tracks: plan, contact time, and the object's shape."""
+    """Data of one strike besides its marker tracks: plan, contact time, and the object's shape.
+
+    A strike is one impact that tips the object about an edge.
+    """
 
     strike_id: str
     """id of the strike"""
@@ -36,7 +39,7 @@ class StrikeTask:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Verdict on a strike with its reason."""
+    """Verdict on a strike (good, or the fault of its motion) with the reason in words."""
 
     code: Verdict
     """the verdict"""

@@ -49,14 +49,18 @@ _STEP = math.radians(0.25)
 
 @dataclass(frozen=True)
 class SupportFunction:
-    """Support function h(theta) of a cross-section with h' and rho, on an even grid of angles."""
+    """Support function of a cross-section on an even grid of tipping angles theta.
+
+    h(theta) is the height of the pivot point p over the table, h' its horizontal distance to the contact, rho
+    the radius of curvature at the contact.
+    """
 
     start: float
     """first angle [rad]"""
     step: float
     """step of the grid [rad]"""
     height: Array
-    """(n,) h: height of p over the table [m]"""
+    """(n,) h: height of the pivot point p over the table [m]"""
     ahead: Array
     """(n,) h': distance from p to the contact, towards where the body tips [m]"""
     radius: Array
@@ -73,7 +77,14 @@ class SupportFunction:
     """relative standard deviation of the radius of such a curve, caused by uneven bends of the shape"""
 
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
-        """h, h' and rho [m] at angles theta [rad], each of theta's shape; beyond the grid, its end values."""
+        """Support function h, its derivative h' and radius rho [m] at tipping angles, interpolated.
+
+        h is the height of the pivot point over the table, h' the horizontal distance from it to the contact.
+        Beyond the grid the values at its ends are taken.
+
+        Args:
+            theta: (...) tipping angles [rad]; each result has this shape.
+        """
         place = np.minimum(np.maximum((theta - self.start) / self.step, 0.0), len(self.height) - 1.001)
         index = place.astype(np.intp)
         share = (place - index)[..., None]
@@ -81,7 +92,13 @@ class SupportFunction:
         return row[..., 0], row[..., 1], row[..., 2]
 
     def centre(self, theta: float) -> tuple[float, float, float]:
-        """Centre of curvature (x, z) from p in the rest pose, and radius [m], at theta [rad]."""
+        """Centre of curvature (x, z) in the rest pose, and radius of curvature, of the contact at theta [m].
+
+        The centre is relative to the pivot point p; x points in the direction of tipping, z up.
+
+        Args:
+            theta: tipping angle [rad].
+        """
         height, ahead, radius = (float(each) for each in self.evaluate(np.array(theta)))
         # In W the centre is `ahead` in front of p and `radius` above the table; rotate back by theta.
         along, over = ahead, radius - height
@@ -89,7 +106,11 @@ class SupportFunction:
         return along * cos - over * sin, along * sin + over * cos, radius
 
     def rolling_displacement(self, theta: Array) -> tuple[Array, Array]:
-        """Displacement (n,) of p along and off the table [m], rolling from 0 to theta (n,) [rad]."""
+        """Displacement (n,) of the pivot point along and (n,) off the table [m], by rolling from rest.
+
+        Args:
+            theta: (n,) tipping angles [rad].
+        """
         # Near rest the resting face may touch; there the motion is extrapolated from `_LIFTED_RAD`.
         later = np.maximum(theta, _LIFTED_RAD)
         height, ahead, _ = self.evaluate(later)
@@ -101,25 +122,38 @@ class SupportFunction:
         return travelled - ahead + ahead0 + height0 * begun, height - height0 + ahead0 * begun
 
     def touches_curve(self, theta: float) -> bool:
-        """True if a curve of the shape touches at theta [rad], not a corner with a stated rounding."""
+        """True if a curve of the shape touches the table at theta [rad], not a corner with a stated rounding.
+
+        False beyond the grid of angles.
+        """
         place = round((theta - self.start) / self.step)
         return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
 
     def curved_over(self, low: float, high: float, least: float) -> float:
-        """Range [rad] between two angles in which a curve of radius above `least` [m] touches."""
+        """Range [rad] of the angles at which a curve of the shape of radius above `least` touches.
+
+        Args:
+            low: least tipping angle counted [rad].
+            high: largest tipping angle counted [rad].
+            least: radius [m]; the smaller curves count as corners.
+        """
         angles = self.start + self.step * np.arange(len(self.radius))
         inside = (angles >= low) & (angles <= high) & (self.radius > least)
         return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
 
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
-        """Least and greatest radius of curvature [m] between two angles [rad]."""
+        """Least and greatest radius of curvature [m] at 50 angles from `low` to `high` [rad]."""
         _, _, radius = self.evaluate(np.linspace(low, high, 50))
         return float(np.min(radius)), float(np.max(radius))
 
     def longest_flat(self, low: float, high: float) -> float:
-        """Length [m] of the longest flat face that comes to lie on the table between two angles [rad].
+        """Length [m] of the longest flat face that comes to lie on the table between two tipping angles.
 
-        The contact jumps from one end of such a face to the other.
+        The contact jumps from one end of such a face to the other. 0 if there is none.
+
+        Args:
+            low: first angle [rad].
+            high: last angle [rad].
         """
         angles = self.start + self.step * np.arange(len(self.radius))
         inside = (angles >= low) & (angles <= high)
@@ -131,13 +165,15 @@ class SupportFunction:
 
     @cached_property
     def _table(self) -> Array:
+        """Columns (n, 3) of height h, distance h' and radius rho [m] on the grid of angles."""
         return np.stack([self.height, self.ahead, self.radius], axis=-1)
 
 
 def circular_support(radius: float) -> SupportFunction:
-    """Support function of a circle about p, for an edge of which only the rounding is known.
+    """Support function of a circle about the pivot point, for an edge with only a known rounding.
 
-    A motion on it determines phi and k, but not the distance of c.
+    A motion on it determines the balance angle phi and the rate k, but not the distance of the centre of
+    mass.
 
     Args:
         radius: radius [m], 0 for a sharp edge.
@@ -152,10 +188,14 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
     """Support function of a cross-section about a pivot point, from points of its outline.
 
     Args:
-        points: (n, 2) points of the outline [m], x in the direction of tipping, z up, in any order; inner
-            points are ignored.
-        pivot: (2,) p in the same frame [m].
-        rounding: radius of the rounding of every corner [m].
+        points: (n, 2) points of the outline [m], x in the direction of tipping, z up, in any order; points
+            inside the convex hull are ignored.
+        pivot: (2,) pivot point in the same frame [m].
+        rounding: radius of the rounding of every corner that is not part of a curve [m].
+
+    Returns:
+        The support function from -10 to 150 deg of tipping angle, with the errors caused by facets and
+        roughness.
 
     Raises:
         EstimationError: the points span no area.
@@ -197,7 +237,16 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
 
 
 def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: float) -> tuple[Array, Array]:
-    """Lowest corner or centre of its rounding (n, 2), and the rounding's radius (n,) [m], at theta (n,)."""
+    """Lowest corner, or centre of its rounding, (n, 2) [m], and the rounding's radius (n,) [m].
+
+    Both are for each of n tipping angles. Corners that are part of a curve stay sharp.
+
+    Args:
+        outline: the cross-section, with coordinates relative to the pivot point.
+        curves: its curves.
+        theta: (n,) tipping angles [rad].
+        rounding: radius of the rounding of every other corner [m].
+    """
     n = len(outline)
     curved = {i for curve in curves for i in curve.facets}
     centres, radii = outline.corners.copy(), np.zeros(n)

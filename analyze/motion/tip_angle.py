@@ -46,7 +46,8 @@ the last three"""
 class Placement:
     """Planned pose of the object for a strike, and its pivot.
 
-    X_world = R_world_object x_object + p_world_object.
+    A point x_object in the object frame O is at X_world = R_world_object x_object + p_world_object in the
+    world frame W.
     """
 
     R_world_object: Array
@@ -64,7 +65,7 @@ class PlanarMotion:
     """Motion of a strike in the plane across the pivot axis, and its deviations from a pure tip."""
 
     angle: TipAngle
-    """theta, slip and rotation about other axes"""
+    """tipping angle theta, slip (sliding of the edge along the table) and rotation about other axes"""
     lift: Array
     """(n,) height of the pivot over its position at rest [m]"""
     position_sd: Array
@@ -83,7 +84,7 @@ class PlanarMotion:
 
 @dataclass(frozen=True)
 class _Views:
-    """Corners of all markers in all frames."""
+    """Corners of all markers in all n frames of a strike, with their positions at rest; m markers."""
 
     time_ns: IntArray
     """(n,) log_time of the frames [ns]"""
@@ -106,17 +107,21 @@ def tip_angle(
 ) -> PlanarMotion:
     """Tipping angle since rest, and motion of the pivot, in every frame of a strike.
 
-    The pivot axis is W's y; its small yaw is fitted.
+    The pivot axis is W's y (W: world frame, z up); its small yaw is fitted. If the motion is clearly not
+    planar, the full motion of every frame is fitted instead.
 
     Args:
         tracks: tracks of the object's markers through one strike window.
         markers: the object's markers.
         camera: camera with its pose in W.
-        placement: nominal placement; only its orientation and the pivot are used.
-        rest_end_ns: frames before this are at rest.
+        placement: nominal placement; its position is used only if no marker's place on the object is known.
+        rest_end_ns: frames before this log_time [ns] are at rest.
+
+    Returns:
+        Tipping angle, slip and lift of every frame, with their errors and the misfit of a planar motion.
 
     Raises:
-        TrackingError: there is no track, or the object is not seen at rest before the strike.
+        TrackingError: there is no track, or no marker is seen at rest in three frames before the strike.
     """
     if not tracks:
         raise TrackingError(
@@ -175,11 +180,15 @@ def tip_angle(
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
-    """Ratio of the scatter of theta (n,) [rad] between neighbouring resting frames to its stated `sd` (n,).
+    """Ratio of the scatter of theta between neighbouring resting frames to its stated standard deviation.
 
     It is shrunk towards 1 if frames are few. Residuals within a frame do not measure it: their systematic
     part (from a lens, a code or a placement that is not quite as modelled) is the same in all frames, so that
     it moves theta's zero but does not add scatter.
+
+    Args:
+        theta: (n,) tipping angle of the resting frames [rad].
+        sd: (n,) its stated standard deviation [rad].
     """
     if len(theta) < 2:
         return 1.0
@@ -190,11 +199,12 @@ def _random_scale(theta: Array, sd: Array) -> float:
 
 
 def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
-    """Ratio of theta's scatter (n,) [rad] between neighbouring resting frames to its stated `sd` (n,).
+    """Standard deviation [rad] of the zero of the tipping angle theta, an error that all frames share.
 
     The systematic error is the misfit of model and image within a frame, and MODEL_PX for each corner, which
     need not show as a misfit. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts
-    edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.)
+    edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.) The noise of the mean of the resting frames
+    is added.
 
     Args:
         random: (n,) noise of each resting frame [rad].
@@ -209,7 +219,7 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
 
 
 def _scale(solution: _Solution) -> float:
-    """Factor on the corners' sd that the residuals require, at least 1."""
+    """Factor on the corners' standard deviation that the median frame's residuals require, at least 1."""
     return float(np.sqrt(max(1.0, np.median(solution.chi2 / np.maximum(solution.freedom, 1)))))
 
 
@@ -220,10 +230,20 @@ def _collect(
     placement: Placement,
     rest_end_ns: int,
 ) -> tuple[_Views, Array]:
-    """Corners [ideal px] in every frame of the markers seen at rest, and the pivot point in W (3,) [m].
+    """Corners in every frame of the markers seen at rest, and the pivot point (3,) in W [m].
+
+    W is the world frame, z up. The corners are free of lens distortion. The pivot point is the mean of the
+    markers' own, or the planned one if no marker's place on the object is known.
+
+    Args:
+        tracks: tracks of the object's markers.
+        by_id: the object's markers by id.
+        camera: camera with its pose in W.
+        placement: planned pose of the object and pivot.
+        rest_end_ns: frames before this log_time [ns] are at rest.
 
     Raises:
-        TrackingError: no marker is at rest in view before the strike.
+        TrackingError: no marker is at rest in view, in three frames, before the strike.
     """
     rested = [
         track
@@ -268,7 +288,7 @@ def _collect(
 
 @dataclass(frozen=True)
 class _Solution:
-    """Fitted displacement of every frame."""
+    """Fitted displacement of every frame, with p = 3 (planar motion) or 6 (full motion) unknowns."""
 
     x: Array
     """(n, p) theta, x, z[, yaw, roll, y] [rad, m]"""
@@ -281,13 +301,16 @@ class _Solution:
 
 
 def _cost(solution: _Solution, yaw: float) -> float:
-    """Robust sum of chi^2 over all frames, with the prior of the yaw [rad]."""
+    """Robust sum of chi^2 over all frames, each limited to 9 medians, with the prior of the yaw [rad]."""
     limit = 9.0 * float(np.median(solution.chi2)) + 1e-12
     return float(np.sum(np.minimum(solution.chi2, limit))) + (yaw / _YAW_SD) ** 2
 
 
 def _rotated(points: Array, axis: Array, theta: Array) -> Array:
-    """Points (..., 3) rotated about `axis` (3,) by theta (n,) [rad]: (n, ..., 3)."""
+    """Points (n, ..., 3): each of `points` (..., 3) rotated about `axis` (3,) by each theta (n,) [rad].
+
+    The axis is a unit vector through the origin.
+    """
     shape = (len(theta), *([1] * (points.ndim)))
     cos, sin = np.cos(theta).reshape(shape), np.sin(theta).reshape(shape)
     return points * cos + np.cross(axis, points) * sin + (points @ axis)[..., None] * axis * (1.0 - cos)
@@ -296,7 +319,16 @@ def _rotated(points: Array, axis: Array, theta: Array) -> Array:
 def _solve(
     views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array
 ) -> _Solution:
-    """Fit of a planar motion: theta, and the pivot's displacement along and off the table, in every frame."""
+    """Fit of a planar motion: theta, and the pivot's displacement along and off the table, in every frame.
+
+    Args:
+        views: corners of all markers in all frames.
+        pivot: (3,) pivot point at rest in the world frame W [m].
+        yaw: heading of the pivot axis against W's y, about W's z [rad].
+        camera: camera that took the frames.
+        R_camera_world: (3, 3) rotation from W to the camera frame.
+        t_camera_world: (3,) translation that belongs to it [m].
+    """
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -340,7 +372,17 @@ def _solve_full(
 ) -> _Solution:
     """Fit of the full motion in every frame, starting from the planar fit.
 
-    It adds rotations about W's z and x and the displacement along the axis, with priors `_WOBBLE_SD`.
+    It adds rotations about the vertical and about the horizontal across the pivot axis, and the displacement
+    along the axis, with priors `_WOBBLE_SD`.
+
+    Args:
+        views: corners of all markers in all frames.
+        pivot: (3,) pivot point at rest in the world frame W [m].
+        yaw: heading of the pivot axis against W's y, about W's z [rad].
+        camera: camera that took the frames.
+        planar: (n, 3) theta [rad], x, z [m] of the planar fit.
+        R_camera_world: (3, 3) rotation from W to the camera frame.
+        t_camera_world: (3,) translation that belongs to it [m].
     """
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])

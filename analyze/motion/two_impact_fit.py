@@ -31,12 +31,12 @@ _STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5, 1e-5])
 
 @dataclass(frozen=True)
 class TwoImpactFit:
-    """Pendulum motion with a jump in speed."""
+    """Pendulum fitted to a tip whose angular speed jumps at one frame."""
 
     fit: MotionFit
-    """phi, k and the motion before the jump"""
+    """balance angle phi, k and the motion before the jump"""
     index: int
-    """frame of the angle at which the speed jumped"""
+    """frame of the tipping angle at which the speed jumped"""
     size: float
     """jump in speed [rad/s]"""
     gain: float
@@ -46,8 +46,10 @@ class TwoImpactFit:
 def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> TwoImpactFit | None:
     """Best fit of the pendulum with one jump in speed; None if no such motion fits theta(t).
 
+    None also if the window has too few frames, or if the residuals of the best fit are far above the noise.
+
     Args:
-        angle: theta(t) of the strike.
+        angle: tipping angle theta(t) of the strike.
         window: frames [start, stop).
         radius: radius of the edge's rounding [m].
     """
@@ -79,10 +81,21 @@ def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.
 
 
 def _model(sample: Sample, frame: int, radius: float) -> Callable[[Array], tuple[Array, Array]]:
-    """Theta (n,) and derivatives (n, 5) of the pendulum with a jump in speed at `frame`."""
+    """Model of a pendulum with a jump in angular speed at one frame, as a function of its parameters.
+
+    Args:
+        sample: the fitted part of the tipping angle theta(t), with its times.
+        frame: index of the jump in it.
+        radius: radius of the edge's rounding [m].
+
+    Returns:
+        Function of (5,) balance angle phi, k, theta0, omega0 and jump [rad, rad/s^2, rad, rad/s, rad/s] that
+        gives theta (n,) [rad] and its derivatives (n, 5).
+    """
     still = np.zeros_like(sample.time)
 
     def model(x: Array) -> tuple[Array, Array]:
+        """Theta (n,) [rad] and derivatives (n, 5) at x (5,): phi, k, theta0, omega0, jump."""
         steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
         theta = driven_theta(sample.time, x + steps, still, still, radius, jump=(frame, (x + steps)[:, 4]))
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)

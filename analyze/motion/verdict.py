@@ -1,6 +1,7 @@
 """Verdict on a strike, with its numbers and the remedy in one sentence.
 
-`struck_twice` is decided where fits with one and two impacts are compared: fit_choice.py.
+A strike is one impact that should tip the object about an edge. The verdict `struck_twice` is decided where
+fits with one and two impacts are compared: fit_choice.py.
 """
 
 from __future__ import annotations
@@ -34,10 +35,12 @@ def judge_motion(
 ) -> Judgement | None:
     """Verdict on a motion that is not a tip, or was not seen completely; None if it looks like a tip.
 
+    The verdict is one of not moved, slid, marker lost, unreadable.
+
     Args:
         motion: the motion through the whole window of the strike.
         course: its first motion, release and end.
-        task: the strike.
+        task: the strike as planned and as carried out.
         limits: limits of a clean tip.
     """
     angle = motion.angle
@@ -59,7 +62,19 @@ def judge_motion(
 def _gaps(
     angle: TipAngle, course: Course, times: IntArray, frame_ns: float, task: StrikeTask, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict on missing images or markers between `times` (n,) [ns]; None if enough were seen."""
+    """Verdict on missing images or markers during a tip; None if enough were seen.
+
+    "Marker lost" if too many frames in a row or in all lack a marker, or the tip is lost before its end;
+    "unreadable" if the camera left images out.
+
+    Args:
+        angle: tipping angle theta(t).
+        course: its events.
+        times: (n,) log times of the frames of the tip [ns].
+        frame_ns: usual time between frames [ns].
+        task: the strike, with the times of images without a marker.
+        limits: limits of missing frames.
+    """
     apart_ns = np.diff(times)
     if task.unmarked_ns is None:
         missed = np.rint(apart_ns / frame_ns) - 1.0
@@ -86,7 +101,13 @@ def _gaps(
 
 
 def _not_moved(motion: PlanarMotion, peak: float, limits: VerdictLimits) -> Judgement:
-    """Verdict on an object that did not tip: it slid, or did not move; `peak` is its largest theta [rad]."""
+    """Verdict on an object that did not tip: slid, or not moved.
+
+    Args:
+        motion: motion through the whole window of the strike.
+        peak: largest tipping angle theta [rad], for the message.
+        limits: largest sliding that does not count.
+    """
     slip = _smooth_peak(np.abs(motion.angle.slip), motion.position_sd)
     turned = f"turned by {math.degrees(peak):.2f} deg at most"
     if slip > limits.slip:
@@ -101,9 +122,9 @@ def judge_contact(
     """Verdict on a contact that lifted, twisted or slid within a window; None if it held.
 
     Args:
-        motion: slip, lift and twist of the strike.
+        motion: motion with slip and lift of the edge, and rotation about other axes (twist).
         window: frames [start, stop).
-        rolls: True if the edge is a round rim.
+        rolls: True if the edge is a round rim: a twist is then called "rolled".
         limits: limits of a clean tip.
     """
     used = slice(*window)
@@ -127,7 +148,16 @@ def judge_contact(
 def judge_hard(
     motion: PlanarMotion, course: Course, energy_ratio: float, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict on a strike so hard that the object flew after its balance point; None if it did not fly."""
+    """Verdict "airborne" on a strike so hard that the object left the table; None if it did not.
+
+    None also below the energy ratio `limits.hard_energy_ratio`.
+
+    Args:
+        motion: motion with the lift of the edge.
+        course: its events; the free motion from release to end is checked.
+        energy_ratio: energy of the strike over the energy needed to tip.
+        limits: limits of energy ratio and lift.
+    """
     if energy_ratio < limits.hard_energy_ratio or course.released_frame is None:
         return None
     free = slice(course.released_frame, course.end_frame)
@@ -140,7 +170,16 @@ def judge_hard(
 
 
 def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: VerdictLimits) -> Judgement | None:
-    """Verdict on a strike whose phi is too uncertain for use; None if phi is usable."""
+    """Verdict on a strike whose balance angle phi is too uncertain for use; None if phi is usable.
+
+    "Rocked back" if the object came back or did not reach phi, otherwise "unreadable".
+
+    Args:
+        fit: the chosen fit, with phi and its variance.
+        course: events of the strike.
+        theta_max: largest tipping angle [rad].
+        limits: largest standard deviation of phi.
+    """
     sd = math.sqrt(float(fit.covariance[0, 0]))
     if sd <= limits.phi_sd:
         return None
@@ -153,7 +192,14 @@ def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: Verdic
 
 
 def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: float) -> Judgement:
-    """Verdict on a clean tip: good, or rocked back."""
+    """Verdict on a clean tip: good, or rocked back.
+
+    Args:
+        fit: the chosen fit, with the balance angle phi.
+        course: events of the strike.
+        energy_ratio: energy of the strike over the energy needed to tip.
+        theta_max: largest tipping angle [rad].
+    """
     phi = math.degrees(fit.phi)
     if course.came_back or (energy_ratio < 1.0 and theta_max < fit.phi):
         return Judgement(
@@ -165,7 +211,14 @@ def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: fl
 
 
 def _smooth_peak(values: Array, sd: Array) -> float:
-    """Largest running median over five values, less twice the mean of `sd` (n,); at least 0."""
+    """Largest running median over five values, less twice the mean of their sd there; at least 0.
+
+    In the unit of the values; 0 if there are none.
+
+    Args:
+        values: (n,) values, one per frame.
+        sd: (n,) their standard deviations.
+    """
     if not len(values):
         return 0.0
     size = min(_MEDIAN_FRAMES, len(values))
