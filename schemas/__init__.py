@@ -1,4 +1,4 @@
 """The recording format, its MCAP core, and the documents that acquire and analyze exchange.
 
-It imports nothing from either package.
+This package imports nothing from `acquire` or `analyze`.
 """

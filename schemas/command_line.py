@@ -1,7 +1,8 @@
-"""Command-line conventions of both commands: a problem is one line on standard error and an exit code.
+"""Command-line conventions of `acquire` and `analyze`: errors in one line, and exit codes.
 
-The line begins with the command's name. Exit codes: 0 done, 1 a named problem, 2 wrong usage, 3 ended early
-or with loss, 130 interrupted.
+A problem is written to standard error as one line that begins with the command's name; notes on it follow,
+one line each. Exit codes: 0 done, 1 a named problem, 2 wrong usage, 3 ended early or with loss, 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -26,10 +27,14 @@ PROBLEM, LOSS, INTERRUPTED = 1, 3, 130
 
 
 class NumberRange(click.FloatRange):
-    """Range of numbers that refuses `nan`, which click's own range accepts."""
+    """Type of a click option: a number within limits; it refuses `nan`, which click's own range accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to a number in the range."""
+        """Convert the text of a command-line value to a float within the limits.
+
+        Raises:
+            click.BadParameter: the value is not a number, is `nan`, or is outside the limits.
+        """
         number = super().convert(value, param, ctx)
         if math.isnan(number):
             self.fail(f"{value} is not a number.", param, ctx)
@@ -37,19 +42,28 @@ class NumberRange(click.FloatRange):
 
 
 class WrongUsage(click.UsageError):
-    """Wrong usage as one line: the mistake, and the --help to read. Click's own message has four lines."""
+    """Wrong usage as one line: the mistake, and the --help to read. Click's own message has four lines.
+
+    Args:
+        command: "acquire" or "analyze", with which the line begins.
+        error: click's own error.
+    """
 
     def __init__(self, command: str, error: click.UsageError) -> None:
         mistake = " ".join(error.format_message().split()).removesuffix(".")
         super().__init__(f"{command}: {mistake} (see {_invoked_verb(command, error.ctx)} --help)", error.ctx)
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Write the line."""
+        """Write the one-line message to `file`, or to standard error if `file` is None."""
         click.echo(self.message, file=file, err=file is None)
 
 
 def _invoked_verb(command: str, ctx: click.Context | None) -> str:
-    """Command and verb as invoked, however the program was started (`python -m analyze`)."""
+    """Command and verbs as invoked, for example "acquire check", for messages.
+
+    Click's context names the program after the way it was started (`python -m analyze`); `command` replaces
+    that name.
+    """
     verbs: list[str] = []
     while ctx is not None and ctx.parent is not None:
         verbs.insert(0, ctx.info_name or "")
@@ -58,15 +72,26 @@ def _invoked_verb(command: str, ctx: click.Context | None) -> str:
 
 
 class Commands(click.Group):
-    """Group of verbs that reports wrong usage in one line; the group's name is the command's."""
+    """Click group of a command's verbs that reports wrong usage in one line.
+
+    The group's name is the command's ("acquire" or "analyze").
+    """
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
-        """Make click's context; wrong usage becomes one line."""
+        """Make click's context from the command line's arguments.
+
+        Raises:
+            WrongUsage: the arguments are wrong; the message is one line.
+        """
         with self._one_line_usage():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Invoke the verb; wrong usage becomes one line."""
+        """Invoke the verb of a parsed command line and return its result.
+
+        Raises:
+            WrongUsage: the verb's arguments are wrong; the message is one line.
+        """
         with self._one_line_usage():
             return super().invoke(ctx)
 
@@ -81,14 +106,19 @@ class Commands(click.Group):
 
 
 def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator of a verb that reports expected errors in one line and exits.
+    """Decorator of a verb that reports expected errors in one line on standard error and exits.
 
-    Expected are `problems`, unusable documents, unwritable output files, and errors of the operating system.
+    The exit code is 1 for `problems`, unusable documents, unwritable output files and errors of the operating
+    system, and 130 for Ctrl-C. If the reader of the verb's output has closed its pipe, the verb exits with 1
+    without a message.
 
     Args:
         command: "acquire" or "analyze", with which the line begins.
         problems: errors that the package raises on purpose. Their message names the thing and the remedy;
             their notes follow, one line each.
+
+    Returns:
+        The decorator; a decorated verb raises SystemExit in place of these errors.
     """
 
     def end(code: int, line: str = "") -> NoReturn:

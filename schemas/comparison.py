@@ -1,4 +1,7 @@
-"""The Comparison document of repeated sessions: precision (ISO 5725) and agreement."""
+"""The Comparison document of repeated sessions: precision (ISO 5725) and agreement.
+
+A session is one recording of an object being struck; sessions are compared after each has been evaluated.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,13 @@ from schemas.result import RESULT_VERSION, AxisMoment, RegionResult
 
 
 class SessionsAgreement(Document):
-    """Test of one common centre of mass against one per session; shared errors stay shared."""
+    """Chi-squared test of one common centre of mass against one per session.
+
+    Errors that sessions share, such as that of the shape, are taken as one error of all of them.
+    """
 
     chi_squared: float = Field(ge=0)
+    """decrease of chi squared if every session has its own centre of mass"""
     freedom: int = Field(description="degrees of freedom of chi_squared")
     chance: float = Field(
         ge=0,
@@ -28,34 +35,46 @@ class SessionsAgreement(Document):
 
 
 class SessionAnswer(Document):
-    """Answer of one session by itself."""
+    """Centre of mass, moments of inertia and region masses from one session by itself."""
 
     recording: ReportRecording
     setup: int = Field(ge=1, description="number of the set-up: rig, level and camera calibration")
     strikes: int = Field(description="number of strikes recorded")
     strikes_used: int = Field(description="number of strikes that the answer uses")
     centre_of_mass: Quantity
+    """centre of mass in O, the object's frame"""
     moments: list[AxisMoment]
+    """moments of inertia about the pivot axes"""
     regions: list[RegionResult] = Field(description="regions named by the first session's dividing plane")
     against_others: SessionsAgreement = Field(description="this session against all others together")
     stands_out: bool = Field(description="true if this session differs from the others beyond chance")
 
 
 class SessionValue(Document):
-    """Value of a quantity in one session: its answer, or the mean of its strikes."""
+    """Value of one quantity in one session: the session's answer, or the mean of its strikes.
+
+    Numbers are in the `unit` of the QuantityPrecision that contains them.
+    """
 
     session: int = Field(description="number of the session by start time, from 1")
     value: float
     interval95: list[float] | None = None
+    """lower and upper end of the 95 % interval; null if none is known"""
     results: list[float] = Field(description="values of which `value` is the mean")
 
 
 class QuantityPrecision(Document):
-    """Precision of one quantity as ISO 5725-2 defines it; null where it cannot be determined."""
+    """Precision of one quantity over repeated sessions as ISO 5725-2 defines it.
+
+    All values are in `unit`. A standard deviation that cannot be determined is null.
+    """
 
     name: str
+    """name of the quantity"""
     kind: Literal["centre_of_mass", "moment", "region", "phi"]
+    """kind of the quantity; phi is the balance angle about one pivot edge"""
     unit: str
+    """unit of all values and standard deviations"""
     grouped_by: Literal["set-up", "session"] = Field(
         description="what results under repeatability conditions share"
     )
@@ -64,6 +83,7 @@ class QuantityPrecision(Document):
         default=None, description="joint estimate from all strikes, where answers of sessions are compared"
     )
     mean: float
+    """mean over the sessions"""
     s_r: float | None = Field(description="repeatability standard deviation: within a group")
     freedom_r: int = Field(description="degrees of freedom of s_r")
     s_L: float | None = Field(description="standard deviation between groups")
@@ -75,14 +95,18 @@ class QuantityPrecision(Document):
 
 
 class Comparison(Document):
-    """Repeated sessions of one object."""
+    """Comparison of repeated sessions of one object: answers, agreement and precision of results."""
 
     schema_version: str = RESULT_VERSION
     object: str
+    """name of the object"""
     object_sha256: str
+    """identity of the object, see `object_sha256` of schemas/object_spec.py"""
     software: str
+    """program and version that compared"""
     verdict: list[str] = Field(description="sentences that begin with trust, doubt or repeat")
     agreement: SessionsAgreement
+    """test of one centre of mass for all sessions"""
     may_join: bool = Field(
         description="true if one centre of mass fits all sessions, so that their recordings may be merged"
     )

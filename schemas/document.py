@@ -1,9 +1,9 @@
-"""Base of all documents that the packages exchange.
+"""Base of all documents (validated JSON or TOML files) that the packages exchange.
 
 A document is validated when it is read; all its problems are reported in one line.
 
-Frames: W world (z up, table z = 0), O object (the shape file's frame), C camera (OpenCV), M marker. See
-schemas/README.md. SI units throughout.
+Frames: W world (z up, table z = 0), O object (the shape file's frame), C camera (OpenCV), M marker
+(schemas/README.md defines them). SI units throughout.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Matrix4 = Annotated[list[Row4], Field(min_length=4, max_length=4)]
 
 
 class DocumentError(ValueError):
-    """A document that cannot be used; the message names the file, the entry and the remedy in one line."""
+    """A document that cannot be used; the message is one line: the file, the entry and the remedy."""
 
 
 class Document(BaseModel):
-    """Base of all documents; it refuses unknown keys and non-finite numbers."""
+    """Base class of all documents: immutable; refuses unknown keys and numbers that are not finite."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -47,7 +47,12 @@ class Document(BaseModel):
 
 
 def check_pose(T: list[list[float]]) -> None:
-    """Raise ValueError unless T (4, 4) is a rigid transform with a plausible translation in metres."""
+    """Check that T (4, 4) is a rigid transform with a plausible translation [m].
+
+    Raises:
+        ValueError: the upper left 3 x 3 is not a rotation (to POSE_TOLERANCE), the last row is not 0, 0, 0,
+            1, or a component of the translation exceeds MAX_TRANSLATION_M.
+    """
     columns = list(zip(*T[:3], strict=True))[:3]
     dots = [
         sum(a * b for a, b in zip(columns[i], columns[j], strict=True)) for i in range(3) for j in range(i, 3)
@@ -72,10 +77,19 @@ def check_pose(T: list[list[float]]) -> None:
 
 
 def validate(model: type[T], data: object, name: str, remedy: str = "") -> T:
-    """Validate `data` as `model`.
+    """Validate `data` as a document of class `model`.
+
+    Args:
+        model: class of the expected document.
+        data: content of the file as parsed from JSON or TOML.
+        name: name of the file, with which the error message begins.
+        remedy: advice that ends the error message; "" for none.
+
+    Returns:
+        The document.
 
     Raises:
-        DocumentError: it is not valid; one line with `name`, all problems and the `remedy`.
+        DocumentError: the data are not valid; one line with `name`, the problems and the `remedy`.
     """
     try:
         return model.model_validate(data)
@@ -88,7 +102,14 @@ def validate(model: type[T], data: object, name: str, remedy: str = "") -> T:
 
 
 def refuse_other_major(data: object, name: str) -> None:
-    """Raise DocumentError if the document has another major schema version."""
+    """Raise DocumentError if a plan states another major schema version than this program's.
+
+    A version that is missing, or is not text, is left to the validation.
+
+    Args:
+        data: content of the plan as parsed from JSON.
+        name: name of the file for the message.
+    """
     found = cast("dict[str, object]", data).get("schema_version") if isinstance(data, dict) else None
     ours = SCHEMA_VERSION.split(".", maxsplit=1)[0]
     if isinstance(found, str) and found.split(".", maxsplit=1)[0] != ours:
@@ -99,19 +120,19 @@ def refuse_other_major(data: object, name: str) -> None:
 
 
 def sha256_text(text: str) -> str:
-    """SHA-256 of a text in UTF-8, hexadecimal."""
+    """SHA-256 of a text in UTF-8, as 64 hexadecimal digits."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def canonical_json(document: Document) -> str:
-    """JSON of a document in one line with sorted keys: equal documents give equal bytes."""
+    """JSON of a document in one line with sorted keys and without spaces: equal documents give equal text."""
     return json.dumps(
         document.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False
     )
 
 
 def read_text(path: Path) -> str:
-    """Read a document's text.
+    """Text of a document's file, which is UTF-8.
 
     Raises:
         DocumentError: the file is missing, is not UTF-8 text, or cannot be read.

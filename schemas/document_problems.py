@@ -1,4 +1,8 @@
-"""Problems of a document in one line: unknown keys, missing keys and wrong values, each with a remedy."""
+"""Problems of a document in one line: unknown keys, missing keys and wrong values.
+
+Each problem comes with its remedy where one is known. A key's place is given by its path `loc`: names of
+tables and numbers of list elements (from 0), as in pydantic's errors.
+"""
 
 from __future__ import annotations
 
@@ -35,11 +39,14 @@ Path = tuple[int | str, ...]
 def problems_in_one_line(
     error: ValidationError, model: type[BaseModel], data: object, *, by_hand: bool
 ) -> str:
-    """All problems that keep `data` from being a `model`, in one line.
+    """Line that lists the problems that keep `data` from being a `model`.
+
+    The problems are unknown, missing and wrong entries. At most MAX_NAMED_KEYS keys of a kind are named;
+    further ones are counted. Of wrong values the first is explained, the others are only named.
 
     Args:
         error: pydantic's error.
-        model: expected document.
+        model: class of the expected document.
         data: content that was read.
         by_hand: True if people write such documents (TOML): explain how to add what is missing. Otherwise
             keys are only named.
@@ -102,7 +109,12 @@ def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_han
 def _hint(
     loc: Path, model: type[BaseModel], data: object, missing: Sequence[Path]
 ) -> tuple[str, Path | None]:
-    """Suggestion for an unknown key, and the missing key that it probably is."""
+    """Suggestion for the unknown key at `loc`, and the path of the key that it probably stands for.
+
+    Returns:
+        The text ("mass_kg?", or the advice to move the key above the first section) and the path of a missing
+        or optional key; "" and None if no key of the table has a similar name.
+    """
     table, name = loc[:-1], str(loc[-1])
     if table and (name,) in missing:
         return f"{name} belongs above the first [section]", (name,)
@@ -119,7 +131,7 @@ def _hint(
 
 
 def _remedy(loc: Path, model: type[BaseModel]) -> str:
-    """Text of a TOML file that adds a missing key."""
+    """Text of a TOML file that adds the missing key at `loc`, with the key's description if it has one."""
     field = _field_at(model, loc)
     name, table = str(loc[-1]), loc[:-1]
     inner = None if field is None else _model_of(field.annotation)
@@ -135,7 +147,16 @@ def _remedy(loc: Path, model: type[BaseModel]) -> str:
 
 
 def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
-    """Example of a value of the right type: the default, or a placeholder."""
+    """Clause that shows how to write the value at `loc` with the right type.
+
+    The example is the entry's default or, without one, a placeholder; for an element of a list only the list
+    is named. Returns "" if `model` has no such entry.
+
+    Args:
+        loc: path of the wrong value.
+        kind: pydantic's error type, for example "float_parsing".
+        model: class of the document.
+    """
     entry = loc
     while entry and isinstance(entry[-1], int):
         entry = entry[:-1]
@@ -151,7 +172,7 @@ def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
 
 
 def _section(table: Path) -> str:
-    """Name of a table as written in TOML; tables of an array are counted from 1."""
+    """Name of a table as written in TOML: `[a.b]`, or `[[a]] number 2` (from 1) for a table of an array."""
     rows = [part for part in table if isinstance(part, int)]
     name = ".".join(_clean(part) for part in table if isinstance(part, str))
     return f"[[{name}]] number {rows[-1] + 1}" if rows else f"[{name}]"
@@ -173,7 +194,7 @@ def _model_at(model: type[BaseModel], loc: Path) -> type[BaseModel] | None:
 
 
 def _model_of(annotation: Any) -> type[BaseModel] | None:
-    """Document class inside `X`, `X | None` or `list[X]`, None if there is none."""
+    """Document class inside an annotation `X`, `X | None` or `list[X]`; None if there is none."""
     if isinstance(annotation, type) and not get_args(annotation):
         return annotation if issubclass(annotation, BaseModel) else None
     return next((found for inner in get_args(annotation) if (found := _model_of(inner)) is not None), None)
@@ -200,12 +221,15 @@ def _dotted(loc: Path) -> str:
 
 
 def _clean(part: int | str) -> str:
-    """Key made printable and short enough for one line."""
+    """Part of a key's path as printable text, cut to MAX_SHOWN_LENGTH characters and "...".
+
+    Characters that cannot be printed become "?".
+    """
     text = "".join(letter if letter.isprintable() else "?" for letter in str(part))
     return text if len(text) <= MAX_SHOWN_LENGTH else f"{text[:MAX_SHOWN_LENGTH]}..."
 
 
 def _shown(value: object) -> str:
-    """Clause with the value found, "" if it is long."""
+    """Clause ", not VALUE" with a text or number found; "" for other values and long ones."""
     text = repr(value) if isinstance(value, str | int | float) else ""
     return f", not {text}" if text and len(text) <= MAX_SHOWN_LENGTH else ""

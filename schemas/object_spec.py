@@ -1,4 +1,7 @@
-"""The object specification (TOML), which the user writes: shape, mass and markers."""
+"""The object specification (TOML), which the user writes: shape, mass and markers.
+
+Frames: O is the object's frame, that of the shape file; M is a marker's.
+"""
 
 from __future__ import annotations
 
@@ -37,12 +40,12 @@ class LengthUnit(enum.Enum):
 
     @property
     def metres(self) -> float:
-        """Length of one unit [m]."""
+        """Length of one such unit [m]."""
         return {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}[self.value]
 
 
 class Box(Document):
-    """Cuboid centred on O, with its edges along O's axes."""
+    """Cuboid centred on the origin of O (the object's frame), with its edges along O's axes."""
 
     size_m: Vector3 = Field(description="lengths of its edges along x, y, z, in metres")
 
@@ -55,14 +58,17 @@ class Box(Document):
 
 
 class Cylinder(Document):
-    """Cylinder centred on O, with its axis along O's z."""
+    """Cylinder centred on the origin of O (the object's frame), with its axis along O's z."""
 
     radius_m: float = Field(gt=0, description="in metres")
     height_m: float = Field(gt=0, description="in metres")
 
 
 class Shape(Document):
-    """Exterior of the object: a shape file with its unit, or a box, or a cylinder."""
+    """Exterior of the object: a shape file with its unit, or a box, or a cylinder.
+
+    Exactly one of `file`, `box` and `cylinder` is given.
+    """
 
     file: str | None = Field(
         default=None, description="name of the shape file, in the folder of this specification"
@@ -99,7 +105,8 @@ class Shape(Document):
 class MarkerSpec(Document):
     """One square marker on the object.
 
-    `T_object_marker` maps M to O; M: x right, y up, z out of the marker's face.
+    `T_object_marker` maps M, the marker's frame (x right, y up, z out of its face, origin at its centre), to
+    O, the object's frame.
     """
 
     family: TagFamily = Field(default=USUAL_FAMILY, description="tag family")
@@ -114,7 +121,10 @@ class MarkerSpec(Document):
 
     @property
     def name(self) -> int | str:
-        """Name of the marker in all documents: see `marker_name`."""
+        """Name of the marker in all documents.
+
+        It is the id for the family 36h11, otherwise family and id, for example "25h9-3".
+        """
         return marker_name(self.family, self.id)
 
     @field_validator("family", mode="before")
@@ -141,9 +151,10 @@ class MarkerSpec(Document):
 
 
 class PartLabel(Document):
-    """A part of uniform density whose mass is estimated.
+    """A part of the object, of uniform density, whose mass is estimated.
 
-    It is made of bodies of the mesh, or is the wall, a layer inside the wall, or a filling.
+    It is made of bodies (closed surfaces) of the mesh, or is the wall, a layer inside the wall, or a filling:
+    exactly one of `bodies`, `wall`, `between_m` and `fills` is given.
     """
 
     name: str = Field(min_length=1, description="name of the part")
@@ -201,7 +212,10 @@ class PartLabel(Document):
 
 
 class ObjectSpec(Document):
-    """The object as the user describes it (TOML), without masses of inner parts: they are the result."""
+    """The object as the user describes it (TOML), without masses of inner parts: they are the result.
+
+    Lengths are in metres and masses in kilograms; poses and directions are in O, the frame of the shape file.
+    """
 
     by_hand: ClassVar[bool] = True
 
@@ -269,7 +283,12 @@ class ObjectSpec(Document):
 
 
 def _check_labels(labels: list[PartLabel]) -> None:
-    """Raise ValueError unless part names and bodies are unique and the object is divided in one way only."""
+    """Check that part names and bodies are unique and that the object is divided in one way only.
+
+    Raises:
+        ValueError: a name or body is used twice, bodies of the mesh are mixed with wall and layers, two parts
+            are the wall, or a filling is not one of exactly two parts with the wall as the other.
+    """
     names = [label.name for label in labels]
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"two parts are called {twice[0]!r}: every part needs a name of its own")
@@ -285,7 +304,7 @@ def _check_labels(labels: list[PartLabel]) -> None:
 
 
 def read_object_spec(path: Path) -> ObjectSpec:
-    """Read and validate an ObjectSpec.
+    """Read and validate an object file (TOML).
 
     Raises:
         DocumentError: the file is missing, is not TOML, or holds an entry that cannot be used.
@@ -294,7 +313,15 @@ def read_object_spec(path: Path) -> ObjectSpec:
 
 
 def parse_object_spec(text: str, name: str) -> ObjectSpec:
-    """Validate an ObjectSpec given as TOML text; messages begin with `name`."""
+    """Validate an object specification given as TOML text.
+
+    Args:
+        text: content of an object file.
+        name: name of the file, with which error messages begin.
+
+    Raises:
+        DocumentError: the text is not TOML, or holds an entry that cannot be used.
+    """
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # tomllib.TOMLDecodeError, and int's refusal of thousands of digits
@@ -309,6 +336,11 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
 
     A plan states the identity of the object that it was made for. Entries added after version 1.0 count only
     if they are given, so that older recordings keep their identity.
+
+    Args:
+        spec: specification of the object; it is hashed as JSON, so that the TOML file's layout has no
+            influence.
+        shape_bytes: content of the shape file; None if the shape is a box or a cylinder.
     """
     known = spec.model_dump(mode="json")
     if not spec.shape.surface_sd_m:

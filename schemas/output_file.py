@@ -8,13 +8,20 @@ from pathlib import Path
 
 
 class OutputError(Exception):
-    """A file that cannot be written."""
+    """A file that cannot be written; the message is one line: the file, the reason and the remedy."""
 
 
 def why_unwritable(output: Path, *inputs: Path) -> str | None:
-    """One-line reason why `output` cannot be written or would replace one of the `inputs`; None if it can be.
+    """Reason why `output` cannot be written or would replace an input; None if neither is the case.
 
     A missing folder is not created: its name may be misspelt, and the file would not be found again.
+
+    Args:
+        output: file to be written; an existing file may be replaced.
+        inputs: files that must not be replaced.
+
+    Returns:
+        One line: the file, the reason and the remedy.
     """
     folder = output.parent
     if output.is_dir():
@@ -32,21 +39,25 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
 def refuse_unwritable(output: Path, *inputs: Path) -> None:
     """Raise OutputError if `output` cannot be written or would replace one of the `inputs`.
 
-    Call it before a long computation, so that its result is not lost.
+    Call it before a long computation, so that the computation's result is not lost.
     """
     if (reason := why_unwritable(output, *inputs)) is not None:
         raise OutputError(reason)
 
 
 def write_text(output: Path, text: str) -> None:
-    """Write `text` as UTF-8; see `write_bytes`."""
+    """Write `text` as UTF-8 to `output`, which appears complete or not at all.
+
+    Raises:
+        OutputError: the file cannot be written; an existing `output` stays unchanged.
+    """
     write_bytes(output, text.encode("utf-8"))
 
 
 def write_bytes(output: Path, data: bytes) -> None:
     """Write `data` to a temporary file, fsync it and rename it to `output`.
 
-    On failure an existing `output` stays unchanged.
+    On failure an existing `output` stays unchanged, and the temporary file is removed.
 
     Raises:
         OutputError: the file cannot be written.

@@ -12,7 +12,7 @@ from schemas.document import Document
 
 
 def json_entries(data: object) -> dict[str, Any] | None:
-    """Entries of a JSON object; None if it is something else."""
+    """The data as a dict if they are a JSON object; None if they are something else."""
     return cast("dict[str, Any]", data) if isinstance(data, dict) else None
 
 
@@ -29,7 +29,10 @@ RENAMED = _read_renamed()
 
 
 class RenamedDocument(Document):
-    """Base of result documents whose keys were renamed: reads the old key, writes the new one."""
+    """Base of result documents whose keys were renamed: reads the old key, writes the new one.
+
+    The names are in RENAMED (renamed_keys.csv), under the name of the document's class.
+    """
 
     @model_validator(mode="before")
     @classmethod
@@ -54,11 +57,15 @@ class SparseDocument(Document):
 
 
 class Quantity(Document):
-    """A quantity with unit, sd and 95 % interval; value and sd may be null if not observed."""
+    """A number, vector or matrix with unit, standard deviation and 95 % interval.
+
+    `value`, `sd` and `interval95` may be null if strikes do not determine the quantity.
+    """
 
     value: float | list[float] | list[list[float]] | None
     """number, vector (3,) or matrix (3, 3), in `unit`; null if not observed"""
     unit: str
+    """unit of value, sd and interval"""
     sd: float | list[float] | None = None
     """1 sigma of each component, in `unit`; nine numbers row by row for a matrix"""
     covariance: list[list[float]] | None = None
@@ -76,7 +83,7 @@ class Quantity(Document):
     entry)"""
 
     def as_scalar(self) -> float:
-        """Value of a scalar quantity.
+        """Value of a scalar quantity, in its unit.
 
         Raises:
             TypeError: the quantity is a vector or matrix, or has no value.
@@ -86,7 +93,7 @@ class Quantity(Document):
         return self.value
 
     def interval_ends(self) -> tuple[float, float]:
-        """Ends of a scalar quantity's 95 % interval.
+        """Lower and upper end of a scalar quantity's 95 % interval, in its unit.
 
         Raises:
             TypeError: the quantity is a vector or matrix, or has no interval.

@@ -11,24 +11,36 @@ from schemas.result import RESULT_VERSION, Result
 
 
 class ReportRecording(Document):
-    """A recording that the result uses."""
+    """A recording that the result uses: its files, identity, time of creation, camera and frame times."""
 
     number: int = Field(ge=1, description="number by start time")
     files: list[str]
+    """names of the recording's files"""
     recording_id: str
+    """id of the recording, from its manifest"""
     content_id: str
+    """hash of the recording's messages"""
     created: str
+    """time of creation, ISO 8601"""
     software: str = Field(description="program that recorded it")
     camera: str
+    """description of the camera"""
     frame_rate_hz: float
+    """nominal frame rate [Hz]"""
     time_source: str
+    """source of the frame times, as in the manifest"""
 
 
 class InfluenceResult(Document):
-    """Sensitivity of the centre of mass to one strike's phi and k, all else fixed."""
+    """Sensitivity of the centre of mass to one strike's phi and k, all else fixed.
+
+    phi is the balance angle [rad], k [1/s^2] = m g R / I_edge the rate of the pendulum equation of the tip.
+    """
 
     strike_id: str
+    """id of the strike in the result"""
     axis_id: str
+    """name of the pivot edge"""
     com_by_phi: Vector3 = Field(description="m/rad, in O")
     com_by_log_k: Vector3 = Field(description="m per relative change of k, in O")
 
@@ -37,6 +49,7 @@ class ErrorShare(Document):
     """Share of one kind of error in the covariance of the centre of mass; the shares add up to the whole."""
 
     source: str
+    """kind of error"""
     covariance: Matrix3 = Field(description="m^2, in O")
     half95_worst_m: float = Field(
         ge=0,
@@ -52,14 +65,17 @@ class SensitivityResult(Document):
         description="unit direction, in O, along which the centre of mass is known worst"
     )
     strikes: list[InfluenceResult]
+    """sensitivity to each strike"""
     sources: list[ErrorShare]
+    """share of each kind of error"""
 
 
 class Report(Document):
-    """All numbers that the report shows."""
+    """All numbers that the report shows: the result, its recordings, sensitivities and errors."""
 
     schema_version: str = RESULT_VERSION
     object: str
+    """name of the object"""
     verdict: str = Field(description="summary in words; sentences to trust and to doubt are in the result")
     recordings: list[ReportRecording]
     result: Result

@@ -20,7 +20,7 @@ RESULT_VERSION = "2.0"
 
 
 class WarningCode(enum.Enum):
-    """Codes of warnings about a result."""
+    """Codes of warnings about a result; the sentence of a warning explains its code."""
 
     RECORDING_INCOMPLETE = "recording_incomplete"
     RECORDINGS_DISAGREE = "recordings_disagree"
@@ -50,7 +50,7 @@ class WarningCode(enum.Enum):
 
 
 class ResultWarning(Document):
-    """One warning: its code and a sentence."""
+    """One warning about a result: its code and a sentence for the user."""
 
     code: WarningCode
     text: str
@@ -60,18 +60,24 @@ class AxisMoment(Document):
     """Moments of inertia about one pivot axis and about its parallel through the centre of mass c."""
 
     axis_id: str
+    """name of the pivot edge"""
     direction: Vector3 = Field(description="unit direction of the axis, in O")
     i_edge: Quantity = Field(description="moment about the pivot edge")
     i_com: Quantity = Field(description="moment about the parallel through c")
 
 
 class RegionResult(SparseDocument):
-    """Mass of one region: shell, upper, lower, or a label's name."""
+    """Mass of one region of the object.
+
+    Regions are the shell, the interior on either side of a dividing plane (upper, lower), or labelled parts.
+    """
 
     left_out_if_none: ClassVar[tuple[str, ...]] = ("limits_kg",)
 
     name: str
+    """shell, upper, lower, or a label's name"""
     mass: Quantity
+    """mass of the region [kg]"""
     limits_kg: list[float] | None = Field(
         default=None,
         description=(
@@ -90,7 +96,9 @@ class RegionResult(SparseDocument):
 
 
 class Regions(RenamedDocument, SparseDocument):
-    """Masses of the shell and of the interior on either side of the dividing plane, n.x = offset in O.
+    """Masses of the shell and of the interior on either side of the dividing plane n.x = offset in O.
+
+    O is the object's frame; the upper region is on the side towards which the normal n points.
 
     Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the moments
     (`explained` is false), they are the limits under any filling, and the plane divides the body in the
@@ -113,9 +121,11 @@ class Regions(RenamedDocument, SparseDocument):
         }
 
     regions: list[RegionResult]
+    """mass of each region"""
     dividing_plane_normal: Vector3 | None = Field(description="unit normal n, towards the upper region")
     dividing_plane_offset_m: float | None = Field(description="offset n.x [m]")
     dividing_plane_offset_interval95_m: list[float] | None = None
+    """lower and upper end of the offset's 95 % interval [m]"""
     baselines: dict[str, list[float]] = Field(
         default={}, description="naive answers: masses [kg] of the regions by name of the answer"
     )
@@ -129,18 +139,25 @@ class Regions(RenamedDocument, SparseDocument):
 
 
 class PartResult(Document):
-    """One labelled part, taken as uniform; not observed where the moments leave its mass open."""
+    """One labelled part, taken as uniform; not observed where the moments leave its mass open.
+
+    The moments are the measured mass, centre of mass and moments of inertia of the whole object.
+    """
 
     name: str
+    """name of the part in the object file"""
     mass: Quantity
+    """mass [kg]"""
     volume_m3: float = Field(description="volume [m^3]")
     density: Quantity
+    """density [kg/m^3]"""
 
 
 class Parts(Document):
-    """Masses of the parts that the object file labels."""
+    """Masses of the parts that the object file labels, with the misfit of such a body to the measurements."""
 
     parts: list[PartResult]
+    """mass and density of each part"""
     uniform: list[float] = Field(description="naive answer: masses [kg] with one density for all parts")
     misfit: float = Field(
         description=(
@@ -153,11 +170,14 @@ class Filling(RenamedDocument):
     """Filling of the object's interior up to an unknown level; 95 % intervals may be asymmetric."""
 
     name: str
+    """name of the filling in the object file"""
     along: Vector3 = Field(description="unit direction that was up when the object was filled, in O")
     level: Quantity = Field(description="height of the filling's surface along `along` from O [m]")
     filled_share: Quantity = Field(description="filled share of the interior's volume")
     mass: Quantity
+    """mass of the filling [kg]"""
     density: Quantity
+    """density of the filling [kg/m^3]"""
     shell: Quantity = Field(description="mass of the shell")
     shell_thickness: Quantity | None = Field(
         default=None, description="shell thickness; null where the object file gives it"
@@ -168,14 +188,17 @@ class Filling(RenamedDocument):
 
 
 class TableTilt(Document):
-    """Tilt of the vertical from the table's normal towards W's x and y, its higher side.
+    """Tilt of the table: angles [rad] of the vertical from the table's normal towards W's x and y.
 
-    `source` of each component: measured by the strikes, given by the rig file's level reading, or prior.
+    The vertical leans towards the table's higher side. `source` of each angle: measured by the strikes, given
+    by the rig file's level reading, or prior. W is the world frame, z along the table's normal.
     """
 
     recordings: list[int] = Field(description="numbers of the recordings made on this levelling, from 1")
     towards_x: Quantity
+    """angle towards W's +x, positive if the table rises towards it"""
     towards_y: Quantity
+    """angle towards W's +y, positive if the table rises towards it"""
 
 
 class FrameTimes(Document):
@@ -211,37 +234,51 @@ class FrameTimes(Document):
 
 
 class JoinedRecording(Document):
-    """One of several recordings that a result merges."""
+    """One of several recordings that a result merges: its number, ids, time of creation and plan."""
 
     number: int = Field(ge=1, description="number by start time; strike ids are `<number>:<strike>`")
     recording_id: str
+    """id of the recording, from its manifest"""
     content_id: str
+    """hash of the recording's messages"""
     created: str
+    """time of creation, ISO 8601"""
     plan_sha256: str
+    """SHA-256 of the strike plan's text"""
 
 
 class ResultInputs(SparseDocument):
-    """Inputs of a result.
+    """Identity of the inputs of a result: recordings, object, plan, configuration and program.
 
-    For several recordings `content_id` is the SHA-256 of their content ids, sorted, one per line, and
-    `plan_sha256` of their plans'.
+    For several recordings `content_id` is the SHA-256 of their content ids, sorted, one per line.
+    `plan_sha256` is their common plan's, or the SHA-256 of the different plans' hashes, sorted, one per line.
     """
 
     left_out_if_none: ClassVar[tuple[str, ...]] = ("recordings",)
 
     recording_id: str
+    """id of the recording; several ids are joined by " + " in the text"""
     content_id: str
+    """hash of the recording's messages"""
     object_sha256: str
+    """identity of the object, see `object_sha256`"""
     plan_sha256: str
+    """SHA-256 of the strike plan's text"""
     configuration_sha256: str
+    """SHA-256 of the estimation's options"""
     software: str
+    """program and version that computed the result"""
     recordings: list[JoinedRecording] | None = Field(
         default=None, description="merged recordings; not written where there is one"
     )
 
 
 class Result(SparseDocument):
-    """The document that `analyze estimate --json` prints."""
+    """Result of an estimate, printed by `analyze estimate --json`: strikes, mass, centre of mass, inertia.
+
+    Further entries are the masses of regions and parts, warnings and verdicts. Vectors and matrices are in O,
+    the object's frame.
+    """
 
     left_out_if_none: ClassVar[tuple[str, ...]] = (
         "table_tilt",
@@ -257,9 +294,13 @@ class Result(SparseDocument):
     warnings: list[ResultWarning]
     strikes: list[StrikeResult]
     mass: Quantity
+    """mass of the object [kg]"""
     centre_of_mass: Quantity
+    """centre of mass [m, in O]"""
     centre_of_mass_paper: Quantity | None = None
+    """centre of mass by the paper's method; null if not computed"""
     moments: list[AxisMoment]
+    """moments of inertia about each pivot axis"""
     inertia: Quantity = Field(
         description="tensor about the centre of mass; `source` is prior as soon as one entry is"
     )
@@ -270,7 +311,9 @@ class Result(SparseDocument):
         ),
     )
     regions: Regions | None
+    """masses of the regions; null if not computed"""
     regions_paper: Regions | None = None
+    """regions by the paper's method; null if not computed"""
     verdict: list[str] | None = Field(
         default=None, description="sentences on what to trust, doubt and repeat; not written in older results"
     )
@@ -297,7 +340,10 @@ class Result(SparseDocument):
     @model_validator(mode="before")
     @classmethod
     def _take_new_version(cls, data: Any) -> Any:
-        """Rewrite warning codes and version of a document of 1.x; keys are renamed where they stand."""
+        """Rewrite warning codes and version of a document of 1.x.
+
+        Its inner documents rename their own keys. Data of other versions are returned unchanged.
+        """
         entries = json_entries(data)
         if entries is None or not str(entries.get("schema_version", RESULT_VERSION)).startswith("1."):
             return data

@@ -1,4 +1,4 @@
-"""The rig file (TOML), which both commands read: camera, striker, recorder, daemon.
+"""The rig file (TOML), which `acquire` and `analyze` read: camera, striker, recorder, daemon.
 
 SI units; unknown keys are refused.
 """
@@ -17,9 +17,13 @@ from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 
 
 class CameraConfig(Document):
-    """GigE Vision camera, its region of interest, and the calibration of that region with the pose in W."""
+    """GigE Vision camera: address, region of interest, stream settings, calibration and pose.
+
+    The calibration is that of the region of interest, with the camera's pose in W, the world frame.
+    """
 
     name: str = Field(default="main", pattern=r"^[a-z][a-z0-9_]*$")
+    """name of the camera in the recording's topics"""
     address: str = Field(description="IP address, or the device id that `acquire discover` prints")
     width: int = Field(default=656, gt=0, description="width of the region of interest [px]")
     height: int = Field(default=492, gt=0, description="height of the region of interest [px]")
@@ -50,7 +54,7 @@ class CameraConfig(Document):
 
 
 class StrikerConfig(Document):
-    """Dynamixel servo that swings an arm.
+    """Striker: a Dynamixel servo that swings an arm, or a person who strikes by hand (`kind` manual).
 
     At angle 0 the arm hangs vertically at the impact point; a positive angle is towards the object.
     """
@@ -107,7 +111,7 @@ class StrikerConfig(Document):
         return value
 
     def tip_speeds(self) -> TipSpeeds:
-        """Range of tip speeds that a strike can use; for strikes by hand that of the nominal arm."""
+        """Range of tip speeds [m/s] that a strike can use; for strikes by hand that of the nominal arm."""
         if self.kind == "manual":
             return tip_speeds()
         return tip_speeds(self.arm_length_m, self.cocked_angle_rad, self.velocity_limit_rad_s)
@@ -116,7 +120,7 @@ class StrikerConfig(Document):
 class RecorderConfig(Document):
     """Recording mode: the frames of strike windows with previews between them, or all frames.
 
-    The metadata of every frame (FrameMeta) are always recorded.
+    The metadata of every frame (FrameMeta messages) are always recorded.
     """
 
     directory: str = Field(
@@ -124,6 +128,7 @@ class RecorderConfig(Document):
         description="folder whose disk `acquire check` tests; a session records to its -o path",
     )
     mode: Literal["windows", "continuous"] = "windows"
+    """windows: frames of strike windows and previews; continuous: all frames"""
     rotate_bytes: int = Field(
         default=2 << 30,
         ge=0,
@@ -149,7 +154,10 @@ class DaemonConfig(Document):
     socket: str | None = Field(default=None, description="path; default: in the user's run-time folder")
 
     def socket_path(self) -> Path:
-        """Path of the socket: as configured, otherwise in the user's run-time folder."""
+        """Path of the socket: as configured, otherwise percuss/daemon.sock in the user's run-time folder.
+
+        That folder is XDG_RUNTIME_DIR or, without it, /tmp/percuss-UID.
+        """
         if self.socket is not None:
             return Path(self.socket)
         runtime = os.environ.get("XDG_RUNTIME_DIR")
@@ -164,6 +172,7 @@ class RigConfig(Document):
     by_hand: ClassVar[bool] = True
 
     name: str = "rig"
+    """name of the rig"""
     g_m_s2: float = Field(default=9.81, gt=9.7, lt=9.9, description="local gravity [m/s^2]")
     g_sd_m_s2: float = Field(default=0.005, ge=0, le=1, description="1 sigma of it")
     gravity_tilt_sd_rad: float = Field(

@@ -28,7 +28,7 @@ class TipSpeeds:
     fastest_m_s: float
 
     def allow(self, tip_speed_m_s: float) -> bool:
-        """True if the speed is in the range; False for NaN."""
+        """True if the tip speed [m/s] is in the range, ends included; False for NaN."""
         return self.slowest_m_s <= tip_speed_m_s <= self.fastest_m_s
 
 
@@ -39,7 +39,13 @@ def tip_speeds(
 ) -> TipSpeeds:
     """Tip speeds of an arm that swings from `cocked_angle_rad` to 0: limited by speed and run-up.
 
-    If no speed is possible, the slowest is above the fastest.
+    The slowest is MIN_ARM_SPEED_RAD_S, the fastest the speed limit or |cocked angle| / RUN_UP_S, whichever is
+    smaller, each times the arm's length. If no speed is possible, the slowest is above the fastest.
+
+    Args:
+        arm_length_m: distance from the servo's axis to the tip [m].
+        cocked_angle_rad: angle from which the arm is released [rad]; it hangs vertically at 0.
+        velocity_limit_rad_s: largest angular speed of the arm [rad/s].
     """
     fastest_rad_s = min(velocity_limit_rad_s, abs(cocked_angle_rad) / RUN_UP_S)
     return TipSpeeds(MIN_ARM_SPEED_RAD_S * arm_length_m, fastest_rad_s * arm_length_m)

@@ -25,14 +25,14 @@ class TimeSource(enum.Enum):
 
 
 class LensModel(enum.Enum):
-    """Lens model, in OpenCV's terms."""
+    """Lens model, in OpenCV's terms: pinhole with radial and tangential distortion, or fisheye."""
 
     PINHOLE = "pinhole"
     FISHEYE = "fisheye"
 
 
 class CameraCalibrationSpec(Document):
-    """Intrinsics and pose of a camera.
+    """Intrinsics of a camera and its pose in W, the world frame.
 
     Pinhole with distortion k1, k2, p1, p2, k3, or fisheye with k1, k2, k3, k4 (OpenCV).
     """
@@ -42,6 +42,7 @@ class CameraCalibrationSpec(Document):
     height: int = Field(gt=0, description="height of the image, in pixels")
     K: Matrix3 = Field(description="camera matrix, 3 x 3: focal lengths and principal point in pixels")
     distortion: list[float] = Field(default=[0.0] * 5, min_length=4, max_length=8)
+    """coefficients of the lens model, in OpenCV's order"""
     T_world_camera: Matrix4 = Field(description="pose of the camera in W, 4 x 4, in metres")
     line_time_s: float = Field(
         default=0.0,
@@ -51,6 +52,7 @@ class CameraCalibrationSpec(Document):
         "is not written",
     )
     rms_px: float | None = None
+    """rms reprojection error of the calibration [px]; null if not known"""
 
     @field_validator("T_world_camera")
     @classmethod
@@ -83,8 +85,9 @@ class CameraCalibrationSpec(Document):
 class LevelReading(Document):
     """Tilt of the table, read from a level or a plumb line: its rise towards W's +x and +y.
 
-    Relative to the table, the vertical leans towards +x and +y by the same angles. Objects tip towards +x,
-    and reach balance only after turning farther by that angle. A level's 1 mm/m is 0.001 rad.
+    W is the world frame, with z along the table's normal. Relative to the table, the vertical leans towards
+    +x and +y by the angles read. Objects tip towards +x, and reach balance only after turning farther by that
+    angle. A level's 1 mm/m is 0.001 rad.
     """
 
     towards_x_rad: float = Field(
@@ -101,7 +104,10 @@ class LevelReading(Document):
 
 
 class ManifestCamera(Document):
-    """One camera of the recording; its topics begin with /camera/<name>/."""
+    """One camera of the recording: name, make, frame rate, exposure and calibration.
+
+    The names of its topics begin with /camera/<name>/.
+    """
 
     name: str
     vendor: str = ""
@@ -128,17 +134,19 @@ class ManifestCamera(Document):
 
 
 class SessionManifest(Document):
-    """Head of every recording (MCAP metadata `percuss.manifest`).
+    """Head of every recording (MCAP metadata `percuss.manifest`): everything needed to interpret it later.
 
-    It contains everything that is needed to interpret the recording years later.
+    It holds identity and clocks of the recording, gravity, the cameras, the striker, the rig and the object.
     """
 
     schema_version: str = SCHEMA_VERSION
     recording_id: str
+    """id of the recording, common to all files of its series"""
     created: str = Field(description="ISO 8601, UTC")
     software: str = Field(description="percuss version and git commit")
     wall_anchor_ns: int = Field(description="wall clock minus host monotonic clock, read once at the start")
     time_source: TimeSource
+    """source of the frame times"""
     time_source_sd_ns: int = Field(ge=0, description="1 sigma of a frame's time against the others'")
     g_m_s2: float = Field(gt=9.7, lt=9.9, description="local gravity [m/s^2]")
     g_sd_m_s2: float = Field(ge=0, description="1 sigma of it")
@@ -146,14 +154,20 @@ class SessionManifest(Document):
         ge=0, description="1 sigma of the angle between table normal and vertical, if no level was read"
     )
     level: LevelReading | None = None
+    """reading of a level; null if none was read"""
     cameras: list[ManifestCamera] = Field(min_length=1)
     striker: dict[str, Any] = Field(default={})
+    """settings of the striker; empty for an imported recording"""
     rig: dict[str, Any] = Field(default={})
+    """name of the rig; empty for an imported recording"""
     object: ObjectSpec
     object_sha256: str
+    """identity of the object, see `object_sha256`"""
     plan_sha256: str
+    """SHA-256 of the strike plan's text"""
     hashes: dict[str, str] = Field(default={}, description="attachment name -> sha256")
     random_seed: int | None = None
+    """seed of the recording's random numbers; null if none is stated"""
     part: int = Field(default=1, ge=1, description="number of this file in the recording's series of files")
 
 

@@ -1,4 +1,4 @@
-"""Version of this program, with the commit if it runs from a checkout."""
+"""Version of this program, with the git commit if it runs from a checkout."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ _ROOT = Path(__file__).resolve().parent.parent
 
 @cache
 def software_version() -> str:
-    """Name and version, `percuss 0.1.0`.
+    """Name and version of this program, for example `percuss 0.1.0`.
 
-    From a checkout `percuss 0.1.0+0123456789ab`, with `-dirty` if files are changed.
+    In a git checkout the commit follows, `percuss 0.1.0+0123456789ab`, with `-dirty` if tracked files are
+    changed. Without an installed package the version is left out.
     """
     try:
         name = f"percuss {version('percuss')}"
@@ -26,7 +27,11 @@ def software_version() -> str:
 
 
 def commit(root: Path) -> str:
-    """Commit checked out in `root`; "" if `root` is not a checkout, or git is missing or fails."""
+    """Git commit checked out in `root`, 12 or more hexadecimal digits, with `-dirty` if files are changed.
+
+    Returns:
+        The text; "" if `root` is not a checkout, or git is missing or fails.
+    """
     if not (root / ".git").exists():
         return ""
     # GIT_DIR and similar variables, set in hooks, would name another repository; reading needs no lock.

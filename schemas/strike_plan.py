@@ -1,4 +1,7 @@
-"""The strike plan (JSON, from `analyze plan`): placements, strikes and predicted uncertainty."""
+"""The strike plan (JSON, from `analyze plan`): placements, strikes and predicted uncertainty.
+
+Frames: O is the object's frame, W the world (z up, table z = 0). c is the centre of mass.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,11 @@ if TYPE_CHECKING:
 
 
 class Pivot(Document):
-    """Pivot axis in O. Rotating by +theta about the unit vector `direction` tips the object."""
+    """Pivot axis in O, the object's frame; a rotation by +theta about `direction` tips the object.
+
+    The rotation is right-handed. An edge is taken as rounded by a circular arc, whose centre line is the
+    axis.
+    """
 
     point: Vector3 = Field(description="point on the centre line of the edge's rounding, in metres")
     direction: Vector3 = Field(description="unit vector along the axis")
@@ -35,31 +42,36 @@ class Pivot(Document):
 
 
 class Impact(Document):
-    """Impact of the striker on the object, in O."""
+    """Point and direction of the striker's impact on the object, in O, the object's frame."""
 
     point: Vector3 = Field(description="point of contact, in metres")
     direction: Vector3 = Field(description="unit vector along the striker's motion")
 
 
 class Range(Document):
-    """Feasible interval and the target value in it."""
+    """Feasible interval of a quantity and the target value in it, in the unit of the entry's name."""
 
     min: float
+    """smallest feasible value"""
     target: float
+    """value to aim at"""
     max: float
+    """largest feasible value"""
 
 
 class PlannedStrike(Document):
     """One strike and the placement of the object for it.
 
-    Placement: `x_world = R_world_object x_object + p_world_object`. The pivot's centre line then lies along
-    W's y through (0, 0, radius); the object tips towards +x and is struck in +x at y = 0.
+    Placement: `x_world = R_world_object x_object + p_world_object` [m]. The pivot's centre line (that of the
+    edge's rounding) then lies along W's y through (0, 0, radius); the object tips towards +x and is struck in
+    +x at y = 0. W is the world frame, z up.
 
     For a strike with a heading, object and striker are turned by `heading_rad` about W's z on the table, and
     the camera stays. All entries, `camera_pose` too, are then expressed in W turned by `heading_rad`.
     """
 
     id: str
+    """id of the strike in the plan"""
     plane_id: str = Field(description="name of the face on which the object rests")
     axis_id: str = Field(description="name of the pivot edge")
     R_world_object: Matrix3
@@ -72,20 +84,25 @@ class PlannedStrike(Document):
     impact: Impact
     impact_height_m: float = Field(gt=0, description="height of the impact point above the table")
     impulse_n_s: Range
+    """impulse of the strike [N s]"""
     tip_speed_m_s: Range
+    """tip speed of the striker [m/s]"""
     energy_ratio: float = Field(
         gt=0, description="E: kinetic energy after the strike over the energy needed to reach balance"
     )
     phi_predicted_rad: float = Field(description="predicted balance angle phi")
     phi_predicted_sd_rad: float = Field(ge=0)
+    """1 sigma of the predicted phi"""
     phi_measured_sd_rad: float | None = Field(
         default=None, ge=0, description="expected 1 sigma of phi as this strike measures it"
     )
     i_edge_predicted_kg_m2: float = Field(gt=0)
+    """predicted moment of inertia about the pivot edge"""
     i_edge_measured_sd_kg_m2: float | None = Field(
         default=None, ge=0, description="expected 1 sigma of I_edge as this strike measures it"
     )
     visible_markers: list[MarkerName]
+    """names of the markers that the camera sees during the tip"""
     camera_pose: Matrix4 = Field(description="T_world_camera of a camera that looks along the pivot axis")
     friction_needed: float = Field(ge=0, description="friction coefficient that the edge needs not to slip")
     rolls: bool = Field(
@@ -101,60 +118,83 @@ class PlannedStrike(Document):
 
 
 class Rejection(Document):
-    """Axis that was considered and left out, with the reason and the number that decided."""
+    """Pivot axis that was considered and left out, with the reason and the number that decided."""
 
     axis_id: str
+    """name of the pivot edge"""
     code: str
+    """reason in short"""
     number: float | None = None
+    """number that decided; null if there is none"""
     text: str = ""
+    """reason in words"""
 
 
 class PredictedMoment(Document):
-    """Predicted uncertainty of the moment about the axis through c that is parallel to a pivot."""
+    """Predicted uncertainty of the moment about the axis through c that is parallel to a pivot.
+
+    c is the centre of mass.
+    """
 
     axis_id: str
     i_com_sd_kg_m2: float = Field(ge=0)
+    """1 sigma of the moment"""
     determined: bool = Field(
         description="true if the strikes determine it clearly better than the shape alone"
     )
 
 
 class PredictedRegion(Document):
-    """Predicted uncertainty of one region's mass: median over equally likely fillings."""
+    """Predicted uncertainty of one region's mass: median over equally likely fillings.
+
+    Regions are the shell and the interior on either side of a dividing plane.
+    """
 
     name: str
     mass_sd_kg: float = Field(ge=0)
+    """1 sigma of the mass"""
     determined: bool
+    """true if the strikes determine the mass"""
 
 
 class PredictionStep(Document):
-    """Predicted error of the centre of mass c with a number of strikes."""
+    """Predicted root mean square error of the centre of mass with a given number of strikes."""
 
     strikes: int = Field(ge=1)
     com_rms_m: float = Field(ge=0)
 
 
 class Prediction(Document):
-    """Predicted uncertainty of every result (1 sigma, in O), its causes, and the gain of more strikes."""
+    """Predicted uncertainty of every result (1 sigma, in O), its causes, and the gain of more strikes.
+
+    O is the object's frame, c the centre of mass.
+    """
 
     com_sd_m: Vector3
+    """standard deviation of c along O's axes"""
     com_rms_m: float = Field(ge=0, description="root mean square error of c")
     target_com_m: float | None = Field(default=None, gt=0)
+    """largest com_rms_m that the user requested; null if none"""
     target_reached: bool | None = None
+    """true if com_rms_m is at most the target; null without one"""
     moments: list[PredictedMoment] = Field(default=[])
     inertia_sd_kg_m2: Matrix3
+    """1 sigma of each entry of the inertia tensor about c"""
     inertia_determined: list[list[bool]]
+    """(3, 3) true for each entry that the strikes determine"""
     regions: list[PredictedRegion] = Field(default=[])
     error_sources_m: dict[str, float] = Field(
         default={}, description="contribution to com_rms_m by cause; their squares add up to its square"
     )
     curve: list[PredictionStep] = Field(default=[])
+    """com_rms_m by number of strikes"""
     floor_m: float = Field(ge=0, description="limit of com_rms_m for any number of strikes on these axes")
     stop: bool = Field(
         description="true if more strikes gain little: each doubling, on any axes, reduces com_rms_m by "
         "less than a tenth"
     )
     advice: str
+    """advice on more strikes, in words"""
 
 
 class StrikerPrior(Document):
@@ -167,7 +207,10 @@ class StrikerPrior(Document):
 
 
 class PlanHypothesis(Document):
-    """Assumptions from which the tip speeds were computed; a session updates them with each strike."""
+    """Assumptions from which the tip speeds were computed; a session updates them with each strike.
+
+    They are the centre of mass in O (the object's frame), the mass, gravity and the striker.
+    """
 
     com_m: Vector3 = Field(description="centre of mass in O")
     com_covariance_m2: Matrix3 = Field(
@@ -179,25 +222,32 @@ class PlanHypothesis(Document):
 
 
 class PlanMethod(enum.Enum):
-    """Method by which strikes were chosen."""
+    """Method by which strikes were chosen: this project's (ours) or that of the VISAPP 2013 paper."""
 
     OURS = "ours"
     PAPER = "paper"
 
 
 class StrikePlan(Document):
-    """Strikes to carry out, with placements and predicted uncertainty (JSON)."""
+    """Strikes to carry out, with placements and predicted uncertainty (JSON).
+
+    Strike ids are unique in the plan.
+    """
 
     schema_version: str = SCHEMA_VERSION
     method: PlanMethod = PlanMethod.OURS
     object_name: str
     object_sha256: str
+    """identity of the object that the plan was made for"""
     strikes: list[PlannedStrike] = Field(min_length=1)
     predicted_com_covariance_m2: Matrix3 | None = None
+    """predicted covariance of c, in O; null if not predicted"""
     predicted_com_sd_m: float | None = Field(default=None, description="root mean square error of c")
     prediction: Prediction | None = None
     hypothesis: PlanHypothesis | None = None
+    """assumptions of the tip speeds; null in older plans"""
     rejected: list[Rejection] = Field(default=[])
+    """axes that were left out"""
     warnings: list[str] = Field(default=[])
 
     @model_validator(mode="after")
@@ -210,7 +260,7 @@ class StrikePlan(Document):
 
 
 def read_strike_plan(path: Path) -> StrikePlan:
-    """Read and validate a StrikePlan.
+    """Read and validate a strike plan (JSON).
 
     Raises:
         DocumentError: the file is missing, is not JSON, or holds an entry that cannot be used.
@@ -219,7 +269,16 @@ def read_strike_plan(path: Path) -> StrikePlan:
 
 
 def parse_strike_plan(text: str, name: str) -> StrikePlan:
-    """Validate a StrikePlan given as JSON text; `name` is used in messages."""
+    """Validate a strike plan given as JSON text.
+
+    Args:
+        text: content of a plan file.
+        name: name of the file, with which error messages begin.
+
+    Raises:
+        DocumentError: the text is not JSON, has another major schema version, or holds an entry that cannot
+            be used.
+    """
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:

@@ -1,4 +1,8 @@
-"""Outcome of one strike in a result: verdict, fits, prediction from the other strikes."""
+"""Outcome of one strike in a result: verdict, fits, prediction from the other strikes.
+
+theta is the tipping angle since rest, phi the balance angle (theta at which the centre of mass stands above
+the contact), k [1/s^2] the rate in theta'' = -k sin(phi - theta).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from schemas.quantity import Quantity, RenamedDocument
 
 
 class Verdict(enum.Enum):
-    """Outcome of a strike."""
+    """Outcome of a strike: good, or the reason why its motion is used with care or not at all."""
 
     GOOD = "good"
     ROCKED_BACK = "rocked_back"
@@ -29,18 +33,25 @@ class Verdict(enum.Enum):
 
 
 class AlternativeFit(Document):
-    """Phi and k of the same strike by another estimator than the one used."""
+    """Balance angle phi and rate k of a strike by another estimator than the one used."""
 
     estimator: str
+    """name of the estimator"""
     phi: Quantity
+    """balance angle [rad]"""
     k: Quantity | None = None
+    """rate k = m g R / I_edge [1/s^2]; null if the estimator gives none"""
     note: str = ""
+    """remark on the fit"""
     violated: list[str] = Field(default=[])
     """assumptions of the estimator that the motion violates"""
 
 
 class PredictionResult(RenamedDocument):
-    """Leave-one-out prediction of one strike from all others, compared with its measurement."""
+    """Leave-one-out prediction of one strike from all others, compared with its measurement.
+
+    Predicted are the balance angle phi, the rate k of the pendulum equation and the tipping angle theta(t).
+    """
 
     phi: Quantity = Field(description="predicted balance angle; sd of the prediction")
     k: Quantity = Field(description="predicted k; sd of the prediction")
@@ -71,7 +82,10 @@ class PredictionResult(RenamedDocument):
 
 
 class StrikeResult(RenamedDocument):
-    """Outcome of one strike."""
+    """Outcome of one strike in a result: verdict, window, balance angle phi, rate k and residuals.
+
+    The values are null where the strike could not be fitted.
+    """
 
     id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
     plan_strike_id: str = Field(description="id of the planned strike")
@@ -81,12 +95,14 @@ class StrikeResult(RenamedDocument):
         default=0.0, description="heading of object and striker on the table, as planned; 0 is not written"
     )
     verdict: Verdict
+    """outcome of the strike"""
     reason: str = Field(default="", description="reason for the verdict")
     used: bool = Field(description="true if the result uses this strike")
     information_share: float = Field(
         ge=0, description="share of the information about the centre of mass; 0 if not used"
     )
     estimator: str | None = None
+    """name of the estimator that fitted the motion"""
     estimator_note: str = ""
     """reason for this estimator and this window"""
     window_ns: list[int] | None = Field(

@@ -12,7 +12,8 @@ from pydantic import AfterValidator
 class TagFamily(enum.StrEnum):
     """AprilTag families (Olson 2011) and ArUco dictionaries (Garrido-Jurado et al. 2014) of OpenCV.
 
-    ArUco names begin with the number of cells; 4x4_100 holds the first hundred tags of 4x4_250.
+    Names of ArUco dictionaries begin with the number of cells and end with the number of tags; 4x4_100 holds
+    the first hundred tags of 4x4_250. mip_36h12 is an ArUco dictionary too.
     """
 
     APRILTAG_36H11 = "36h11"
@@ -39,19 +40,23 @@ class TagFamily(enum.StrEnum):
 
     @property
     def size(self) -> int:
-        """Number of tags in the family; ids begin at 0."""
+        """Number of tags in the family; ids run from 0 to size - 1."""
         return _COUNTS[self.value] if self.value in _COUNTS else int(self.value.partition("_")[2])
 
     @property
     def opencv(self) -> str:
-        """Name of the dictionary in cv2.aruco."""
+        """Name of the family's dictionary in cv2.aruco, for example "DICT_APRILTAG_36h11"."""
         if self is TagFamily.ARUCO_MIP_36H12:
             return "DICT_ARUCO_MIP_36h12"
         return f"DICT_{self.name.removeprefix('ARUCO_')}".replace("H", "h")
 
     @property
     def codes(self) -> str:
-        """Name of the code set; families of the same code set share their tags."""
+        """Name of the family's code set; families of the same code set share their tags.
+
+        The code set of 4x4_50 to 4x4_1000 is 4x4, and so on; that of an AprilTag family and of mip_36h12 is
+        the family's own name.
+        """
         return self.value if self.value in _COUNTS else self.value.partition("_")[0]
 
 
@@ -63,12 +68,12 @@ _QUALIFIED_NAME = re.compile(r"(.+)-(\d{1,4})")
 
 
 def marker_name(family: TagFamily, tag_id: int) -> int | str:
-    """Name of a marker: its number in the usual family, otherwise family and number, as "25h9-3"."""
+    """Name of a marker: its id in the family 36h11, otherwise family and id, for example "25h9-3"."""
     return tag_id if family is USUAL_FAMILY else f"{family}-{tag_id}"
 
 
 def family_and_id(name: int | str) -> tuple[TagFamily, int]:
-    """Family and number of the marker called `name`.
+    """Family and id of the marker called `name`; a number is an id of the family 36h11.
 
     Raises:
         ValueError: no marker has this name.
@@ -88,7 +93,11 @@ def family_and_id(name: int | str) -> tuple[TagFamily, int]:
 
 
 def name_order(name: int | str) -> tuple[str, int]:
-    """Sort key of marker names: numbers first, then by family and number."""
+    """Sort key of a marker's name: numbers first, then by family and id.
+
+    Raises:
+        ValueError: no marker has this name.
+    """
     family, tag_id = family_and_id(name)
     return "" if family is USUAL_FAMILY else family.value, tag_id
 

@@ -1,7 +1,8 @@
-"""Edits entries of a TOML file; comments, layout and all other entries stay as they were written.
+"""Edits of entries of a TOML file; comments, layout and all other entries stay as they were written.
 
-Each function returns None if the file is not TOML, or if the table is not written as [table] or [[table]]: an
-inline table or dotted keys are left to the user.
+Each public function takes the text of a file and returns the changed text. It returns None if the text is not
+TOML, or if the table is not written as [table] or [[table]]: an inline table or dotted keys are left to the
+user.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from tomlkit.items import AoT, Table
 
 
 def with_table(text: str, table: str, entries: Mapping[str, str]) -> str | None:
-    """`text` with exactly these entries in [table]; a missing table is added at the end.
+    """Text of a TOML file with exactly these entries in [table]; a missing table is added at the end.
 
     Args:
         text: content of a TOML file.
         table: dotted name of the table.
-        entries: values, as TOML, by key.
+        entries: values, as TOML, by key; other entries of the table are removed.
+
+    Returns:
+        The changed text; None if `text` or a value is not TOML, or the table is not written as [table].
     """
     try:
         document = tomlkit.parse(text)
@@ -39,7 +43,17 @@ def with_table(text: str, table: str, entries: Mapping[str, str]) -> str | None:
 
 
 def with_entry(text: str, table: str, key: str, value: str) -> str | None:
-    """`text` with `key` = `value` (as TOML) in [table], which must exist."""
+    """Text of a TOML file with one entry set in [table], which must exist.
+
+    Args:
+        text: content of a TOML file.
+        table: dotted name of the table.
+        key: key of the entry, which is added or replaced.
+        value: value of the entry, as TOML.
+
+    Returns:
+        The changed text; None if `text` or `value` is not TOML, or there is no table written as [table].
+    """
     try:
         document = tomlkit.parse(text)
         found = _find(document, table)
@@ -52,13 +66,16 @@ def with_entry(text: str, table: str, key: str, value: str) -> str | None:
 
 
 def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str]) -> str | None:
-    """`text` with `key` in some of the [[table]]s.
+    """Text of a TOML file with an entry set in some of the [[table]]s.
 
     Args:
         text: content of a TOML file.
         table: name of an array of tables.
         key: key of the entry, which is added or replaced.
         values: values, as TOML, by the number of the [[table]], from 0.
+
+    Returns:
+        The changed text; None if `text` or a value is not TOML, or a numbered [[table]] does not exist.
     """
     try:
         document = tomlkit.parse(text)
@@ -73,7 +90,11 @@ def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str
 
 
 def _find(document: tomlkit.TOMLDocument, table: str) -> object:
-    """Item of this dotted name, None if it is missing."""
+    """Item of a document by its dotted name; None if it is missing.
+
+    Raises:
+        TOMLKitError: the name leads through something that is not a table.
+    """
     found: object = document
     for name in table.split("."):
         if not isinstance(found, Mapping):
@@ -85,7 +106,11 @@ def _find(document: tomlkit.TOMLDocument, table: str) -> object:
 
 
 def _set_entry(table: Table, key: str, value: str) -> None:
-    """Replace an entry in its place, or add it after the table's last entry."""
+    """Replace an entry of a table in its place, or add it after the last entry; changes `table`.
+
+    Raises:
+        TOMLKitError: `value` is not a TOML value.
+    """
     item = tomlkit.value(value)
     if key in table:
         table[key] = item
@@ -110,7 +135,10 @@ def _with_new_table(text: str, table: str, entries: Mapping[str, str]) -> str | 
 
 
 def _rendered(document: tomlkit.TOMLDocument) -> str | None:
-    """Text of an edited document; None if tomlkit cannot express the change where it stands."""
+    """Text of an edited document; None if tomlkit cannot express the change where the entry is.
+
+    The text is parsed again and compared with the document.
+    """
     text = document.as_string()
     return text if _is_toml(text) and tomllib.loads(text) == document.unwrap() else None
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class Topic:
     """Name and message type of a channel.
 
-    `image` topics have chunks of their own, so that small topics are read without them.
+    `image` topics have chunks (blocks of the file) of their own, so that small topics are read without them.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Topic:
 
     @property
     def schema_name(self) -> str:
-        """Full protobuf name, for example foxglove.RawImage."""
+        """Full protobuf name of the topic's message type, for example foxglove.RawImage."""
         return self.message.DESCRIPTOR.full_name
 
     def schema_data(self) -> bytes:
@@ -59,31 +59,34 @@ def _descriptor_set(message: type[Message]) -> bytes:
 
 
 def raw_image(camera: str) -> Topic:
-    """Uncompressed images, foxglove.RawImage, encoding mono8."""
+    """Topic of a camera's uncompressed images: foxglove.RawImage, encoding mono8."""
     return Topic(f"/camera/{camera}/image", RawImage, image=True)
 
 
 def compressed_image(camera: str) -> Topic:
-    """Images as PNG or JPEG files, foxglove.CompressedImage, on the topic of raw images.
+    """Topic of a camera's images as PNG or JPEG files, foxglove.CompressedImage.
 
-    A recording contains either kind, not both. Recorded images are png, without loss; imported Motion JPEG
-    stays jpeg, as the camera coded it.
+    It has the name of the topic of raw images: a recording contains either kind, not both. Recorded images
+    are png, without loss; imported Motion JPEG stays jpeg, as the camera coded it.
     """
     return Topic(f"/camera/{camera}/image", CompressedImage, image=True)
 
 
 def compressed_video(camera: str) -> Topic:
-    """Imported video, foxglove.CompressedVideo."""
+    """Topic of an imported video, foxglove.CompressedVideo; it has the name of the topic of images."""
     return Topic(f"/camera/{camera}/image", CompressedVideo, image=True)
 
 
 def frame_meta(camera: str) -> Topic:
-    """One FrameMeta per frame that arrived."""
+    """Topic of a camera's frame metadata: one FrameMeta message per frame that arrived.
+
+    An imported video has fewer: one for the first image of each chunk, and one after each gap.
+    """
     return Topic(f"/camera/{camera}/meta", pb.FrameMeta)
 
 
 def camera_calibration(camera: str) -> Topic:
-    """Camera calibration, foxglove.CameraCalibration; one message at the start."""
+    """Topic of a camera's calibration, foxglove.CameraCalibration; one message at the start."""
     return Topic(f"/camera/{camera}/calibration", CameraCalibration)
 
 

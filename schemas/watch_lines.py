@@ -1,4 +1,7 @@
-"""JSON lines between a session and `analyze watch`: observations, requests and verdicts."""
+"""JSON lines between a session and `analyze watch`, which follows a recording that is being written.
+
+`analyze watch` writes observations of the newest image and verdicts on strikes; the session writes requests.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,26 @@ from schemas.tags import MarkerName
 
 
 class SeenMarker(Document):
-    """Marker in the newest image, with its corners (4, 2) [px]."""
+    """Marker in the newest image: its name and its corners (4, 2) [px]."""
 
     id: MarkerName
     corners_px: list[list[float]]
 
 
 class WatchEvent(Document):
-    """Observation of the newest image, sent a few times a second before a strike."""
+    """Observation of the newest image by `analyze watch`, sent a few times a second before a strike."""
 
     kind: Literal["watch"] = "watch"
     time_ns: int = Field(description="log time of the image [ns]")
     markers: list[SeenMarker]
+    """markers seen in the image"""
     at_rest: bool = Field(description="true if nothing moved in the last quarter of a second")
     saturated_fraction: float = Field(description="fraction of saturated pixels in the image")
     placement_error_rad: float | None = Field(
         default=None, description="angle between resting and planned pose, if a planned strike is set"
     )
     text: str = ""
+    """remark for the operator"""
 
 
 _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
@@ -39,18 +44,25 @@ class JudgeRequest(Document):
     """Request on the standard input of `analyze watch`.
 
     `judge` asks for a verdict on the window; `expect` sets the planned strike whose placement is checked.
+    Times are log times; `expect` needs none.
     """
 
     kind: Literal["judge", "expect"] = "judge"
     plan_strike_id: str
+    """id of the strike in the plan"""
     strike_id: str = ""
+    """id of the attempt in the recording"""
     window_start_ns: _LogTime = 0
     window_end_ns: _LogTime = 0
     contact_time_ns: _LogTime = 0
+    """time of the contact; 0 if the striker measured none"""
 
 
 class StrikeVerdict(Document):
-    """Verdict on a strike, the answer to a JudgeRequest."""
+    """Verdict on a strike, the answer of `analyze watch` to a JudgeRequest.
+
+    Numbers that could not be determined are null.
+    """
 
     kind: Literal["verdict"] = "verdict"
     strike_id: str
@@ -66,3 +78,4 @@ class StrikeVerdict(Document):
         default=None, description="log time of the contact, estimated from the images [ns]"
     )
     contact_time_sd_ns: float | None = None
+    """1 sigma of contact_time_ns"""

@@ -1,4 +1,4 @@
-"""The MCAP core of both packages.
+"""The MCAP core of both packages: reading and writing the container format of recordings.
 
-Records, chunks, the walker, the summary, the content hash and the record writer.
+It consists of records, chunks, the walker, the summary, the content hash and the record writer.
 """

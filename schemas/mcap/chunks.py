@@ -1,4 +1,4 @@
-"""Packs chunks of messages with their indexes; decompresses and checks chunks that were read."""
+"""Packing of MCAP chunks (blocks of messages) with their indexes, and checks of chunks that were read."""
 
 from __future__ import annotations
 
@@ -25,11 +25,17 @@ _PLAUSIBLE_RATIO: Final = 1000
 
 
 class ChunkEntry(NamedTuple):
-    """One chunk and its message indexes, as the summary lists them."""
+    """One chunk and its message indexes, as the chunk index record in the file's summary lists them.
+
+    Offsets are counted from the beginning of the file, lengths and sizes are in bytes.
+    """
 
     start_ns: int
+    """smallest log time of its messages [ns]"""
     end_ns: int
+    """largest log time of its messages [ns]"""
     offset: int
+    """offset of the chunk record"""
     length: int
     """bytes of the chunk record"""
     index_offsets: dict[int, int]
@@ -37,20 +43,23 @@ class ChunkEntry(NamedTuple):
     index_length: int
     """bytes of all its message index records, which follow the chunk"""
     compression: str
+    """"lz4", "zstd", or "" for none"""
     stored_size: int
+    """bytes of its messages in the file"""
     uncompressed_size: int
+    """bytes of its messages when decompressed"""
 
     @property
     def end(self) -> int:
-        """Offset after the chunk's message indexes."""
+        """File offset after the chunk's last message index record."""
         return self.offset + self.length + self.index_length
 
     @classmethod
     def parse(cls, body: memoryview) -> ChunkEntry:
-        """Parse the body of a chunk index record.
+        """Entry from the body of a chunk index record (without opcode and length).
 
         Raises:
-            ContainerError: it is damaged.
+            ContainerError: the record is damaged.
         """
         try:
             start_ns, end_ns, offset, length, size = _CHUNK_PLACE.unpack_from(body)
@@ -65,7 +74,7 @@ class ChunkEntry(NamedTuple):
         return cls(start_ns, end_ns, offset, length, offsets, index_length, compression, stored, uncompressed)
 
     def pack(self) -> bytes:
-        """Chunk index record."""
+        """Whole chunk index record of this entry, for the file's summary."""
         offsets = b"".join(_INDEX_OFFSET.pack(*entry) for entry in self.index_offsets.items())
         place = _CHUNK_PLACE.pack(self.start_ns, self.end_ns, self.offset, self.length, len(offsets))
         sizes = _CHUNK_SIZES.pack(self.stored_size, self.uncompressed_size)
@@ -74,12 +83,15 @@ class ChunkEntry(NamedTuple):
 
 
 def parse_chunk_offsets(body: memoryview) -> tuple[int, dict[int, int]]:
-    """Offset of a chunk, and of its message index records by channel id, from a chunk index record's body.
+    """File offsets of a chunk and of its message index records, from a chunk index record's body.
 
     Opening a recording with thousands of chunks needs only these; `ChunkEntry.parse` also reads the rest.
 
+    Returns:
+        Offset of the chunk record, and offsets of the message index records by channel id.
+
     Raises:
-        ContainerError: the record ends early.
+        ContainerError: the record ends early, or its list of offsets is damaged.
     """
     try:
         _, _, offset, _, size = _CHUNK_PLACE.unpack_from(body)
@@ -97,16 +109,25 @@ def _parse_index_offsets(body: memoryview, size: int) -> dict[int, int]:
 
 @dataclass
 class PendingMessages:
-    """Messages gathered for the next chunk."""
+    """Messages gathered for the next chunk: their packed records, and time and offset of each."""
 
     data: bytearray = field(default_factory=bytearray)
     """whole message records"""
     places: MessagePlaces = field(default_factory=dict[int, list[tuple[int, int]]])
+    """log time [ns] of each message and offset of its record in `data`, by channel id"""
 
     def add(
         self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: Buffer
     ) -> None:
-        """Append one message."""
+        """Append one message to the gathered ones.
+
+        Args:
+            channel_id: channel of the message.
+            sequence: number of the message in its channel.
+            log_time_ns: log time [ns since 1970].
+            publish_time_ns: publish time [ns since 1970].
+            data: serialised message; it is copied.
+        """
         records = self.data
         self.places.setdefault(channel_id, []).append((log_time_ns, len(records)))
         records += container.message_head(channel_id, sequence, log_time_ns, publish_time_ns, len(data))
@@ -117,25 +138,35 @@ class PackedChunk(NamedTuple):
     """Bytes around a chunk's messages in the file, and the chunk index record for the summary."""
 
     head: bytes
+    """bytes of the chunk record before its messages"""
     indexes: bytes
+    """message index records, which follow the chunk"""
     entry: bytes
+    """chunk index record"""
 
 
 class ChunkSize(NamedTuple):
     """Size, checksum and compression of a chunk's messages."""
 
     size: int
-    """bytes of the messages"""
+    """bytes of the messages when decompressed"""
     crc: int
     """CRC-32 of the uncompressed messages"""
     compression: str
-    """"" for none"""
+    """"lz4", "zstd", or "" for none"""
     stored: int
-    """bytes in the file"""
+    """bytes of the messages in the file"""
 
 
 def pack_chunk(offset: int, size: int, crc: int, places: MessagePlaces) -> PackedChunk:
-    """Pack the frame of an uncompressed chunk of `size` bytes of messages that is written at `offset`."""
+    """Bytes that enclose the messages of an uncompressed chunk, and its index record for the summary.
+
+    Args:
+        offset: file offset at which the chunk is to be written [bytes].
+        size: bytes of its messages.
+        crc: CRC-32 of its messages.
+        places: log time [ns] and offset in the chunk of each message, by channel id; at least one message.
+    """
     if len(places) == 1:
         [(channel_id, entries)] = places.items()
         if len(entries) == 1:
@@ -156,14 +187,17 @@ def pack_chunk(offset: int, size: int, crc: int, places: MessagePlaces) -> Packe
 def pack_chunk_of_channel(
     offset: int, times_ns: tuple[int, int], chunk: ChunkSize, channel_id: int, index_entries: bytes
 ) -> PackedChunk:
-    """Pack the frame of a chunk of one channel whose message index entries are packed already.
+    """Bytes that enclose a chunk of one channel whose message index entries are already packed.
 
     Args:
-        offset: offset of the chunk in the file [bytes].
+        offset: file offset at which the chunk is to be written [bytes].
         times_ns: first and last log time [ns].
         chunk: size, checksum and compression of its messages.
         channel_id: channel of all its messages.
-        index_entries: packed log time and offset of each message, by time.
+        index_entries: log time and offset in the chunk of each message, packed and ordered by time.
+
+    Returns:
+        Bytes before and after the messages, and the chunk index record for the summary.
     """
     start, end = times_ns
     if chunk.compression:
@@ -184,9 +218,19 @@ def pack_chunk_of_channel(
 def pack_chunk_of_one(
     offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]
 ) -> PackedChunk:
-    """Pack the frame of a chunk of one message, in a fifth of the time of the general `pack_chunk`.
+    """Bytes that enclose an uncompressed chunk of one message, in a fifth of the time of `pack_chunk`.
 
     At line rate there are 365 such chunks in a second.
+
+    Args:
+        offset: file offset at which the chunk is to be written [bytes].
+        size: bytes of the message record.
+        crc: CRC-32 of the message record.
+        channel_id: channel of the message.
+        entry: log time [ns] of the message and its offset in the chunk.
+
+    Returns:
+        Bytes before and after the message, and the chunk index record for the summary.
     """
     time_ns, at = entry
     head = container.chunk_head(time_ns, time_ns, size, crc)
@@ -198,10 +242,13 @@ def pack_chunk_of_one(
 
 
 def chunk_messages(chunk: ChunkRecord) -> memoryview:
-    """Message records of a chunk, decompressed where needed; size and CRC are checked.
+    """Message records of a chunk, decompressed where needed, after checks of their size and CRC.
+
+    A CRC of 0 means that the chunk has none. Without compression the result is a view of the chunk's own
+    bytes.
 
     Raises:
-        ContainerError: the chunk is damaged, or its compression is unknown.
+        ContainerError: the chunk is damaged, or its compression is neither lz4 nor zstd.
     """
     data = _decompressed(chunk)
     if len(data) != chunk.uncompressed_size:

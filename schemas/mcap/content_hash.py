@@ -1,6 +1,6 @@
-"""The `content_id` of a recording: a hash of its messages.
+"""The `content_id` of a recording: a hash of its messages outside /truth/, per topic in file order.
 
-It does not depend on chunking, compression or interleaving.
+It does not depend on chunking, compression, or the interleaving of topics.
 """
 
 from __future__ import annotations
@@ -29,17 +29,30 @@ _TIME_SIZE_CRC: Final = struct.Struct("<QQI")
 
 
 class ContentHash:
-    """BLAKE2b-256 over all messages outside /truth/, by topic (schemas/README.md, "A file")."""
+    """BLAKE2b-256 over all messages outside /truth/: one hash per topic, then one over the topics by name.
+
+    A message enters its topic's hash with log time, size and data; from LARGE_MESSAGE_BYTES on with the
+    CRC-32 of its data in place of the data (schemas/README.md, "A file").
+    """
 
     def __init__(self) -> None:
         self._topics: dict[str, hashlib.blake2b] = {}
 
     def add(self, topic: str, log_time_ns: int, size: int, data: Buffer, crc: int | None = None) -> None:
-        """Add one message; see HashedMessage for `data` and `crc` of a large one."""
+        """Add one message to the hash; a message on a topic under /truth/ is ignored.
+
+        Args:
+            topic: name of the message's topic.
+            log_time_ns: log time [ns].
+            size: bytes of the data.
+            data: serialised message; may be empty if `size` is at least LARGE_MESSAGE_BYTES and `crc` is
+                given.
+            crc: CRC-32 of the data; None to compute it. Messages below LARGE_MESSAGE_BYTES do not need it.
+        """
         self.add_all(topic, [(log_time_ns, size, data, crc)])
 
     def add_all(self, topic: str, messages: Iterable[HashedMessage]) -> None:
-        """Add several messages of one topic, in order."""
+        """Add several messages of one topic, in file order; those of a topic under /truth/ are ignored."""
         if topic.startswith(TRUTH_PREFIX):
             return
         digest = self._topics.get(topic)
@@ -54,10 +67,17 @@ class ContentHash:
         digest.update(b"".join(parts))
 
     def add_chunk(self, records: memoryview, topics: Mapping[int, str]) -> int:
-        """Add every message of a chunk and return their number; `topics` maps channel ids.
+        """Add every message of a chunk to the hash.
+
+        Args:
+            records: uncompressed message records of the chunk.
+            topics: name of the topic by channel id.
+
+        Returns:
+            Number of messages in the chunk, with those under /truth/.
 
         Raises:
-            ContainerError: a message is damaged, or its channel is not described.
+            ContainerError: a message is damaged, or its channel is not in `topics`.
         """
         count = 0
         for _, message in walk_messages(records):
@@ -69,7 +89,7 @@ class ContentHash:
         return count
 
     def hexdigest(self) -> str:
-        """Hash of all messages added so far, hexadecimal."""
+        """Hash of all messages added so far, as 64 hexadecimal digits."""
         digest = hashlib.blake2b(digest_size=32)
         for topic in sorted(self._topics):
             digest.update(pack_string(topic) + self._topics[topic].digest())

@@ -1,6 +1,7 @@
-"""Protobuf wire format of messages that are packed for every frame: varints and Foxglove's time stamps.
+"""Protobuf wire format of messages that are packed for every frame: varints, fields and time stamps.
 
-Fields may stand in any order, and a message may be concatenated from parts (protobuf.dev, "Encoding").
+Fields may stand in any order, and a message may be concatenated from parts (protobuf.dev, "Encoding"). Time
+stamps are those of Foxglove's messages.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _MAX_VARINT_SHIFT = 63
 
 
 def varint(value: int) -> bytes:
-    """Protobuf encoding of an integer >= 0: seven bits to a byte, lowest first."""
+    """Protobuf encoding of an integer >= 0 as a varint: seven bits to a byte, lowest first."""
     result = bytearray()
     while value > 127:
         result.append(value & 127 | 128)
@@ -27,11 +28,11 @@ def varint(value: int) -> bytes:
 
 
 def read_varint(data: memoryview, at: int) -> tuple[int, int]:
-    """Value of the varint at offset `at`, and the offset after it.
+    """Value of the varint (integer of variable length) at offset `at`, and the offset after it.
 
     Raises:
-        ContainerError: it is longer than 64 bits.
-        IndexError: the data end within it.
+        ContainerError: the varint is longer than 64 bits.
+        IndexError: the data end within the varint.
     """
     value = shift = 0
     while True:
@@ -46,10 +47,14 @@ def read_varint(data: memoryview, at: int) -> tuple[int, int]:
 
 
 def read_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-    """Number and value of a message's length-delimited fields (views) and 32-bit fields; others are skipped.
+    """Yield number and value of a message's length-delimited and 32-bit fields, in file order.
+
+    The value of a length-delimited field is a view of its bytes, that of a 32-bit field an unsigned integer.
+    Varint and 64-bit fields are skipped.
 
     Raises:
-        ContainerError: the bytes are no protobuf message, or end within a field.
+        ContainerError: the bytes are no protobuf message, or end within a field (not noticed within a 64-bit
+            field).
     """
     at = 0
     try:
@@ -77,7 +82,7 @@ def read_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
 
 
 def timestamp_field(time_ns: int) -> bytes:
-    """Field 1, a google.protobuf.Timestamp, of a time since 1970 [ns].
+    """Encoding of field 1 of a message as a google.protobuf.Timestamp of a time since 1970 [ns].
 
     It takes a tenth of the time of protobuf's own encoder.
     """
@@ -98,6 +103,11 @@ def timestamp_field(time_ns: int) -> bytes:
 
 @lru_cache(maxsize=8)
 def _seconds_prefix(seconds: int, nanos_size: int) -> bytes:
-    """Start of a Timestamp field: tags, length and seconds; the caller appends the nanoseconds."""
+    """Start of a Timestamp field: tags, length and seconds; the caller appends the nanoseconds.
+
+    Args:
+        seconds: whole seconds since 1970.
+        nanos_size: bytes of the encoded nanoseconds that follow.
+    """
     body = b"\x08" + varint(seconds) + b"\x10"
     return _TIMESTAMP_TAG + (len(body) + nanos_size).to_bytes() + body

@@ -1,6 +1,6 @@
-"""Writes the records of one MCAP file in order.
+"""Writer of the records of one MCAP file in order, with their offsets and the summary.
 
-The caller appends the bytes to the file; the offsets and the summary are tracked here.
+The caller passes the function that appends bytes to the file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ Append = Callable[[Sequence[Buffer]], object]
 class RecordWriter:
     """Packs the records of one file, counts its bytes and gathers the summary that ends it.
 
-    A record that `append` refused is in neither `size` nor `summary`.
+    A record that `append` refused (by raising) is in neither `size` nor `summary`.
+
+    Args:
+        append: function that appends buffers to the file, all of them or, raising, none.
     """
 
     def __init__(self, append: Append) -> None:
@@ -38,44 +41,52 @@ class RecordWriter:
         self.summary = Summary()
 
     def begin(self) -> None:
-        """Write the magic and the header."""
+        """Append the file's magic bytes and the header record."""
         header = container.pack_record(
             container.HEADER, container.pack_string("") + container.pack_string(LIBRARY)
         )
         self._put([container.MAGIC, header])
 
     def add_topic(self, topic: Topic, number: int) -> None:
-        """Declare a topic as schema and channel `number`."""
+        """Append the schema and channel records of a topic; both get the id `number`."""
         schema, channel = pack_topic(topic, number)
         self._put([schema, channel])
         self.summary.schemas.append(schema)
         self.summary.channels.append(channel)
 
     def copy_declaration(self, whole: bytes) -> None:
-        """Write a whole schema or channel record of another file."""
+        """Append a schema or channel record of another file, given whole (with opcode and length)."""
         self._put([whole])
         (self.summary.schemas if whole[0] == container.SCHEMA else self.summary.channels).append(whole)
 
     def write_metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write a named map of strings."""
+        """Append a metadata record: a map of strings with a name."""
         offset, record = self.size, container.pack_metadata(name, entries)
         self._put([record])
         self.summary.add_metadata(offset, len(record), name)
 
     def write_attachment(self, attachment: AttachmentRecord) -> None:
-        """Attach a file."""
+        """Append an attachment record, which holds a file, and list it in the summary."""
         time_ns = attachment.log_time_ns
         packed = container.pack_attachment(attachment.name, attachment.media_type, attachment.data, time_ns)
         self.copy_attachment(packed, attachment)
 
     def copy_attachment(self, whole: Buffer, attachment: AttachmentRecord) -> None:
-        """Write a whole attachment record, which holds `attachment`."""
+        """Append a whole packed attachment record and list it in the summary.
+
+        Args:
+            whole: the record, with opcode and length.
+            attachment: content of the same record.
+        """
         offset = self.size
         self._put([whole])
         self.summary.add_attachment(offset, len(whole), attachment)
 
     def write_pending(self, pending: PendingMessages) -> None:
-        """Write gathered messages as a chunk; they must not be changed afterwards."""
+        """Append gathered messages as an uncompressed chunk.
+
+        The caller must not change `pending` afterwards.
+        """
         self.write_chunk([pending.data], len(pending.data), zlib.crc32(pending.data), pending.places)
 
     def write_chunk(
@@ -86,13 +97,13 @@ class RecordWriter:
         places: MessagePlaces,
         append: Append | None = None,
     ) -> None:
-        """Write messages as an uncompressed chunk.
+        """Append messages as an uncompressed chunk with its message indexes.
 
         Args:
-            buffers: message records, in as many pieces as they come in.
+            buffers: message records, in one or more pieces of any lengths.
             size: bytes of all buffers.
             crc: CRC-32 of all buffers.
-            places: log time and offset of each message, by channel.
+            places: log time [ns] and offset in the chunk of each message, by channel id.
             append: appends these buffers, in place of the function given at construction.
         """
         packed = pack_chunk(self.size, size, crc, places)
@@ -103,12 +114,19 @@ class RecordWriter:
     def write_packed_chunk(
         self, packed: PackedChunk, buffers: Sequence[Buffer], channel_id: int, count: int
     ) -> None:
-        """Write a chunk of `count` messages of one channel that was packed for offset `size`."""
+        """Append a chunk of `count` messages of one channel that was packed for the present end of the file.
+
+        Args:
+            packed: bytes around the messages and the chunk's index record, packed for the offset `size`.
+            buffers: messages as stored, possibly compressed, in one or more pieces.
+            channel_id: channel of all messages.
+            count: number of messages.
+        """
         self._put_chunk(packed, buffers, None)
         self.summary.message_counts[channel_id] += count
 
     def note_chunks(self, size: int, entries: Sequence[bytes], channel_id: int, count: int) -> None:
-        """Add chunks to the summary that the caller has appended to the file itself.
+        """Count chunks that the caller has appended to the file itself, and list them in the summary.
 
         Args:
             size: bytes that were appended.
@@ -121,7 +139,7 @@ class RecordWriter:
         self.summary.message_counts[channel_id] += count
 
     def end(self) -> None:
-        """Write the summary, the footer and the magic."""
+        """Append the end of the data section, the summary, the footer and the magic bytes."""
         self._put([self.summary.pack(self.size)])
 
     def _put_chunk(self, packed: PackedChunk, buffers: Sequence[Buffer], append: Append | None) -> None:
@@ -137,7 +155,7 @@ class RecordWriter:
 
 
 def pack_topic(topic: Topic, number: int) -> tuple[bytes, bytes]:
-    """Schema and channel record of a topic; both carry the same number."""
+    """Whole schema record and channel record of a topic, both with the id `number`."""
     data, string = topic.schema_data(), container.pack_string
     schema = struct.pack("<H", number) + string(topic.schema_name) + string("protobuf")
     channel = struct.pack("<HH", number, number) + string(topic.name) + string("protobuf")

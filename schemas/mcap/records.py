@@ -2,8 +2,9 @@
 
 Source: the MCAP format specification (https://mcap.dev/spec). The recorder writes image chunks without
 copying, the reader hands out views into a mapped file, and both must survive files that end anywhere. Every
-parse function checks each length against the bytes present and raises `ContainerError`, so that a damaged
-file can neither be read past its end nor make the reader allocate memory.
+parse function takes the body of a record (without opcode and length), checks each length against the bytes
+present and raises `ContainerError`, so that a damaged file can neither be read past its end nor make the
+reader allocate memory that the file only claims to need.
 """
 
 from __future__ import annotations
@@ -53,59 +54,79 @@ _INDEX_ENTRY_BYTES: Final = 16
 
 
 class ContainerError(ValueError):
-    """Bytes that violate the MCAP format."""
+    """Bytes that violate the MCAP format; the message names the record and the violation."""
 
 
 # --- packing
 
 
 def pack_record(opcode: int, body: bytes) -> bytes:
-    """Whole record with this opcode and body."""
+    """Whole record: opcode (1 byte), length of the body (8 bytes), body."""
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
 def pack_string(text: str) -> bytes:
-    """Length-prefixed UTF-8."""
+    """Text as UTF-8 after its length in bytes (4 bytes)."""
     data = text.encode()
     return struct.pack("<I", len(data)) + data
 
 
 def pack_string_map(entries: dict[str, str]) -> bytes:
-    """Length-prefixed map of strings."""
+    """Map of strings after its length in bytes (4 bytes); keys and values are length-prefixed UTF-8."""
     data = b"".join(pack_string(key) + pack_string(value) for key, value in entries.items())
     return struct.pack("<I", len(data)) + data
 
 
 def pack_metadata(name: str, entries: dict[str, str]) -> bytes:
-    """Metadata record."""
+    """Whole metadata record: a map of strings with a name."""
     return pack_record(METADATA, pack_string(name) + pack_string_map(entries))
 
 
 def pack_attachment(name: str, media_type: str, data: bytes, log_time_ns: int) -> bytes:
-    """Attachment record with its CRC; creation time and log time are the same."""
+    """Whole attachment record, which holds a file, with its CRC; creation time and log time are the same.
+
+    Args:
+        name: name of the attached file.
+        media_type: media type, for example "application/json".
+        data: content of the file.
+        log_time_ns: log time and creation time [ns].
+    """
     names = pack_string(name) + pack_string(media_type)
     body = struct.pack("<QQ", log_time_ns, log_time_ns) + names + struct.pack("<Q", len(data)) + data
     return pack_record(ATTACHMENT, body + struct.pack("<I", zlib.crc32(body)))
 
 
 def message_head(channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, size: int) -> bytes:
-    """Bytes of a message record before its data of `size` bytes."""
+    """Bytes of a message record before its data of `size` bytes; `sequence` is taken modulo 2^32."""
     return _PACKED_MESSAGE_HEAD.pack(
         MESSAGE, 22 + size, channel_id, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns
     )
 
 
 def chunk_head(start_ns: int, end_ns: int, size: int, crc: int) -> bytes:
-    """Bytes of an uncompressed chunk record before its messages of `size` bytes and CRC-32 `crc`."""
+    """Bytes of an uncompressed chunk record before its messages.
+
+    Args:
+        start_ns: smallest log time of the messages [ns].
+        end_ns: largest log time [ns].
+        size: bytes of the messages.
+        crc: CRC-32 of the messages.
+    """
     return struct.pack("<BQQQQIIQ", CHUNK, 40 + size, start_ns, end_ns, size, crc, 0, size)
 
 
 def compressed_chunk_head(
     start_ns: int, end_ns: int, size: int, crc: int, compression: str, stored: int
 ) -> bytes:
-    """Bytes of a compressed chunk record before its `stored` bytes of compressed messages.
+    """Bytes of a compressed chunk record before its compressed messages.
 
-    `size` [bytes] and `crc` are those of the uncompressed messages.
+    Args:
+        start_ns: smallest log time of the messages [ns].
+        end_ns: largest log time [ns].
+        size: bytes of the uncompressed messages.
+        crc: CRC-32 of the uncompressed messages.
+        compression: "lz4" or "zstd".
+        stored: bytes of the compressed messages.
     """
     name = pack_string(compression)
     fixed = struct.pack("<BQQQQI", CHUNK, 36 + len(name) + stored, start_ns, end_ns, size, crc)
@@ -113,13 +134,18 @@ def compressed_chunk_head(
 
 
 def pack_message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
-    """Message index record of one channel in one chunk; entries are (log time [ns], offset in the chunk)."""
+    """Whole message index record of one channel in one chunk.
+
+    Args:
+        channel_id: the channel.
+        entries: log time [ns] and offset in the chunk of each message, in any order; written by time.
+    """
     numbers = itertools.chain.from_iterable(sorted(entries))
     return message_index_record(channel_id, struct.pack(f"<{2 * len(entries)}Q", *numbers))
 
 
 def message_index_record(channel_id: int, packed_entries: bytes) -> bytes:
-    """Message index record whose entries are already packed and ordered by time."""
+    """Whole message index record whose entries are already packed and ordered by time."""
     return (
         struct.pack("<BQHI", MESSAGE_INDEX, 6 + len(packed_entries), channel_id, len(packed_entries))
         + packed_entries
@@ -131,7 +157,7 @@ def message_index_record(channel_id: int, packed_entries: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class SchemaRecord:
-    """Message type: name, encoding and definition."""
+    """Message type: id, full name, encoding of the definition ("protobuf"), and definition."""
 
     id: int
     name: str
@@ -141,7 +167,7 @@ class SchemaRecord:
 
 @dataclass(frozen=True)
 class ChannelRecord:
-    """Channel: the topic it carries, its schema and its message encoding."""
+    """Channel: its id, the id of its schema (message type), its topic's name and its message encoding."""
 
     id: int
     schema_id: int
@@ -150,7 +176,10 @@ class ChannelRecord:
 
 
 class MessageRecord(NamedTuple):
-    """One message; `data` is a view into the bytes it was parsed from."""
+    """One message: channel id, sequence number, log and publish time [ns], and data.
+
+    `data` is a view into the bytes that the message was parsed from.
+    """
 
     channel_id: int
     sequence: int
@@ -161,19 +190,26 @@ class MessageRecord(NamedTuple):
 
 @dataclass(frozen=True)
 class ChunkRecord:
-    """Chunk of messages; `records` is a view of its message records as stored, possibly compressed."""
+    """Chunk of messages; `records` is a view of its message records as stored, possibly compressed.
+
+    `crc` is the CRC-32 of the uncompressed records, 0 if there is none.
+    """
 
     start_ns: int
+    """smallest log time of the messages [ns]"""
     end_ns: int
+    """largest log time of the messages [ns]"""
     uncompressed_size: int
+    """bytes of the records when decompressed"""
     crc: int
     compression: str
+    """"lz4", "zstd", or "" for none"""
     records: memoryview
 
 
 @dataclass(frozen=True)
 class AttachmentRecord:
-    """Attached file."""
+    """Attached file: its name, media type, log time [ns] and content."""
 
     name: str
     media_type: str
@@ -183,14 +219,19 @@ class AttachmentRecord:
 
 @dataclass(frozen=True)
 class MetadataRecord:
-    """Named map of strings."""
+    """Metadata record: a map of strings with a name."""
 
     name: str
     entries: dict[str, str]
 
 
 class _Fields:
-    """Cursor over a record's fields that never reads past the end of its body."""
+    """Cursor over the fields of a record's body; reading past the end raises ContainerError.
+
+    Args:
+        body: body of the record.
+        record_name: kind of record, for messages.
+    """
 
     def __init__(self, body: memoryview, record_name: str) -> None:
         self._body = body
@@ -199,7 +240,7 @@ class _Fields:
 
     @property
     def remaining(self) -> int:
-        """Bytes of the body that are not read yet."""
+        """Number of bytes of the record's body that have not been read yet."""
         return len(self._body) - self._at
 
     def numbers(self, layout: str) -> tuple[int, ...]:
@@ -223,21 +264,33 @@ class _Fields:
 
 
 def parse_schema(body: memoryview) -> SchemaRecord:
-    """Parse the body of a schema record."""
+    """Schema (message type) from the body of a schema record.
+
+    Raises:
+        ContainerError: the record is damaged.
+    """
     fields = _Fields(body, "schema")
     (number,) = fields.numbers("<H")
     return SchemaRecord(number, fields.string(), fields.string(), bytes(fields.prefixed()))
 
 
 def parse_channel(body: memoryview) -> ChannelRecord:
-    """Parse the body of a channel record."""
+    """Channel from the body of a channel record; the metadata that follow the encoding are not read.
+
+    Raises:
+        ContainerError: the record is damaged.
+    """
     fields = _Fields(body, "channel")
     number, schema_id = fields.numbers("<HH")
     return ChannelRecord(number, schema_id, fields.string(), fields.string())
 
 
 def parse_message(body: memoryview) -> MessageRecord:
-    """Parse the body of a message record."""
+    """Message from the body of a message record; its data are a view.
+
+    Raises:
+        ContainerError: the record ends early.
+    """
     if len(body) < _MESSAGE_FIELDS.size:
         raise ContainerError("message record ends early")
     channel_id, sequence, log_time, publish_time = _MESSAGE_FIELDS.unpack_from(body)
@@ -245,7 +298,11 @@ def parse_message(body: memoryview) -> MessageRecord:
 
 
 def parse_chunk(body: memoryview) -> ChunkRecord:
-    """Parse the body of a chunk record."""
+    """Chunk from the body of a chunk record; its CRC is not checked.
+
+    Raises:
+        ContainerError: the record is damaged.
+    """
     fields = _Fields(body, "chunk")
     start, end, size, crc = fields.numbers("<QQQI")
     compression = fields.string()
@@ -253,7 +310,11 @@ def parse_chunk(body: memoryview) -> ChunkRecord:
 
 
 def parse_attachment(body: memoryview) -> AttachmentRecord:
-    """Parse the body of an attachment record and check its CRC."""
+    """Attached file from the body of an attachment record; its data are a copy.
+
+    Raises:
+        ContainerError: the record is damaged, or its CRC is neither 0 nor that of the content.
+    """
     fields = _Fields(body, "attachment")
     log_time, _ = fields.numbers("<QQ")
     name, media_type = fields.string(), fields.string()
@@ -265,7 +326,11 @@ def parse_attachment(body: memoryview) -> AttachmentRecord:
 
 
 def parse_metadata(body: memoryview) -> MetadataRecord:
-    """Parse the body of a metadata record."""
+    """Name and map of strings from the body of a metadata record.
+
+    Raises:
+        ContainerError: the record is damaged.
+    """
     fields = _Fields(body, "metadata")
     name = fields.string()
     entries = _Fields(fields.prefixed(), "metadata")
@@ -277,13 +342,25 @@ def parse_metadata(body: memoryview) -> MetadataRecord:
 
 
 def parse_header(body: memoryview) -> tuple[str, str]:
-    """Profile and library, from the body of a header record."""
+    """Profile and library name, from the body of a header record.
+
+    Raises:
+        ContainerError: the record is damaged.
+    """
     fields = _Fields(body, "header")
     return fields.string(), fields.string()
 
 
 def parse_index_entries(body: memoryview) -> tuple[int, memoryview]:
-    """Parse a message index record into channel id and packed entries (log time u64, offset u64)."""
+    """Channel id and packed entries from the body of a message index record.
+
+    Returns:
+        The channel id, and a view of the entries of 16 bytes each: log time [ns] and offset in the chunk
+        (u64).
+
+    Raises:
+        ContainerError: the record ends early, or holds half an entry.
+    """
     fields = _Fields(body, "message index")
     channel_id, size = fields.numbers("<HI")
     entries = fields.take(size)
@@ -293,6 +370,13 @@ def parse_index_entries(body: memoryview) -> tuple[int, memoryview]:
 
 
 def parse_message_index(body: memoryview) -> tuple[int, list[tuple[int, int]]]:
-    """Parse a message index record into channel id and (log time [ns], offset) of each message."""
+    """Channel id and list of entries from the body of a message index record.
+
+    Returns:
+        The channel id, and log time [ns] and offset in the chunk of each message.
+
+    Raises:
+        ContainerError: the record ends early, or holds half an entry.
+    """
     channel_id, entries = parse_index_entries(body)
     return channel_id, list(struct.iter_unpack("<QQ", entries))

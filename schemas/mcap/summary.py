@@ -20,7 +20,7 @@ _CHUNK_TIMES: Final = struct.Struct("<QQ")
 
 
 class EndsEarly(ContainerError):
-    """A file without a footer: it was cut short, or is still being written."""
+    """A file without a usable footer: it was cut short, or is still being written."""
 
 
 # --- writing
@@ -28,10 +28,15 @@ class EndsEarly(ContainerError):
 
 @dataclass
 class Summary:
-    """Records of the summary section, gathered as the file grows; all are whole records."""
+    """Summary section of a file (the index at its end), gathered as the file grows.
+
+    The lists hold whole packed records.
+    """
 
     schemas: list[bytes] = field(default_factory=list)
+    """schema records"""
     channels: list[bytes] = field(default_factory=list)
+    """channel records"""
     chunks: list[bytes] = field(default_factory=list)
     """chunk index records: as bytes the garbage collector need not visit thousands of objects"""
     attachments: list[bytes] = field(default_factory=list)
@@ -39,22 +44,38 @@ class Summary:
     metadata: list[bytes] = field(default_factory=list)
     """metadata index records"""
     message_counts: Counter[int] = field(default_factory=Counter)
-    """messages by channel id"""
+    """number of messages by channel id"""
 
     def add_attachment(self, offset: int, length: int, attachment: container.AttachmentRecord) -> None:
-        """Note an attachment record of `length` bytes at `offset`."""
+        """List an attachment record that was written to the file.
+
+        Args:
+            offset: file offset of the record.
+            length: bytes of the record.
+            attachment: content of the record.
+        """
         time_ns, size = attachment.log_time_ns, len(attachment.data)
         body = struct.pack("<QQQQQ", offset, length, time_ns, time_ns, size)
         body += container.pack_string(attachment.name) + container.pack_string(attachment.media_type)
         self.attachments.append(container.pack_record(container.ATTACHMENT_INDEX, body))
 
     def add_metadata(self, offset: int, length: int, name: str) -> None:
-        """Note a metadata record of `length` bytes at `offset`."""
+        """List a metadata record that was written to the file.
+
+        Args:
+            offset: file offset of the record.
+            length: bytes of the record.
+            name: name of the metadata.
+        """
         body = struct.pack("<QQ", offset, length) + container.pack_string(name)
         self.metadata.append(container.pack_record(container.METADATA_INDEX, body))
 
     def pack(self, offset: int) -> bytes:
-        """DataEnd, summary, summary offsets, footer and magic, to be written at `offset`."""
+        """End of the file: DataEnd record, summary, summary offsets, footer and magic bytes.
+
+        Args:
+            offset: file offset at which these bytes are to be written.
+        """
         data_end = container.pack_record(container.DATA_END, struct.pack("<I", 0))
         start = offset + len(data_end)
         summary = bytearray()
@@ -96,10 +117,10 @@ class Summary:
 
 
 def parse_message_counts(body: memoryview) -> Counter[int]:
-    """Messages by channel id, from the body of a statistics record.
+    """Number of messages by channel id, from the body of a statistics record.
 
     Raises:
-        ContainerError: the record is damaged.
+        ContainerError: the list of counts is damaged.
     """
     try:
         return Counter(dict(struct.iter_unpack("<HQ", body[46:])))
@@ -111,22 +132,26 @@ def parse_message_counts(body: memoryview) -> Counter[int]:
 
 
 class SummarySection(NamedTuple):
-    """Summary section of a finished file."""
+    """Summary section of a finished file: its offset and a view of its records."""
 
     start: int
-    """offset in the file"""
+    """offset of the section in the file"""
     records: memoryview
+    """all records of the section"""
 
 
 def summary_start(tail: Buffer, size: int) -> tuple[int, int]:
-    """Offset of the summary section of a file of `size` bytes, and its CRC-32 (0 if it has none).
+    """Offset of a file's summary section, and the section's CRC-32, from the end of the file.
 
     Args:
         tail: the file's last FOOTER_AND_MAGIC bytes.
         size: size of the whole file [bytes].
 
+    Returns:
+        Offset of the section from the beginning of the file, and its CRC-32 (0 if it has none).
+
     Raises:
-        EndsEarly: the file has no footer.
+        EndsEarly: the file does not end with the magic bytes and a footer that points at a summary.
     """
     magic = container.MAGIC
     if (
@@ -142,10 +167,13 @@ def summary_start(tail: Buffer, size: int) -> tuple[int, int]:
 
 
 def find_summary(data: memoryview) -> SummarySection:
-    """Locate the summary section of a mapped file and check its CRC.
+    """Locate the summary section of a mapped file and check the section's CRC, if it has one.
+
+    Args:
+        data: the whole file.
 
     Raises:
-        EndsEarly: the file has no footer.
+        EndsEarly: the file has no footer that points at a summary.
         ContainerError: the summary is damaged.
     """
     start, crc = summary_start(data[-FOOTER_AND_MAGIC:], len(data))

@@ -1,4 +1,4 @@
-"""The walker over MCAP records: whole records in file order, and the record that an index points at.
+"""Walks over MCAP records: whole records in file order, and the record that an index points at.
 
 A walk is tolerant: it ends at the first record that is not complete. Whether this is an error is decided by
 the caller.
@@ -19,7 +19,11 @@ _HEAD: Final = struct.Struct("<BQ")
 
 
 def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Whole records from `start` on, as (opcode, record offset, body), up to the first incomplete one."""
+    """Yield the whole records from `start` on as (opcode, record offset, body).
+
+    It ends at the first incomplete record, or at opcode 0 (zeros at the end of a file). Offsets are counted
+    from the beginning of `data`; bodies are views.
+    """
     at, size = start, len(data)
     while at + RECORD_HEAD <= size:
         opcode, length = _HEAD.unpack_from(data, at)
@@ -31,10 +35,10 @@ def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryvie
 
 
 def walk_messages(records: memoryview) -> Iterator[tuple[int, MessageRecord]]:
-    """Messages among `records`, each with its offset.
+    """Yield the messages among `records` as (offset of the message record in `records`, message).
 
     Raises:
-        ContainerError: a message is damaged.
+        ContainerError: a message record is too short.
     """
     for opcode, at, body in walk(records):
         if opcode == container.MESSAGE:
@@ -42,7 +46,10 @@ def walk_messages(records: memoryview) -> Iterator[tuple[int, MessageRecord]]:
 
 
 def walk_chunks(data: memoryview) -> Iterator[memoryview]:
-    """Message records of each chunk of a file, decompressed; `data` begins with the file's magic.
+    """Yield the message records of each chunk of a file, decompressed and checked.
+
+    Args:
+        data: the file from its beginning, with the magic bytes.
 
     Raises:
         ContainerError: a chunk is damaged.
@@ -62,12 +69,14 @@ class WholeRecords(NamedTuple):
 
 
 def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> WholeRecords:
-    """Extent of the whole records of a file from `start` on; only their heads are read.
+    """Extent of the whole records of a file from `start` on; only the records' heads are read.
+
+    The search ends at the first record that is not whole, or after the record that ends the data section.
 
     Args:
         read: function of (count, offset) that returns at most `count` bytes of the file from `offset` on.
-        start: offset of a record.
-        size: present size of the file.
+        start: file offset of a record.
+        size: present size of the file [bytes].
     """
     at = start
     while at + RECORD_HEAD <= size:
@@ -84,10 +93,15 @@ def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> 
 
 
 def record_at(data: memoryview, offset: int, opcode: int) -> memoryview:
-    """Body of the record that begins at `offset`, which an index states to have this opcode.
+    """Body (a view) of the record at `offset`, to which an index points.
+
+    Args:
+        data: bytes of the file, or of a part to which the index refers.
+        offset: offset of the record in `data`.
+        opcode: kind of record that the index states.
 
     Raises:
-        ContainerError: there is no such record, or it is not whole.
+        ContainerError: there is no whole record of this kind at `offset`.
     """
     if not 0 <= offset <= len(data) - RECORD_HEAD:
         raise ContainerError("an index points outside of what it indexes")
@@ -99,10 +113,12 @@ def record_at(data: memoryview, offset: int, opcode: int) -> memoryview:
 
 
 def index_entries_at(data: memoryview, offset: int, channel_id: int) -> memoryview:
-    """Packed entries of the message index record at `offset`, which must be of this channel.
+    """Packed entries of the message index record at `offset`, which must be of channel `channel_id`.
+
+    Each entry has 16 bytes: log time [ns] and offset in the chunk of one message (u64).
 
     Raises:
-        ContainerError: there is no such message index record.
+        ContainerError: there is no whole message index record of this channel at `offset`.
     """
     found_id, entries = container.parse_index_entries(record_at(data, offset, container.MESSAGE_INDEX))
     if found_id != channel_id:
