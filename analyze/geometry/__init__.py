@@ -1,1 +1,1 @@
-"""Shapes and rotations."""
+"""Shapes of objects (meshes, point clouds, primitives), their planes and distances, and rotations."""

@@ -20,7 +20,7 @@ body they touch."""
 
 @dataclass(frozen=True)
 class Body:
-    """One closed body of a mesh."""
+    """One closed body of a mesh file, in the object frame O."""
 
     properties: MassProperties
     """Mass properties as a uniform solid, in O."""
@@ -35,10 +35,15 @@ class Body:
 def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> list[Body]:
     """Closed bodies of an object's mesh file, largest first, with cavities subtracted from hollow ones.
 
+    A cavity is a body of the opposite winding inside a larger one.
+
     Args:
         spec: Object, for its shape's unit.
-        shape_bytes: Content of the shape file.
+        shape_bytes: Content of the shape file; None for a primitive, which is refused.
         shape_name: Name of the shape file, for its format and for messages.
+
+    Returns:
+        At least one body, in the object frame.
 
     Raises:
         ShapeError: the shape is no mesh file, or cannot be read.
@@ -100,15 +105,18 @@ def _outwards(faces: IntArray, sign: float) -> IntArray:
 
 
 def _face_centre(vertices: Array, faces: IntArray) -> Array:
-    """Centroid (1, 3) of the first face."""
+    """Centroid (1, 3) [m] of the first of `faces` (f, 3), given the mesh's `vertices` (n, 3) [m]."""
     return vertices[faces[0]].mean(axis=0, keepdims=True)
 
 
 def _with_seams(faces: IntArray, body: IntArray) -> IntArray:
-    """Body (f,) of each face, from 0, with loose faces added to the body that shares most of their corners.
+    """Body (f,) of each face, numbered from 0, with loose faces added to the body that they touch most.
+
+    Loose faces belong to a part of fewer than `MIN_FACES`; they go to the larger part that shares most of
+    their corners. If all parts are that small, they count as one body.
 
     Args:
-        faces: (f, 3).
+        faces: (f, 3) indices of the corners of each face.
         body: (f,) connected part of the mesh to which each face belongs.
     """
     sizes = np.bincount(body)

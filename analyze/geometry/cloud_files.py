@@ -44,12 +44,17 @@ PLY_TYPES = {
 
 
 def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, ...]]:
-    """Points (n, 3) of a point cloud file in the file's unit, and notes on what was left out.
+    """Read the points of a point cloud file, without repeated ones, in the file's unit.
+
+    Of more than `MAX_POINTS` every n-th is taken.
 
     Args:
         data: Content of the file.
         name: Name of the file, for messages.
         suffix: Format, one of `FORMATS`.
+
+    Returns:
+        Points (n, 3), and notes on decimal commas and on what was left out.
 
     Raises:
         ShapeError: the file is not readable, its decimal separator is ambiguous, or it has fewer than
@@ -118,7 +123,10 @@ def _ply(data: bytes) -> Array:
 def _xyz(data: bytes) -> Array:
     """Points (n, 3) of a text with columns x, y, z and others, separated by blanks, commas or semicolons.
 
-    Up to two leading lines with a count or column names are skipped.
+    Comments (# or //) and up to two leading lines with a count or column names are skipped.
+
+    Raises:
+        ValueError: the lines have different lengths, or contain something else than numbers.
     """
     text = data.replace(b",", b" ").replace(b";", b" ").replace(b"//", b"#")
     lines = [line for line in (line.split(b"#")[0] for line in text.splitlines()) if line.strip()]
@@ -128,11 +136,16 @@ def _xyz(data: bytes) -> Array:
 def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
     """Text of an XYZ file with decimal points for decimal commas, and True if it had any.
 
-    Commas are decimal if semicolons or blanks separate three or more columns, each with at most one comma
-    between digits.
+    Commas are decimal if semicolons or blanks separate three or more columns, each with at most one comma.
+    The first two lines, which may have column names, are not considered.
+
+    Args:
+        data: Content of the file.
+        name: Name of the file, for messages.
 
     Raises:
-        ShapeError: the numbers have both points and commas, or commas separate both decimals and columns.
+        ShapeError: numbers with decimal commas contain points too, both commas and semicolons separate
+            columns, or the commas may separate either columns or decimals.
     """
     if b"," not in data:
         return data, False
@@ -171,7 +184,11 @@ def _is_row(line: bytes) -> bool:
 
 
 def _table(lines: list[bytes]) -> Array:
-    """Numbers (n, k) of n text lines with k numbers each."""
+    """Numbers (n, k) of n text lines with k numbers each, separated by blanks.
+
+    Raises:
+        ValueError: the lines have different lengths, fewer than 3 numbers, or something else than numbers.
+    """
     width = len(lines[0].split())
     values = np.array(b" ".join(lines).split(), dtype=np.float64)
     if width < 3 or values.size != len(lines) * width:
@@ -199,7 +216,12 @@ def _las(data: bytes) -> Array:
 
 
 def _pcd(data: bytes) -> Array:
-    """Points (n, 3) of a PCD 0.7 file: ascii, binary (records) or binary_compressed (LZF, columns)."""
+    """Points (n, 3) of a PCD 0.7 file: ascii, binary (records) or binary_compressed (LZF, columns).
+
+    Raises:
+        ValueError: there are no points, or sizes contradict each other; on a damaged header other exceptions
+            too.
+    """
     fields: dict[str, list[str]] = {}
     offset = 0
     while "DATA" not in fields:
@@ -254,7 +276,15 @@ def _pcd(data: bytes) -> Array:
 
 
 def _lzf(packed: bytes, size: int) -> bytes:
-    """Decompress LibLZF data (Lehmann 2000): runs of literals, and copies from the output so far."""
+    """Decompress LibLZF data (Lehmann 2000): runs of literals, and copies from the output so far.
+
+    Args:
+        packed: Compressed data.
+        size: Size of the result [bytes].
+
+    Raises:
+        ValueError: the result has another size, or a copy starts before the beginning.
+    """
     out = bytearray()
     at = 0
     while at < len(packed):

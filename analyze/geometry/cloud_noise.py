@@ -32,9 +32,11 @@ class CloudNoise:
 
 
 def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
-    """Noise of `points` (n, 3) [m] about the flattest quarter of patches at least 4 sd wide.
+    """Noise and spacing of a point cloud, `points` (n, 3) [m], with its search tree `tree`.
 
-    Patches of too few points lie within the noise and underestimate it; too large ones include the shape.
+    The noise is the scatter in the flattest quarter of small patches, about a quadric. Patches are enlarged
+    until they are wider than 4 sd: smaller ones lie within the noise and underestimate it; too large ones
+    include the shape.
     """
     extent = float(np.ptp(points, axis=0).max())
     seeds = points[:: max(1, len(points) // PATCHES)]
@@ -57,7 +59,11 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
 
 
 def patch_scatter(patches: Array) -> Array:
-    """RMS distance (p,) [m] of the points of `patches` (p, k, 3) [m] from a quadric over each plane."""
+    """1 sigma (p,) [m] of the points of each patch across the quadric fitted to it.
+
+    Args:
+        patches: (p, k, 3) k > 6 points of each patch [m]; heights are taken over the patch's plane.
+    """
     many = patches.shape[1]
     centred = patches - patches.mean(axis=1, keepdims=True)
     _, _, vt = np.linalg.svd(centred, full_matrices=False)
@@ -72,12 +78,12 @@ def patch_scatter(patches: Array) -> Array:
 
 
 def quadric_terms(u: Array, v: Array) -> Array:
-    """Terms 1, u, v, u^2, u v, v^2 of a quadric, (..., 6), at `u`, `v` (...)."""
+    """Terms 1, u, v, u^2, u v, v^2 of a quadric, (..., 6), at plane coordinates `u`, `v` (...)."""
     return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
 
 
 def _surface_spacing(points: Array) -> float:
-    """Spacing [m] of `points` (n, 3) [m] if they were uniform over the hull's surface."""
+    """Spacing [m] of `points` (n, 3) [m] if they were uniform over their hull; 0 if they are flat."""
     try:
         area = float(ConvexHull(points).area)
     except QhullError:

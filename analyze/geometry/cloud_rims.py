@@ -1,4 +1,7 @@
-"""Rims in which the curved walls of a point cloud meet its planar faces; lengths in m."""
+"""Rims in which the curved walls of a point cloud meet its planar faces; lengths in m.
+
+A wall is extrapolated to the plane of the face, since smoothing rounds off the rim itself.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -38,7 +41,8 @@ def rim_of_face(
     """Points (k, 3) [m] of the rim in which curved walls, extrapolated, meet a face.
 
     Each wall is continued along its tangent from its lowest smoothed points. If the points of the rim lie on
-    a circle, they are those of a regular polygon on it.
+    a circle, they are replaced by a regular polygon on it. The result is empty if no wall comes near the
+    face.
 
     Args:
         smoothed: (n, 3) smoothed points of the walls [m].
@@ -67,7 +71,7 @@ def rim_of_face(
 def rim_within_outline(
     rim: Array, points: Array, plane: FittedPlane, sd: float, spacing: float
 ) -> tuple[Array, bool]:
-    """Rim limited to the outline of its face's points, and True if that changed it.
+    """Limit a rim to the outline of its face's points.
 
     A low wall, extrapolated from above its top, meets the face beyond its points. The noise moves the outline
     of the points outwards by about `OUTLINE_NOISE_SDS` sd; where they are sparse, the outermost ones lie up
@@ -79,6 +83,9 @@ def rim_within_outline(
         plane: Plane of the face.
         sd: 1 sigma of the noise [m].
         spacing: Distance of neighbouring points [m].
+
+    Returns:
+        Points (k, 3) [m] of the rim, and True if they were changed.
     """
     face = points[np.abs(plane.heights(points)) <= FACE_BAND_SCATTERS * plane.scatter]
     if not len(rim) or len(face) < MIN_OUTLINE_POINTS:
@@ -98,7 +105,17 @@ def rim_within_outline(
 
 
 def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
-    """Rim (k, 3) [m], as a regular polygon if a circle fits it to `tolerance` [m] (Kasa 1976, trimmed)."""
+    """Rim (k, 3) [m], replaced by a regular polygon if a circle fits it (Kasa 1976, trimmed).
+
+    Args:
+        rim: (k, 3) points of the rim [m], in the plane.
+        plane: Plane of the face.
+        tolerance: Largest rms distance of the points from the circle [m].
+
+    Returns:
+        The corners (`CIRCLE_SIDES`, 3) [m] of the polygon, or `rim` if no circle fits, the points leave a gap
+        of more than `MAX_RIM_GAP`, or there are fewer than 12.
+    """
     if len(rim) < 12:
         return rim
     origin = rim.mean(axis=0)

@@ -93,7 +93,10 @@ class CloudSurface:
 
 
 def cloud_surface(points: Array) -> CloudSurface:
-    """Closed convex exterior of a point cloud, `points` (n, 3) [m], in the frame of the points.
+    """Closed convex exterior of a point cloud, with the quality of the fit.
+
+    Args:
+        points: (n, 3) points [m]; the result is in their frame.
 
     Raises:
         ValueError: the points lie in one plane or are too few.
@@ -154,14 +157,15 @@ def cloud_surface(points: Array) -> CloudSurface:
 
 
 def line_sd(surface: CloudSurface, ends: Array) -> float:
-    """1 sigma [m] of the place across itself of a hull edge with `ends` (2, 3) [m], worst direction.
+    """1 sigma [m] of the place, across itself, of a hull edge with `ends` (2, 3) [m].
 
-    Where two fitted planes meet, it follows from N x = delta with their variances there. With one plane it
-    combines that plane's variance, the smoothed wall's, and `EXTRAPOLATED_SDS` of the noise, because the wall
-    is extrapolated over the band in which it cannot be distinguished from the face (all of the noise, and
-    `OUTLINE_GAP_SPACINGS` of the spacing, where the wall is too low for that). Without planes it is the noise
-    and the spacing: the object ends somewhere between two points, and smoothing rounds off an edge that is
-    not resolved.
+    It is that in the worst direction. Where two fitted planes meet, it follows from N x = delta, with N (2,
+    3) their normals, x the edge's displacement and delta their displacements, of known variance. With one
+    plane it combines that plane's variance, the smoothed wall's, and `EXTRAPOLATED_SDS` of the noise, because
+    the wall is extrapolated over the band in which it cannot be distinguished from the face (all of the
+    noise, and `OUTLINE_GAP_SPACINGS` of the spacing, where the wall is too low for that). Without planes it
+    is the noise and the spacing: the object ends somewhere between two points, and smoothing rounds off an
+    edge that is not resolved.
     """
     planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     scale = float(np.linalg.norm(ends).max()) + 1e-3
@@ -185,7 +189,11 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
 
 
 def _without_strays(points: Array) -> tuple[Array, int]:
-    """Points (k, 3) [m] without isolated ones and small separate clumps, and the number left out."""
+    """Points (k, 3) [m] without isolated ones and small separate clumps, and the number left out.
+
+    Raises:
+        ValueError: there are fewer than 50 points.
+    """
     if len(points) < 50:
         raise ValueError("too few points")
     distance, index = KDTree(points).query(points, k=9)
@@ -204,7 +212,14 @@ def _without_strays(points: Array) -> tuple[Array, int]:
 def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
     """Distance [m] by which a plane without thickness extends beyond what stands on it; 0 if none does.
 
-    A foot, a flange or a plate that was scanned all round has its other side above it, with the same outline.
+    Such a plane is a scanned table. A foot, a flange or a plate that was scanned all round has its other side
+    above it, with the same outline.
+
+    Args:
+        points: (n, 3) points of the cloud [m].
+        planes: Planar faces.
+        spacing: Distance of neighbouring points [m].
+        extent: Largest extent of the cloud [m].
     """
     for plane in planes:
         height = plane.heights(points)
@@ -227,7 +242,18 @@ def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: flo
 def _corners(
     points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float
 ) -> Array:
-    """Corners and supported places (k, 3) [m] along the edges of the body that the fitted planes bound."""
+    """Places (k, 3) [m] along the edges, and corners, of the body that the fitted planes bound.
+
+    Only places with points of the cloud nearby are returned; none if there are no planes.
+
+    Args:
+        points: (n, 3) points of the cloud [m].
+        tree: Search tree of these points.
+        planes: Planar faces.
+        sd: 1 sigma of the noise [m].
+        spacing: Distance of neighbouring points [m].
+        extent: Largest extent of the cloud [m].
+    """
     if not planes:
         return np.zeros((0, 3))
     room = 5 * sd + spacing + 0.05 * extent
@@ -275,7 +301,7 @@ def _smoothed(
     """Points of the curved parts, smoothed by projection onto local quadrics (Levin 2004).
 
     Args:
-        points: (n, 3) [m].
+        points: (n, 3) points of the cloud [m].
         planes: Planar faces, whose points are left out.
         sharp: (c, 3) corners and places along the edges between planar faces [m].
         sd: 1 sigma of the noise [m].
@@ -283,7 +309,8 @@ def _smoothed(
         extent: Largest extent of the cloud [m].
 
     Returns:
-        Smoothed points (k, 3) [m], unit normals (k, 3) there, and the points' 1 sigma [m].
+        Smoothed points (k, 3) [m], unit normals (k, 3) there (either sign), and the points' 1 sigma [m]; no
+        points if fewer than `MIN_NEIGHBOURS` belong to curved parts.
     """
     heights = (
         np.column_stack([plane.heights(points) for plane in planes])
@@ -310,14 +337,15 @@ def _smoothed(
 
 
 def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
-    """Points projected onto quadrics fitted to their patches.
+    """Project points onto quadrics fitted to their patches.
 
     Args:
-        points: (p, 3) [m].
+        points: (p, 3) points [m].
         patches: (p, k, 3) points of the patch of each [m].
 
     Returns:
-        Projected points (p, 3) [m], unit normals (p, 3) there, and variances (p,) over that of the noise.
+        Projected points (p, 3) [m], unit normals (p, 3) of the quadrics there (either sign), and variances
+        (p,) of the projected points over that of the noise.
     """
     middle = patches.mean(axis=1, keepdims=True)
     centred = patches - middle
@@ -347,7 +375,7 @@ def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
 
 
 def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
-    """Mask (n,) of `points` (n, 3) within `margin` [m] of the hull of these and `others` (m, 3) [m].
+    """Mask (n,) of `points` (n, 3) [m] within `margin` [m] of the hull of these and `others` (m, 3) [m].
 
     The hull is approximated by its supporting planes in `HULL_DIRECTIONS` directions.
     """
@@ -360,7 +388,7 @@ def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
 
 
 def _oriented(hull: ConvexHull) -> tuple[Array, IntArray]:
-    """Vertices (n, 3) of a hull, and its faces (f, 3) counter-clockwise from outside."""
+    """Vertices (n, 3) of a convex hull, and its faces (f, 3) counter-clockwise from outside."""
     used, faces = np.unique(hull.simplices, return_inverse=True)
     vertices = hull.points[used]
     faces = faces.reshape(-1, 3).astype(np.int64)

@@ -1,4 +1,7 @@
-"""Signed depth below a surface and its gradient, for boxes, cylinders and meshes; in O, in m."""
+"""Signed depth below a surface and its gradient, for boxes, cylinders and meshes; lengths in m.
+
+Points are in the object frame O (the shape file's); a box or cylinder is centred on its origin.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -35,11 +38,16 @@ class Depth:
     value: Array
     """(n,) depth [m], positive inside."""
     gradient: Array
-    """(n, 3) gradient: the unit vector straight inwards."""
+    """(n, 3) gradient of the depth: a unit vector inwards."""
 
 
 def box_depth(half_size: Array, points: Array) -> Depth:
-    """Exact depth of `points` (n, 3) [m] in a box with half edges `half_size` (3,) [m] centred on O."""
+    """Exact depth of points in a box with its centre at the origin and edges along the axes.
+
+    Args:
+        half_size: (3,) half edges [m].
+        points: (n, 3) points [m].
+    """
     excess = np.abs(points) - half_size
     outside = np.maximum(excess, 0)
     far = np.linalg.norm(outside, axis=1)
@@ -52,7 +60,15 @@ def box_depth(half_size: Array, points: Array) -> Depth:
 
 
 def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
-    """Exact depth of `points` (n, 3) [m] in a cylinder centred on O with its axis along z."""
+    """Exact depth of points in a cylinder with its centre at the origin and its axis along z.
+
+    The gradient is 0 on the axis where the flank is nearest.
+
+    Args:
+        radius: Radius [m].
+        half_height: Half the height [m].
+        points: (n, 3) points [m].
+    """
     across = np.linalg.norm(points[:, :2], axis=1)
     radial = np.zeros_like(points)
     radial[:, :2] = points[:, :2] / np.where(across > 0, across, 1.0)[:, None]
@@ -74,11 +90,14 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Depth [m] of points in a convex body; outside, minus the largest height over a face's plane.
+    """Depth of points in a convex body: minus the largest height over a face's plane.
+
+    Outside, beside edges and corners, this is less than the distance from the body. Successive points should
+    lie close together if there are `MANY_PLANES` planes or more.
 
     Args:
         planes: (p, 4) unit outward normals n and d [m] of the faces, n.x + d = 0.
-        points: (n, 3) [m].
+        points: (n, 3) points [m].
     """
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
@@ -94,9 +113,13 @@ def convex_depth(planes: Array, points: Array) -> Depth:
 
 
 def largest_height(planes: Array, points: Array) -> Array:
-    """Largest height (n,) [m] of `points` (n, 3) [m] over any of `planes` (p, 4), as in `convex_depth`.
+    """Largest height (n,) [m] of points over any of several planes.
 
-    Unlike there, the points need not be sorted so that successive ones lie close together.
+    Unlike in `convex_depth`, successive points need not lie close together.
+
+    Args:
+        planes: (p, 4) unit normals n and d [m], n.x + d = 0.
+        points: (n, 3) points [m], at least one.
     """
     step = max(1, MAX_HEIGHTS // len(planes))
     pieces = [points[start : start + step] for start in range(0, len(points), step)]
@@ -104,9 +127,13 @@ def largest_height(planes: Array, points: Array) -> Array:
 
 
 def _candidate_planes(planes: Array, points: Array) -> Array:
-    """Planes (k, 4) of `planes` (p, 4) over which one of `points` (n, 3) [m] can have its largest height.
+    """Planes (k, 4) over which one of `points` (n, 3) [m] can have its largest height.
 
     At the points' middle, their heights are below the largest one by at most twice the points' reach.
+
+    Args:
+        planes: (p, 4) unit normals n and d [m], n.x + d = 0.
+        points: (n, 3) points [m].
     """
     middle = points.mean(axis=0)
     reach = float(np.sqrt(np.max(np.sum((points - middle) ** 2, axis=1))))
@@ -127,7 +154,12 @@ class SurfaceIndex:
 
 
 def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
-    """Index of a mesh of `vertices` (n, 3) [m] and `faces` (f, 3), sampled at 1/100 of its extent."""
+    """Index of a mesh's surface, sampled at 1/100 of its extent or closer.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces.
+    """
     triangles = vertices[faces]
     spacing = float(np.ptp(vertices, axis=0).max()) / 100
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
@@ -149,13 +181,16 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
-    """Depth of points in a closed mesh: distance to the nearest samples' faces, sign by ray crossings.
+    """Depth of points in a closed mesh: distance to the nearest face, sign by ray crossings.
+
+    Only the faces of the `NEAREST_SAMPLES` nearest samples are examined. The gradient is the unit vector
+    straight inwards, for a point on the surface minus the face's normal.
 
     Args:
         index: Index of the mesh.
         vertices: (v, 3) vertices [m].
         faces: (f, 3) faces, counter-clockwise from outside.
-        points: (n, 3) [m].
+        points: (n, 3) points [m].
     """
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
@@ -186,9 +221,13 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
 
 
 def closest_on_triangles(points: Array, triangles: Array) -> Array:
-    """Closest points (n, 3) [m] to `points` (n, 3) [m] on `triangles` (n, 3, 3) [m], one each.
+    """Closest points (n, 3) [m] to n points on n triangles, one each.
 
     Ericson, Real-Time Collision Detection, 2005, 5.1.5.
+
+    Args:
+        points: (n, 3) points [m].
+        triangles: (n, 3, 3) corners of the triangles [m]; the second index is the corner.
     """
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, ac = b - a, c - a

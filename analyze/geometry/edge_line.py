@@ -1,4 +1,4 @@
-"""Line of a pivot edge in O, by which an edge is recognised whatever its id in a plan."""
+"""Line of a pivot edge in the object frame, by which an edge is recognised whatever its id in a plan."""
 
 from __future__ import annotations
 
@@ -16,19 +16,23 @@ SAME_LINE = 5e-4
 
 @dataclass(frozen=True)
 class EdgeLine:
-    """Pivot edge of one resting face, in O."""
+    """Pivot edge (about which the object tips) of one resting face, in the object frame O."""
 
     direction: Array
     """(3,) unit vector of the pivot axis; +theta about it tips."""
     up: Array
-    """(3,) unit vector of W's z at rest."""
+    """(3,) unit vector up (z of the world frame W) when the object rests on the face."""
     point: Array
     """(3,) any point on the rounding's centre line [m]."""
     radius: float
     """Radius of the rounding [m]."""
 
     def distance(self, other: EdgeLine) -> float:
-        """Distance between two edges' lines [m]; infinite if direction or resting face differ."""
+        """Distance [m] between the centre lines of two edges; infinite if direction or resting face differ.
+
+        A difference of the rounding's radius, times the root of 2, is deducted, down to 0: a corrected radius
+        moves the centre line, not the edge.
+        """
         if (
             float(self.direction @ other.direction) < SAME_DIRECTION
             or float(self.up @ other.up) < SAME_DIRECTION
@@ -40,5 +44,5 @@ class EdgeLine:
         return max(0.0, across - float(np.sqrt(2)) * abs(self.radius - other.radius))
 
     def is_same(self, other: EdgeLine) -> bool:
-        """True if both are the same edge of the same resting face."""
+        """True if `other` is the same edge of the same resting face: their distance is below `SAME_LINE`."""
         return self.distance(other) < SAME_LINE

@@ -11,7 +11,7 @@ ROOT = 1.32471795724474602596
 
 
 def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, IntArray]:
-    """Points (n, 3) [m] at equal steps of a surface's area, and the index (n,) of each one's face.
+    """Points at equal steps of a surface's area, and the face of each.
 
     A face's share follows its area; within it the points follow the R2 sequence (Roberts 2018).
 
@@ -19,6 +19,9 @@ def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, I
         vertices: (v, 3) vertices [m].
         faces: (f, 3) faces.
         count: Number n of points.
+
+    Returns:
+        Points (n, 3) [m], and the index (n,) of each one's face.
     """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     border = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))])

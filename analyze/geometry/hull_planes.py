@@ -47,7 +47,10 @@ WALL_REACH_SPACINGS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class FittedPlane:
-    """Face of the cloud's hull, n.x = offset, with the covariance of its height and slopes about `centre`."""
+    """Planar face of the cloud's hull, n.x = offset, with the covariance of its height and slopes.
+
+    Height and slopes refer to `centre` and `basis`.
+    """
 
     normal: Array
     """(3,) outward unit normal n."""
@@ -62,7 +65,7 @@ class FittedPlane:
     scatter: float
     """1 sigma of the points about the plane [m]."""
     count: int
-    """Number of points used."""
+    """Sum of the weights of the points used, rounded."""
     bending: float
     """Range of the quadratic part of the points' heights [m]."""
     bending_sd: float
@@ -79,11 +82,15 @@ class FittedPlane:
 
 
 def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
-    """Planar faces of the hull of `points` (n, 3) [m], those with most points first.
+    """Planar faces of a point cloud's hull, those with most points first; empty if there are none.
 
     Planes grow from patches and are kept if hardly a point lies outside, those with most points of their own
     first. Each is then fitted to the points of its inner part, away from all neighbours by `WALL_MARGIN_SDS`
     sd, where only its own noise affects it. Curved parts of the hull have no plane.
+
+    Args:
+        points: (n, 3) points of the cloud [m].
+        noise: Noise and spacing of the cloud.
     """
     extent = float(np.ptp(points, axis=0).max())
     sd = max(noise.sd, MIN_NOISE_FRACTION * extent)
@@ -112,8 +119,10 @@ def _refined_planes(
 ) -> list[FittedPlane]:
     """Planes fitted to the faces' points, again and again until they settle; most points first.
 
+    Planes with too few points, and those that coincide with an earlier one, are dropped.
+
     Args:
-        points: (n, 3) [m].
+        points: (n, 3) points of the cloud [m].
         planes: Approximate outward unit normal (3,) and offset [m] of each plane.
         sd: 1 sigma of the noise [m].
         spacing: Distance of neighbouring points [m].
@@ -145,7 +154,10 @@ def _refined_planes(
 
 
 def _heights(points: Array, planes: list[tuple[Array, float]], sd: float) -> Array:
-    """Heights (n, p) of `points` (n, 3) over each plane, in units of `sd`."""
+    """Heights (n, p) of `points` (n, 3) [m] over each of p planes, in units of `sd` [m].
+
+    A plane is given by its unit normal (3,) and offset [m].
+    """
     return (
         np.column_stack([points @ normal - offset for normal, offset in planes]) / sd
         if planes
@@ -158,14 +170,16 @@ def face_weights(
 ) -> Array:
     """Probability (n,) that each point was measured on face `index`; 0 near the face's outline.
 
-    A uniformly sampled face, blurred by the noise, has the density phi(d_i) * prod Phi(-d_j) at heights d
-    over itself and its walls; the probability of face i is its share of the sum over the faces (McLachlan and
-    Peel, Finite Mixture Models, 2000, section 2.8). With these weights, points of the walls do not pull the
-    face inwards, however near the edge.
+    A uniformly sampled face, blurred by the noise, has the density phi(d_i) * prod Phi(-d_j) at heights d_i
+    over itself and d_j over its walls (neighbouring faces), in units of the noise, with phi and Phi the
+    normal density and distribution; the probability of face i is its share of the sum over the faces
+    (McLachlan and Peel, Finite Mixture Models, 2000, section 2.8). With these weights, points of the walls do
+    not pull the face inwards, however near the edge. All are 0 if fewer than `MIN_FACE_POINTS` points lie in
+    the face's band.
 
     Args:
-        points: (n, 3) [m].
-        planes: Normals (3,) and offsets [m] of p planes.
+        points: (n, 3) points of the cloud [m].
+        planes: Outward unit normals (3,) and offsets [m] of p planes.
         index: Index of the face among the planes.
         sd: 1 sigma of the noise [m].
         spacing: Distance of neighbouring points [m].
@@ -208,7 +222,12 @@ def face_weights(
 def _has_walls_all_round(planes: list[tuple[Array, float]], normal: Array) -> bool:
     """True if `planes` bound the face with `normal` (3,) on all sides.
 
-    Then no other neighbour's points are mixed with the face's.
+    Then no other neighbour's points are mixed with the face's. There must be three walls or more, with no gap
+    of 150 degrees or more between successive ones.
+
+    Args:
+        planes: Unit normals (3,) and offsets [m] of the planes that meet the face.
+        normal: (3,) unit normal of the face.
     """
     basis = in_plane_basis(normal)
     walls = []
@@ -227,12 +246,12 @@ def _weighted_fit(points: Array, weights: Array, inside: Array) -> FittedPlane |
     """Plane by weighted total least squares, with its covariance from the residuals (White 1980).
 
     Args:
-        points: (n, 3) [m].
+        points: (n, 3) points of the cloud [m].
         weights: (n,) weights, 0 to 1.
         inside: (3,) point within the body [m]; the normal points away from it.
 
     Returns:
-        None if the weights add up to fewer than `MIN_FACE_POINTS`.
+        None if the weights add up to less than `MIN_FACE_POINTS`.
     """
     used = weights > 1e-3
     if weights.sum() < MIN_FACE_POINTS:

@@ -55,17 +55,18 @@ class RawMesh:
 
 
 def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX) -> RawMesh:
-    """Triangles of a mesh file, in its unit, with the parts of a scene at their places.
+    """Read the triangles of a mesh file, in its unit, with the parts of a scene at their places.
 
     Args:
         data: Content of the file.
         name: Name of the file, for messages.
         suffix: Format, one of `FORMATS`.
-        unit: Unit declared by the object file, compared with the unit stated in the file.
+        unit: Unit declared by the object file, compared with the unit stated in a 3MF file.
         same: Distance, over the mesh's extent, within which vertices are merged; 0 to merge equal ones only.
 
     Raises:
-        ShapeError: the file is not readable, has no faces, or states another unit.
+        ShapeError: the file is not readable, has no faces of a closed body, infinite coordinates or
+            coinciding vertices, or states another unit.
     """
     # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh
@@ -96,9 +97,10 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float
 
 
 def _as_utf8(data: bytes, suffix: str) -> bytes:
-    """File content with names and comments as UTF-8.
+    """File content with names and comments as UTF-8; the header of a binary STL is blanked.
 
-    Otherwise trimesh guesses their encoding, which takes longer than reading the numbers.
+    Otherwise trimesh guesses their encoding, which takes longer than reading the numbers. Formats other than
+    STL and OBJ are returned as they are.
     """
     if suffix == "stl" and len(data) == _binary_stl_size(data):
         return bytes(80) + data[80:]
@@ -116,7 +118,10 @@ def ply_has_faces(data: bytes) -> bool:
 
 
 class _Contradiction(Exception):
-    """Contradiction between a file's header and its content."""
+    """Mesh file that must not, or cannot, be read as it is; the message has the remedy.
+
+    It unpacks to an implausible size, keeps its numbers in another file, or is compressed by Draco.
+    """
 
 
 def _refuse_false_counts(data: bytes, suffix: str) -> None:
@@ -137,7 +142,7 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
 
 
 def _refuse_unknown_stl(data: bytes) -> None:
-    """Raise ValueError if an STL is neither binary, by its size, nor text.
+    """Raise ValueError if the STL file `data` is neither binary, by its size, nor text.
 
     trimesh would guess an encoding and read it as text.
     """
@@ -146,12 +151,15 @@ def _refuse_unknown_stl(data: bytes) -> None:
 
 
 def _binary_stl_size(data: bytes) -> int:
-    """Size [bytes] of a binary STL by its count of triangles."""
+    """Size [bytes] that the STL file `data` should have if it is binary, by its count of triangles."""
     return 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def refuse_false_ply_counts(data: bytes) -> None:
-    """Raise ValueError if a PLY's header announces more than the file can hold."""
+    """Raise ValueError if the header of the PLY file `data` announces more than the file can hold.
+
+    The same if the header does not end, or a count is negative.
+    """
     head, found, _ = data[:1_000_000].partition(b"end_header")
     if not found:
         raise ValueError("no end of header")

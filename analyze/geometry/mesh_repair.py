@@ -53,11 +53,16 @@ class ClosedMesh:
     added: BoolArray
     """(f,) True for faces that close holes, where the true surface is unknown."""
     notes: tuple[str, ...]
-    """Repairs made."""
+    """Repairs made, in sentences for the user."""
 
 
 def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
-    """Repair a mesh with `vertices` (n, 3) [m] and `faces` (f, 3) into one closed surface.
+    """Repair a mesh into one closed surface.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces.
+        name: Name of the file, for messages.
 
     Raises:
         ShapeError: the holes are too large or too uneven, the surface intersects itself, or it is flat.
@@ -91,13 +96,21 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
 
 
 def _without_repeats(faces: IntArray) -> IntArray:
-    """Faces without repetitions of the same three vertices."""
+    """Faces (k, 3) of `faces` (f, 3) without repetitions of the same three vertices in any order."""
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     return faces[np.sort(first)]
 
 
 def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Mesh with vertices merged that coincide to `CRACK`, if that closes edges."""
+    """Mesh with vertices merged that coincide to `CRACK`, if fewer edges are open then.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces.
+
+    Returns:
+        Vertices and faces of the merged mesh, or those given.
+    """
     step = float(np.ptp(vertices, axis=0).max()) * CRACK
     _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
     merged = _without_repeats(polyhedron.without_degenerate(inverse.ravel()[faces].astype(np.int64)))
@@ -107,7 +120,20 @@ def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, str]:
-    """Mesh with its holes closed, flat ones flat and small ones by a fan; closing faces come last."""
+    """Mesh with its holes closed, flat ones flat and small ones by a fan.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, consistently wound.
+        name: Name of the file, for messages.
+
+    Returns:
+        Vertices, faces (those that close holes come last), and a note on the holes.
+
+    Raises:
+        ShapeError: open edges do not form simple rings, there are more than `MAX_HOLES` holes, one is too
+            large and uneven, or edges stay open.
+    """
     holes = polyhedron.open_edges(faces)
     remedy = (
         "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
@@ -162,7 +188,7 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
 
 
 def _flat_fill(outline: Array) -> IntArray | None:
-    """Triangles (n - 2, 3) over an `outline` (n, 2); None if it intersects itself."""
+    """Triangles (n - 2, 3), as indices, that fill an `outline` (n, 2); None if it intersects itself."""
     if _signed_area(outline) < 0:
         outline = outline * [1.0, -1.0]
     try:
@@ -178,7 +204,10 @@ def _flat_fill(outline: Array) -> IntArray | None:
 
 
 def _loops(faces: IntArray) -> list[IntArray] | None:
-    """Vertices round each hole, in the direction of its faces; None if there are no simple rings."""
+    """Vertex indices round each hole, in the direction of the adjoining faces' edges.
+
+    None if the open edges form no simple rings, or an edge has more than two of `faces` (f, 3).
+    """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     key = np.sort(edges, axis=1)
     _, inverse, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
@@ -204,7 +233,19 @@ def _loops(faces: IntArray) -> list[IntArray] | None:
 def _exterior(
     vertices: Array, faces: IntArray, added: BoolArray, body: IntArray, name: str, notes: list[str]
 ) -> tuple[Array, IntArray, BoolArray]:
-    """Outer bodies, united where they overlap, with the mask of their faces that were `added` (f,)."""
+    """Keep the outer bodies of a mesh, and unite those that overlap.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        added: (f,) True for faces that close holes.
+        body: (f,) number of the body of each face.
+        name: Name of the file, for the notes.
+        notes: Notes on repairs, to which this function appends.
+
+    Returns:
+        Vertices (k, 3) [m], faces (g, 3), and mask (g,) of those that close holes.
+    """
     count = int(body.max()) + 1
     if count == 1:
         return vertices, faces, added
@@ -244,7 +285,14 @@ def _exterior(
 def _buried(
     vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray
 ) -> polyhedron.BoolArray:
-    """Mask of the bodies that lie inside another one, by the centroids of their faces."""
+    """Mask (b,) of the bodies that lie inside another one, judged by the centroids of some faces.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        body: (f,) number of the body of each face.
+        dust: (b,) True for bodies almost without volume, which are ignored.
+    """
     count = len(dust)
     buried = np.zeros(count, dtype=bool)
     samples = [vertices[faces[body == index]].mean(axis=1) for index in range(count)]
@@ -277,7 +325,17 @@ def _buried(
 def _united(
     vertices: Array, faces: IntArray, bodies: list[IntArray]
 ) -> tuple[Array, IntArray, IntArray] | None:
-    """Union of closed bodies (face indices), with each face's source; None if manifold3d refuses one."""
+    """Union of closed bodies; None if manifold3d refuses one.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        bodies: Indices of the faces of each body.
+
+    Returns:
+        Vertices (k, 3) [m], faces (g, 3), and for each of these the index (g,) of the face that it is part
+        of.
+    """
     solids: list[manifold3d.Manifold] = []
     for body in bodies:
         used, local = np.unique(faces[body], return_inverse=True)
@@ -299,7 +357,16 @@ def _united(
 
 
 def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
-    """Refuse a surface that intersects itself: its winding number at some points is neither 0 nor 1."""
+    """Raise `ShapeError` if a closed surface intersects itself.
+
+    Its winding number is then neither 0 nor 1 at some points; up to `MAX_MULTIPLE_SHARE` of those inside are
+    tolerated.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        name: Name of the file, for the message.
+    """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     i = np.arange(1, PROBES + 1)[:, None]
     # A deterministic low-discrepancy sequence: the generalised golden ratio's in three dimensions.

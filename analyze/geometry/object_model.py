@@ -1,4 +1,7 @@
-"""Exterior of an object in O [m], from a shape file or a primitive, with its plausibility checked."""
+"""Exterior of an object in its frame, from a shape file or a primitive, with its plausibility checked.
+
+The object frame O is that of the shape file; lengths are in metres.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -54,7 +57,7 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """Closed exterior of an object, in O [m]."""
+    """Closed exterior of an object, in the object frame O [m]."""
 
     name: str
     """Name of the object."""
@@ -87,28 +90,43 @@ class ObjectModel:
 
     @property
     def extent(self) -> Array:
-        """Edges (3,) of the bounding box [m]."""
+        """Edges (3,) of the bounding box along the object frame's axes [m]."""
         return self.bounds[1] - self.bounds[0]
 
     def contains(self, points: Array) -> polyhedron.BoolArray:
-        """Mask (n,) of `points` (n, 3) [m, in O] inside the object."""
+        """Mask (n,) of `points` (n, 3) [m, in the object frame] inside the object."""
         if self.primitive is None and not self.is_convex:
             return polyhedron.inside(self.vertices, self.faces, np.atleast_2d(points))
         return np.asarray(self.depth(points) > 0)
 
     def depth(self, points: Array) -> Array:
-        """Depth (n,) [m] of `points` (n, 3) [m, in O] below the surface, positive inside."""
+        """Depth (n,) [m] of points below the object's surface, positive inside.
+
+        Outside of convex meshes it is minus the largest height over a face's plane, else minus the distance.
+
+        Args:
+            points: (n, 3) or (3,) points [m], in the object frame.
+        """
         return self.depth_and_gradient(points).value
 
     def signed_distance(self, points: Array) -> Array:
-        """Distance (n,) [m] of `points` (n, 3) [m, in O] from the surface, positive outside.
+        """Distance (n,) [m] of points from the object's surface, positive outside.
 
         Outside of convex meshes it is the distance from the farthest face's plane.
+
+        Args:
+            points: (n, 3) or (3,) points [m], in the object frame.
         """
         return -self.depth(points)
 
     def depth_and_gradient(self, points: Array) -> distance.Depth:
-        """Depth (n,) [m] of `points` (n, 3) [m, in O], positive inside, and its gradient (n, 3)."""
+        """Depth (n,) [m] of points below the object's surface, positive inside, and its gradient (n, 3).
+
+        Outside of convex meshes it is minus the largest height over a face's plane, else minus the distance.
+
+        Args:
+            points: (n, 3) or (3,) points [m], in the object frame.
+        """
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         if isinstance(self.primitive, Box):
             return distance.box_depth(np.array(self.primitive.size_m) / 2, points)
@@ -119,9 +137,13 @@ class ObjectModel:
         return distance.mesh_depth(self._index, self.vertices, self.faces, points)
 
     def edge_sd(self, ends: Array) -> float:
-        """1 sigma [m] of the place, across itself, of a hull edge with `ends` (2, 3) [m, in O].
+        """1 sigma [m] of the place, across itself, of an edge of the object's hull.
 
-        It combines the error of the cloud's fit, or `LINE_SD`, with the surface's.
+        It combines the error of the cloud's fit, at least `LINE_SD`, with the error common to the whole
+        surface.
+
+        Args:
+            ends: (2, 3) ends of the edge [m], in the object frame.
         """
         own = LINE_SD
         if self.cloud is not None:
@@ -129,13 +151,18 @@ class ObjectModel:
         return float(np.hypot(max(own, LINE_SD), self.surface_sd))
 
     def uniform_inertia(self, mass: float) -> Array:
-        """Inertia tensor (3, 3) [kg m^2] of a uniform solid of `mass` [kg] about the centroid, in O."""
+        """Inertia tensor (3, 3) [kg m^2] of a uniform solid of `mass` [kg] with the object's shape.
+
+        It is about the solid's centroid, in the object frame.
+        """
         return mass * self.unit_inertia
 
     def first_hit(self, origin: Array, direction: Array) -> tuple[float, Array] | None:
-        """Distance [m] along a ray to the surface, and its outward normal (3,), in O.
+        """Distance [m] along a ray to the object's surface, and the surface's outward unit normal (3,) there.
 
-        The ray starts at `origin` (3,) [m] along the unit `direction` (3,).
+        Args:
+            origin: (3,) start of the ray [m], in the object frame.
+            direction: (3,) unit direction of the ray, in the object frame.
 
         Returns:
             None if the ray misses the object.
@@ -148,7 +175,12 @@ class ObjectModel:
         return hit[0], normal / np.linalg.norm(normal)
 
     def cached(self, key: Hashable, compute: Callable[[ObjectModel], _Result]) -> _Result:
-        """Result of `compute` for this model, computed only once per key; a model is immutable."""
+        """Result of `compute` for this model, computed only once per key; a model is immutable.
+
+        Args:
+            key: Name of the result, with all parameters that it depends on.
+            compute: Function of the model.
+        """
         if key not in self._cache:
             self._cache[key] = compute(self)
         result: _Result = self._cache[key]
@@ -160,7 +192,7 @@ class ObjectModel:
 
     @cached_property
     def is_convex(self) -> bool:
-        """True if the object fills its convex hull to a thousandth of the volume."""
+        """True if the object fills its convex hull to within a thousandth of the volume."""
         return bool(ConvexHull(self.hull_vertices).volume < self.volume * (1 + CONVEX_TOLERANCE))
 
     @cached_property
@@ -176,9 +208,12 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
         shape_bytes: Content of the shape file; None for a primitive.
         shape_name: Name of the shape file, for its format and for messages.
 
+    Returns:
+        The model in the object frame [m], with notes on repairs and doubtful properties.
+
     Raises:
-        ShapeError: the shape is not readable, not closed, without volume, or of an implausible size or
-            density.
+        ShapeError: the shape is missing, not readable, not closed, without volume, or of an implausible size
+            or density, or a scan contains the table.
     """
     shape = spec.shape
     if shape.box is not None:
@@ -246,7 +281,13 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
 
 
 def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
-    """Notes on the quality of an exterior made from a point cloud."""
+    """Notes on the quality of an exterior made from a point cloud; the first is always there.
+
+    Args:
+        surface: Exterior with the quality of its fit.
+        spec: Object, for the declared error of its surface.
+        name: Name of the shape file.
+    """
     scatter = max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     notes = [
         (
@@ -366,7 +407,10 @@ def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
 
 
 def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
-    """Texts of the edges with their unit, and of the declared unit; for messages."""
+    """Text of the edges `extent` (3,) [m] with their unit, and text of the declared unit, for messages.
+
+    The second is empty for primitives (`unit` None).
+    """
     scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
     return " x ".join(
         f"{edge * scale:.4g}" for edge in extent
@@ -374,7 +418,12 @@ def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:
-    """Remedy for an implausible size: a unit in which the longest edge [m] is plausible, if there is one."""
+    """Remedy for an implausible size: a unit in which the longest edge is plausible, if there is one.
+
+    Args:
+        longest: Longest edge [m] with the declared unit.
+        unit: Declared unit; None for a primitive.
+    """
     if unit is None:
         return "give box and cylinder in metres"
     plain = longest / unit.metres

@@ -52,12 +52,12 @@ def planes_of_faces(points: Array, sd: float, spacing: float) -> list[tuple[Arra
     """Approximate planes of the faces of a cloud's hull, those with most points of their own first.
 
     Args:
-        points: (n, 3) [m].
+        points: (n, 3) points of the cloud [m].
         sd: 1 sigma of the noise [m].
         spacing: Distance of neighbouring points [m].
 
     Returns:
-        Outward unit normal (3,) and offset n.x [m] of each plane.
+        Outward unit normal (3,) and offset n.x [m] of each plane; empty if there are none.
     """
     sample = points[:: max(1, len(points) // MAX_SEARCH_POINTS)]
     centre = sample.mean(axis=0)
@@ -106,8 +106,11 @@ def _dense_layers(sample: Array, sd: float) -> list[tuple[Array, float]]:
     """Planes of the thin outer layers with most points, best first, at least 15 degrees apart.
 
     Args:
-        sample: (n, 3) [m].
+        sample: (n, 3) points [m].
         sd: 1 sigma of the noise [m]; a layer is two wide.
+
+    Returns:
+        Outward unit normal (3,) and offset [m] of up to `MAX_LAYERS` planes.
     """
     directions = even_directions(HULL_DIRECTIONS)
     heights = np.sort(directions @ sample.T, axis=1)
@@ -140,18 +143,19 @@ def even_directions(many: int) -> Array:
 def _grown_plane(
     sample: Array, seed: Array, start: tuple[Array, float], band: float, reach: float, centre: Array
 ) -> tuple[Array, float, BoolArray] | None:
-    """Plane grown outwards from a seed to all points in its band, with their mask (n,).
+    """Plane grown outwards from a seed to all points in its band.
 
     Args:
-        sample: (n, 3) [m].
+        sample: (n, 3) points [m].
         seed: (3,) point [m] from which the plane grows.
-        start: Plane at the seed.
+        start: Outward unit normal (3,) and offset [m] of the plane at the seed.
         band: Half width of the plane's band [m].
         reach: Initial distance from the seed [m] up to which points count; doubled until it includes all.
         centre: (3,) centroid of the sample [m]; normals point away from it.
 
     Returns:
-        None if the hull does not rest on the plane: too many points lie outside it.
+        Normal (3,), offset [m], and mask (n,) of the points in the band; None if the hull does not rest on
+        the plane (too many points lie outside it), or too few points lie in the band.
     """
     normal, offset = start
     distance = np.linalg.norm(sample - seed, axis=1)
@@ -186,10 +190,13 @@ def _grown_plane(
 
 
 def _inner_points(points: Array, members: BoolArray, normal: Array, margin: float) -> BoolArray:
-    """Mask (n,) of members at least `margin` [m], or half the largest depth, within their outline.
+    """Mask (n,) of a face's points that lie well within their outline.
+
+    They are at least `margin`, or half the largest depth if that is less, from the outline; all False if the
+    points have no outline (too few, or on a line).
 
     Args:
-        points: (n, 3) [m].
+        points: (n, 3) points of the cloud [m].
         members: (n,) True for the points of the face.
         normal: (3,) unit normal of the face.
         margin: Smallest distance from the outline [m].
@@ -210,9 +217,14 @@ def _largest_faces(
 ) -> list[tuple[Array, float]]:
     """Planes chosen one by one, each with most points that no plane chosen before contains.
 
+    Planes most of whose points belong to planes chosen before are left out, as are those with few points.
+
     Args:
-        sample: (n, 3) [m].
+        sample: (n, 3) points [m].
         candidates: Normal (3,), offset [m] and mask (n,) of the points of each plane.
+
+    Returns:
+        Normal (3,) and offset [m] of each plane chosen.
     """
     fewest = max(MIN_FACE_SHARE * len(sample), 8)
     free = np.ones(len(sample), dtype=bool)
@@ -239,12 +251,20 @@ def _largest_faces(
 
 
 def _bending_bound(points: Array, normal: Array, band: float) -> float:
-    """Bending [m] of a face plus its uncertainty, for `points` (n, 3) [m] within `band` [m] of its plane."""
+    """Bending [m] of a face plus its uncertainty: an upper bound.
+
+    Args:
+        points: (n, 3) points of the face [m].
+        normal: (3,) unit normal of the face.
+        band: Half width [m] of the band about the plane in which the points lie.
+    """
     return bending(points, normal) + 4 * band / SEARCH_BAND_SDS / np.sqrt(len(points))
 
 
 def bending(points: Array, normal: Array) -> float:
     """Bending [m] of a face: range of the part of a quadratic fit to its heights that no plane can fit.
+
+    The outermost 2 % on either side do not count.
 
     Args:
         points: (n, 3) points of the face [m].
@@ -264,7 +284,10 @@ def bending(points: Array, normal: Array) -> float:
 
 
 def _least_squares_plane(points: Array, inside: Array) -> tuple[Array, float]:
-    """Normal (3,), away from `inside` (3,), and offset [m] of the least-squares plane of points (n, 3)."""
+    """Unit normal (3,) and offset [m] of the least-squares plane of `points` (n, 3) [m].
+
+    The normal points away from `inside` (3,) [m].
+    """
     centre = points.mean(axis=0)
     offset = points - centre
     _, vectors = np.linalg.eigh(offset.T @ offset)
@@ -275,5 +298,5 @@ def _least_squares_plane(points: Array, inside: Array) -> tuple[Array, float]:
 
 
 def in_plane_basis(normal: Array) -> Array:
-    """Orthonormal vectors (2, 3) in the plane with unit `normal` (3,), as rows."""
+    """Orthonormal vectors (2, 3), as rows, in the plane with unit `normal` (3,)."""
     return np.stack(plane_basis(normal))

@@ -24,7 +24,7 @@ frame."""
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Volume, centroid and inertia of a uniform solid."""
+    """Volume, centroid and inertia of a uniform solid, in the frame of its vertices."""
 
     volume: float
     """Volume [m^3]."""
@@ -35,7 +35,7 @@ class MassProperties:
 
 
 def open_edges(faces: IntArray) -> int:
-    """Number of edges with an odd number of `faces` (f, 3); 0 for a closed surface."""
+    """Number of edges that an odd number of `faces` (f, 3) share; 0 for a closed surface."""
     edges = _directed_edges(faces)
     # One number per edge: sorting those is ten times as fast as sorting pairs.
     key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
@@ -44,16 +44,22 @@ def open_edges(faces: IntArray) -> int:
 
 
 def without_degenerate(faces: IntArray) -> IntArray:
-    """Faces (k, 3) of `faces` (f, 3) with three different vertices."""
+    """Faces (k, 3) of `faces` (f, 3) that have three different vertices."""
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return faces[whole]
 
 
 def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
-    """Consistently wound faces (f, 3), the body (f,) of each, and the number of faces turned.
+    """Turn faces so that neighbours run their common edge in opposite directions.
 
-    Neighbours run their common edge in opposite directions. As few faces as possible of each body are turned;
-    call `outward` next.
+    As few faces as possible of each body (connected part) are turned; its winding as a whole stays open, see
+    `outward`. Edges with more than two faces do not connect bodies.
+
+    Args:
+        faces: (f, 3) faces.
+
+    Returns:
+        Faces (f, 3), the number (f,) of the body of each, from 0, and how many faces were turned.
     """
     count = len(faces)
     edges = np.sort(_directed_edges(faces), axis=1)
@@ -78,12 +84,15 @@ def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
 
 
 def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
-    """Faces (f, 3) turned so that every body's volume is positive, and the number of turned bodies.
+    """Turn whole bodies so that their volume is positive: faces counter-clockwise from outside.
 
     Args:
-        vertices: (n, 3) [m].
-        faces: (f, 3), consistently wound.
-        body: (f,) body of each face.
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, consistently wound.
+        body: (f,) number of the body of each face, from 0.
+
+    Returns:
+        Faces (f, 3), and the number of bodies turned.
     """
     result = faces.copy()
     inside_out = 0
@@ -96,7 +105,12 @@ def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray,
 
 
 def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
-    """Mass properties of the solid with `vertices` (n, 3) [m] and `faces` (f, 3) (Blow and Binstock 2004)."""
+    """Mass properties of a uniform solid (Blow and Binstock 2004).
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside; otherwise the volume is negative.
+    """
     origin = vertices.mean(axis=0)
     a, b, c = np.moveaxis((vertices - origin)[faces], 1, 0)
     six = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -112,10 +126,10 @@ def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array)
     """Distance [m] to the first face that a ray meets, and its index (Moller and Trumbore 1997).
 
     Args:
-        vertices: (n, 3) [m].
-        faces: (f, 3).
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces.
         origin: (3,) start of the ray [m].
-        direction: (3,) unit vector.
+        direction: (3,) unit direction of the ray.
 
     Returns:
         None if the ray meets no face.
@@ -139,7 +153,13 @@ def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array)
 
 
 def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
-    """Mask (n,) of `points` (n, 3) [m] inside the surface of `vertices` (v, 3) [m] and `faces` (f, 3)."""
+    """Mask (n,) of points inside a closed surface: their winding number is above 0.
+
+    Args:
+        vertices: (v, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        points: (n, 3) points [m].
+    """
     return np.asarray(winding(vertices, faces, points) > 0)
 
 
@@ -149,9 +169,9 @@ def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
     It is the sum of a ray's signed crossings, with the faces sorted into a grid normal to it.
 
     Args:
-        vertices: (v, 3) [m].
-        faces: (f, 3), counter-clockwise from outside.
-        points: (n, 3) [m].
+        vertices: (v, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        points: (n, 3) points [m].
     """
     turned = vertices @ RAY_TURN.T
     probe = points @ RAY_TURN.T
@@ -187,7 +207,12 @@ def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
 
 
 def _crossing(points: Array, triangles: Array) -> IntArray:
-    """Crossings (n,) of rays from points (n, 3) along +z with triangles (n, 3, 3): +1 out, -1 in, else 0."""
+    """Crossings (n,) of n rays along +z with n triangles, one each: +1 outwards, -1 inwards, else 0.
+
+    Args:
+        points: (n, 3) starts of the rays.
+        triangles: (n, 3, 3) corners of the triangles, counter-clockwise from outside.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, ac, ap = b - a, c - a, points - a
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
@@ -209,9 +234,16 @@ def _signed_volumes(vertices: Array, faces: IntArray) -> Array:
 
 
 def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> BoolArray:
-    """Mask (count,) of faces to turn: each link with `differ` connects a turned and an unturned one.
+    """Mask (count,) of faces to turn so that all links are satisfied, as few as possible.
 
-    On the double cover (every face once as it is, once turned) each consistent choice is one component.
+    Each link with `differ` connects a turned and an unturned face, each other link two of one kind. On the
+    double cover (every face once as it is, once turned) each consistent choice is one component.
+
+    Args:
+        count: Number of faces.
+        a: (l,) first face of each link.
+        b: (l,) second face of each link.
+        differ: (l,) True if just one of the two is to be turned.
     """
     shift = np.where(differ, count, 0)
     rows = np.concatenate([a, a + count])

@@ -16,7 +16,7 @@ SMALL_ANGLE = 1e-6
 
 
 def hat(vector: Array) -> Array:
-    """Cross-product matrices (..., 3, 3) of `vector` (..., 3)."""
+    """Cross-product matrices (..., 3, 3) of `vector` (..., 3): multiplied by b they give vector x b."""
     vector = np.asarray(vector, dtype=np.float64)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     found = np.zeros((*vector.shape, 3))
@@ -26,7 +26,7 @@ def hat(vector: Array) -> Array:
 
 
 def plane_basis(up: Array) -> tuple[Array, Array]:
-    """Unit vectors u, v (3,) normal to the unit vector `up` (3,) with u x v = up."""
+    """Orthonormal vectors u, v (3,) perpendicular to the unit vector `up` (3,), with u x v = up."""
     x, y, z = up.tolist()
     # Cross product of the coordinate axis farthest from `up` with it; written out, as it is called thousands
     # of times.
@@ -48,7 +48,7 @@ def matrix_from_vector(vector: Array) -> Array:
 
 
 def vector_from_matrix(matrix: Array) -> Array:
-    """Rotation vectors (..., 3) [rad], length in [0, pi], of matrices (..., 3, 3).
+    """Rotation vectors (..., 3) [rad], axis times angle in [0, pi], of rotation matrices (..., 3, 3).
 
     At pi the axis may have either sign.
     """
@@ -61,7 +61,7 @@ def vector_from_matrix(matrix: Array) -> Array:
 
 
 def wxyz_from_matrix(matrix: Array) -> Array:
-    """Unit quaternions wxyz (..., 4) with w >= 0 of matrices (..., 3, 3).
+    """Unit quaternions wxyz (..., 4) with w >= 0 of rotation matrices (..., 3, 3).
 
     The largest component is the divisor (Shepperd 1978).
     """
@@ -96,19 +96,30 @@ def matrix_from_wxyz(wxyz: Array) -> Array:
 
 
 def relative(R_a_b: Array, R_a_c: Array) -> Array:
-    """Rotation R_b_c (..., 3, 3) from R_a_b (..., 3, 3) and R_a_c (..., 3, 3)."""
+    """Rotation R_b_c (..., 3, 3), which maps vectors of frame c to b, from those of b and c to a.
+
+    Args:
+        R_a_b: (..., 3, 3) rotation from b to a.
+        R_a_c: (..., 3, 3) rotation from c to a.
+    """
     return np.swapaxes(R_a_b, -1, -2) @ R_a_c
 
 
 def angle_between(R_a_b: Array, R_a_c: Array) -> Array:
-    """Angle (...) [rad] in [0, pi] between frames b and c; R_a_b and R_a_c are (..., 3, 3)."""
+    """Angle (...) [rad] in [0, pi] of the rotation between frames b and c.
+
+    Args:
+        R_a_b: (..., 3, 3) rotation from b to a.
+        R_a_c: (..., 3, 3) rotation from c to a.
+    """
     return np.linalg.norm(vector_from_matrix(relative(R_a_b, R_a_c)), axis=-1)
 
 
 def angle_about(matrix: Array, axis: Array) -> Array:
-    """Twist angle (...) [rad] in (-pi, pi] of `matrix` (..., 3, 3) about the unit `axis` (3,).
+    """Twist angle (...) [rad] in (-pi, pi] of rotation `matrix` (..., 3, 3) about the unit `axis` (3,).
 
-    It is that of the swing-twist decomposition.
+    It is that of the swing-twist decomposition: the rotation about the axis that remains when a rotation
+    about a perpendicular axis is split off.
     """
     quaternion = wxyz_from_matrix(matrix)
     along = quaternion[..., 1:] @ np.asarray(axis, dtype=np.float64)
@@ -128,7 +139,12 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def transform(R_a_b: Array, p_a_b: Array) -> Array:
-    """Rigid transform T_a_b (..., 4, 4) of rotation R_a_b (..., 3, 3) and translation p_a_b (..., 3)."""
+    """Rigid transform T_a_b (..., 4, 4), which maps points of frame b to frame a.
+
+    Args:
+        R_a_b: (..., 3, 3) rotation from b to a.
+        p_a_b: (..., 3) origin of b, in a.
+    """
     lead = np.broadcast_shapes(R_a_b.shape[:-2], p_a_b.shape[:-1])
     T_a_b = np.zeros((*lead, 4, 4))
     T_a_b[..., :3, :3] = R_a_b
@@ -138,7 +154,7 @@ def transform(R_a_b: Array, p_a_b: Array) -> Array:
 
 
 def inverse_transform(T_a_b: Array) -> Array:
-    """Inverse T_b_a (..., 4, 4) of a rigid transform T_a_b (..., 4, 4)."""
+    """Inverse T_b_a (..., 4, 4) of a rigid transform T_a_b (..., 4, 4) between frames a and b."""
     R_b_a = np.swapaxes(T_a_b[..., :3, :3], -1, -2)
     return transform(R_b_a, -(R_b_a @ T_a_b[..., :3, 3:])[..., 0])
 

@@ -36,7 +36,7 @@ HOLLOW_LAYERS = 2
 
 @dataclass(frozen=True, eq=False)
 class ScannedSurface:
-    """Samples of a closed surface, each for the same share of its area, with a mask of those not scanned."""
+    """Samples of a closed surface with a mask of those not scanned; each stands for the same area."""
 
     points: Array
     """(n, 3) samples [m]."""
@@ -57,7 +57,7 @@ class ScannedSurface:
     def uncertainty_at(self, point: Array) -> float:
         """Uncertainty [m] of the surface near `point` (3,) [m]: within a gap the gaps' width, else 0.
 
-        The width is taken as the root of the area that was not scanned.
+        The width is taken as the root of the whole area that was not scanned.
         """
         nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
@@ -73,14 +73,14 @@ class ScannedSurface:
 def scanned_cloud(
     vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float
 ) -> ScannedSurface:
-    """Samples of a cloud's hull; bare where no point lies within `reach`, nor a hollow below.
+    """Samples of a cloud's hull, bare where no point lies nearby, nor a hollow below.
 
     Args:
         vertices: (n, 3) vertices of the hull [m].
         faces: (f, 3) faces, counter-clockwise from outside.
         tree: Search tree of the cloud [m].
         reach: Distance from a point up to which the hull counts as scanned [m].
-        probe: Width of the line [m].
+        probe: Width of the lines inwards that distinguish a hollow from a gap of the scan [m].
         sd: 1 sigma of the cloud about its surface [m].
     """
     points, normals, _, area = _surface_samples(vertices, faces)
@@ -90,7 +90,13 @@ def scanned_cloud(
 
 
 def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedSurface:
-    """Samples of a repaired mesh, bare on the faces that were `added` (f,) to close holes."""
+    """Samples of a repaired mesh, bare on the faces that close holes.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        added: (f,) True for faces that were added to close holes.
+    """
     points, normals, owner, area = _surface_samples(vertices, faces)
     return ScannedSurface(points, normals, added[owner], area, 0.0)
 
@@ -99,7 +105,8 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
     """Number (n,) of layers of a cloud that straight lines into the body meet.
 
     Layers two probe widths or more apart are counted separately; nearer ones are recognised by a scatter
-    about their common middle larger than the noise.
+    about their common middle larger than the noise, and counted as two. A line that meets nothing is given
+    the count of the nearest line that does.
 
     Args:
         points: (n, 3) starts of the lines [m].
@@ -132,7 +139,15 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
 
 
 def _surface_samples(vertices: Array, faces: IntArray) -> tuple[Array, Array, IntArray, float]:
-    """Uniform points (n, 3) [m] on the surface, normals (n, 3), faces (n,), and the surface's area [m^2]."""
+    """Points at equal steps of the area of a mesh, `SAMPLES` of them.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+
+    Returns:
+        Points (s, 3) [m], outward unit normals (s, 3), face (s,) of each point, and the surface's area [m^2].
+    """
     points, owner = even_samples(vertices, faces, SAMPLES)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     across = np.cross(b - a, c - a)

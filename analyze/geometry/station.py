@@ -1,4 +1,4 @@
-"""Camera of the station in the world frame of a turned strike."""
+"""Pose of the rig's camera in the world frame of a strike with the object turned on the table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from analyze.types import CameraModel
 
 
 def turned_camera(camera: CameraModel, heading: float) -> CameraModel:
-    """Camera as seen from the frame W of a strike with a heading.
+    """Camera with its pose in the world frame W of a strike with a heading; the same camera for 0.
 
     Object and striker stand turned by `heading` [rad] about z, and W turns with them; the camera does not.
     """

@@ -22,7 +22,7 @@ class Voxels:
     pitch: float
     """Edge of the cubes [m]."""
     centres: Array
-    """(n, 3) centroid of the part of each cube inside the body [m], in O."""
+    """(n, 3) centroid of the part of each cube inside the body [m], in the object frame O."""
     volumes: Array
     """(n,) volume of that part [m^3]."""
     shell: Array
@@ -34,11 +34,16 @@ class Voxels:
 
 
 def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
-    """Divide a model into cubes of edge `pitch` [m] with a shell of `shell_thickness` [m].
+    """Divide a model into cubes and find the part of each in the body and in its shell.
 
     Cubes cut by the surface or by the shell's inner side are divided again; each subcell counts by its part
     below the plane through its nearest surface point, so that 4 mm cubes resolve a 2 mm shell. Volume is
-    exact, centroid and moments to 0.5 %.
+    exact, centroid and moments to 0.5 %. The result is cached on the model.
+
+    Args:
+        model: Shape of the object.
+        pitch: Edge of the cubes [m].
+        shell_thickness: Thickness of the shell, inwards from the surface [m].
 
     Raises:
         ValueError: pitch or thickness is not above 0.
@@ -83,7 +88,18 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
 def _cut(
     model: ObjectModel, corners: Array, pitch: float, shell_thickness: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Fractions (n,) of each cube inside and in the shell, and first moments (n, 3) over its volume."""
+    """Parts of cubes that the surface or the shell's inner side cuts, from their subcells.
+
+    Args:
+        model: Shape of the object.
+        corners: (n, 3) lowest corner of each cube [m], in the object frame.
+        pitch: Edge of the cubes [m].
+        shell_thickness: Thickness of the shell [m].
+
+    Returns:
+        Fractions (n,) of each cube in the body and in its shell, and first moments (n, 3) [m] of these two
+        parts over the cube's volume, about the origin.
+    """
     step = pitch / SUBCELLS
     offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * step
     points = (corners[:, None] + offsets).reshape(-1, 3)
