@@ -1,1 +1,1 @@
-"""Placement cards: instructions and pictures of a plan for the person at the table."""
+"""Placement cards: one page for each planned strike, with instructions and pictures."""

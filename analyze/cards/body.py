@@ -28,39 +28,51 @@ CARD_CELLS = 10
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """Object with its shape and tags, placed in W."""
+    """Object with its shape and tags, placed in the world frame W of a strike (table at z = 0).
+
+    O is the object frame (the shape file's).
+    """
 
     shape: DrawnShape
+    """Faces and edges to draw, in O."""
     spec: ObjectSpec
+    """Object file, with the tags."""
     R: Array
-    """(3, 3) R_world_object."""
+    """(3, 3) rotation R_world_object from O to W."""
     p: Array
-    """(3,) p_world_object [m]."""
+    """(3,) translation p_world_object from O to W [m]."""
 
     def world(self, points: Array) -> Array:
-        """Positions (..., 3) in W of points (..., 3) in O."""
+        """Positions (..., 3) [m] in the world frame of `points` (..., 3) [m] in the object frame."""
         return points @ self.R.T + self.p
 
     @property
     def corners(self) -> Array:
-        """Corners (n, 3) [m] of the convex hull in W."""
+        """Corners (n, 3) [m] of the object's convex hull, in the world frame."""
         return self.world(self.shape.hull)
 
     def tipped(self, theta: float) -> PlacedObject:
-        """The object tipped by `theta` [rad] about W's y axis."""
+        """Copy of the object tipped by `theta` [rad] about the world frame's y axis, the pivot line."""
         turn = np.array([[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]])
         return PlacedObject(self.shape, self.spec, turn @ self.R, turn @ self.p)
 
     def tag_corners(self, marker: MarkerSpec, half: float) -> Array:
-        """Corners (4, 3) [m] in W of a square about the tag's centre with half edge length `half` [m].
+        """Corners (4, 3) [m] of a square about a tag's centre, in the world frame.
 
         The order is upper left, upper right, lower right, lower left.
+
+        Args:
+            marker: Tag; its pose on the object must be given.
+            half: Half the edge of the square [m].
         """
         square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
         return self.world(apply(np.array(marker.T_object_marker), square))
 
     def tag_centre(self, name: int | str) -> Array | None:
-        """Centre (3,) [m] of a tag in W; None if its place on the object is not given."""
+        """Centre (3,) [m] of the tag `name`, in the world frame.
+
+        None if there is no such tag, or its place on the object is not given.
+        """
         for marker in self.spec.marker:
             if marker.name == name and marker.T_object_marker is not None:
                 return self.world(np.array(marker.T_object_marker)[:3, 3])
@@ -70,7 +82,14 @@ class PlacedObject:
 def draw_body(
     view: View, body: PlacedObject, highlighted: tuple[int | str, ...] = (), ring: str = INK
 ) -> list[str]:
-    """SVG elements of the object, farthest first; tags in `highlighted` get a frame of the colour `ring`."""
+    """SVG elements of the object, farthest first.
+
+    Args:
+        view: Projection to the picture.
+        body: Object, placed in the world frame.
+        highlighted: Names of tags that get a frame of the colour `ring`.
+        ring: Colour of these frames.
+    """
     items: list[tuple[float, str, str]] = [
         *_faces(view, body),
         *_edges(view, body),
@@ -87,7 +106,10 @@ def draw_body(
 
 
 def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
-    """Faces turned towards the eye, each as (nearness [m], colour, SVG path)."""
+    """Faces turned towards the eye, each as (nearness [m], colour, SVG path data).
+
+    Nearness is the distance towards the eye, from the view's target. The colour follows the light.
+    """
     triangles, normals = body.world(body.shape.triangles), body.shape.normals @ body.R.T
     middles = triangles.mean(axis=1)
     seen = np.einsum("ti,ti->t", normals, view.towards_eye(middles)) > 0
@@ -143,7 +165,14 @@ def _tags(
 
 
 def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) -> str:
-    """SVG path of the tag's black cells, as one rectangle per run of cells."""
+    """SVG path data of a tag's black cells, as one rectangle for each run of cells in a row.
+
+    Args:
+        view: Projection to the picture.
+        body: Object, placed in the world frame.
+        marker: Tag.
+        code: (c, c) cells of the tag, from the upper left; False for a black one.
+    """
     many = len(code)
     upper_left, upper_right, _, lower_left = body.tag_corners(marker, marker.size_m / 2)
     across, down = (upper_right - upper_left) / many, (lower_left - upper_left) / many
@@ -171,6 +200,6 @@ def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) 
 def _decoration_lead(shape: DrawnShape) -> float:
     """Nearness [m] added to edges and tags in the drawing order.
 
-    They are drawn after the triangles of their face, whose centres may be nearer to the eye.
+    So they are drawn after the triangles of their face, whose centres may be nearer to the eye.
     """
     return 10.0 if shape.convex else shape.size / 7

@@ -27,7 +27,7 @@ CONVEX_VOLUME_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class DrawnShape:
-    """Faces and edges of an object for drawing, in O [m]."""
+    """Faces and edges of an object for drawing, in the object frame O [m]."""
 
     triangles: Array
     """(t, 3, 3) corners, counter-clockwise seen from outside."""
@@ -38,7 +38,7 @@ class DrawnShape:
     edge_normals: Array
     """(e, 2, 3) unit normals of the two faces that meet there."""
     creases: tuple[bool, ...]
-    """(e) True for a sharp edge, drawn wherever visible; False for one drawn only as part of the outline."""
+    """(e,) True for a sharp edge, drawn wherever visible; False for one drawn only as part of the outline."""
     hull: Array
     """(h, 3) corners of the convex hull of the original model."""
     convex: bool
@@ -48,7 +48,11 @@ class DrawnShape:
 
 
 def drawn_shape(model: ObjectModel) -> DrawnShape:
-    """Faces and edges for drawing a model; a fine mesh is simplified."""
+    """Faces and edges for drawing a model; a fine mesh is simplified.
+
+    A convex mesh is drawn as its hull if that has fewer faces; one of more than `MAX_FACES` faces is merged
+    on a grid. A body that is not convex is cut into small triangles that can be sorted by depth.
+    """
     vertices, faces = model.vertices, model.faces
     hull = ConvexHull(model.hull_vertices)
     # A fine convex mesh is drawn as its hull: the same body, with few triangles per flat face.
@@ -79,7 +83,7 @@ def drawn_shape(model: ObjectModel) -> DrawnShape:
 
 
 def _outward(hull: ConvexHull) -> IntArray:
-    """Triangles (f, 3) of the hull, counter-clockwise seen from outside."""
+    """Triangles (f, 3) of the hull, as indices of its points, counter-clockwise seen from outside."""
     faces = hull.simplices.astype(np.int64)
     a, b, c = np.moveaxis(hull.points[faces], 1, 0)
     inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
@@ -88,12 +92,20 @@ def _outward(hull: ConvexHull) -> IntArray:
 
 
 def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:
-    """Mesh with vertices (n, 3) and faces (f, 3) merged in the cells of a grid of size `cell` [m].
+    """Merge the vertices of a mesh in the cells of a grid.
 
     Each cell keeps the point nearest to the planes of its faces, so that edges stay sharp.
 
     Source: Lindstrom 2000, out-of-core simplification of large polygonal models (quadric error, regularised
     towards the cell's mean).
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces.
+        cell: Size of the cells [m].
+
+    Returns:
+        Vertices (k, 3) [m], and faces (g, 3) without those that collapsed.
     """
     index = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
     _, group = np.unique(index, axis=0, return_inverse=True)
@@ -123,7 +135,12 @@ def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array,
 
 
 def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
-    """Unit normals of the faces with a nonzero area, and a mask (f,) of these faces."""
+    """Unit normals (k, 3) of the faces with a nonzero area, and a mask (f,) of these faces.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise seen from outside.
+    """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = np.cross(b - a, c - a)
     length = np.linalg.norm(area, axis=1)
@@ -132,7 +149,10 @@ def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Vertex pairs (e, 2) of all edges and their two faces (e, 2); a boundary edge has its one face twice."""
+    """Vertex indices (e, 2) of all edges of `faces` (f, 3), and the indices (e, 2) of their two faces.
+
+    A boundary edge has its one face twice.
+    """
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(faces)), 3)
     ends = np.sort(directed, axis=1)
@@ -144,7 +164,14 @@ def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _convex(vertices: Array, faces: IntArray, normals: Array, size: float) -> bool:
-    """True if no vertex lies above any face: faces towards the eye are then visible in any drawing order."""
+    """True if no vertex lies above any face: faces towards the eye are then visible in any drawing order.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise seen from outside.
+        normals: (f, 3) unit normals of the faces.
+        size: Longest extent [m]; 1e-4 of it is tolerated.
+    """
     used = vertices[np.unique(faces)]
     tolerance = 1e-4 * size
     step = max(1, 2_000_000 // max(len(used), 1))
@@ -157,9 +184,17 @@ def _convex(vertices: Array, faces: IntArray, normals: Array, size: float) -> bo
 
 
 def _cut(triangles: Array, normals: Array, longest: float) -> tuple[Array, Array]:
-    """Triangles halved across their longest edge until none is longer than `longest` [m].
+    """Halve triangles across their longest edge until none is longer than `longest` [m].
 
-    Only small triangles can be sorted by depth.
+    Only small triangles can be sorted by depth. After `MAX_CUTS` rounds longer ones stay.
+
+    Args:
+        triangles: (t, 3, 3) corners [m]; the second index is the corner.
+        normals: (t, 3) unit normals.
+        longest: Largest length of an edge [m].
+
+    Returns:
+        Triangles (k, 3, 3) and their normals (k, 3).
     """
     for _ in range(MAX_CUTS):
         lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)

@@ -16,13 +16,29 @@ ARROW_HEAD = (4.2, 1.9)
 
 
 def polygon(points: Array, fill: str, stroke: str = "none", width: float = 0.0, extra: str = "") -> str:
-    """Filled polygon through points (n, 2)."""
+    """SVG element of a filled polygon.
+
+    Args:
+        points: (n, 2) corners.
+        fill: Colour of the area.
+        stroke: Colour of the outline.
+        width: Width of the outline; 0 for none.
+        extra: Further attributes, with a leading blank.
+    """
     line = f' stroke="{stroke}" stroke-width="{width:g}" stroke-linejoin="round"' if width else ""
     return f'<path d="M{_path(points)}Z" fill="{fill}"{line}{extra}/>'
 
 
 def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: float = 1.0) -> str:
-    """Open line through points (n, 2)."""
+    """SVG element of an open line.
+
+    Args:
+        points: (n, 2) points of the line.
+        colour: Colour.
+        width: Width.
+        dash: Lengths of dashes and gaps; empty for a continuous line.
+        opacity: Opacity, 0 to 1.
+    """
     dashes = f' stroke-dasharray="{dash}"' if dash else ""
     faint = f' opacity="{opacity:g}"' if opacity < 1 else ""
     return (
@@ -32,13 +48,29 @@ def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: 
 
 
 def disc(centre: Array, radius: float, fill: str, stroke: str = "none", width: float = 0.0) -> str:
-    """Filled circle about `centre` (2,)."""
+    """SVG element of a filled circle.
+
+    Args:
+        centre: (2,) centre.
+        radius: Radius.
+        fill: Colour of the area.
+        stroke: Colour of the outline.
+        width: Width of the outline; 0 for none.
+    """
     line = f' stroke="{stroke}" stroke-width="{width:g}"' if width else ""
     return f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:g}" fill="{fill}"{line}/>'
 
 
 def ring(centre: Array, radius: float, colour: str, width: float, dash: str) -> str:
-    """Dashed circle about `centre` (2,)."""
+    """SVG element of a dashed circle.
+
+    Args:
+        centre: (2,) centre.
+        radius: Radius.
+        colour: Colour of the line.
+        width: Width of the line.
+        dash: Lengths of dashes and gaps.
+    """
     return (
         f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:g}" fill="none" stroke="{colour}" '
         f'stroke-width="{width:g}" stroke-dasharray="{dash}"/>'
@@ -46,7 +78,13 @@ def ring(centre: Array, radius: float, colour: str, width: float, dash: str) -> 
 
 
 def arrow(points: Array, colour: str, width: float) -> list[str]:
-    """Arrow along `points` (n, 2), with a head at the last one."""
+    """SVG elements of an arrow's shaft and head.
+
+    Args:
+        points: (n, 2) points of the shaft, at least two; the head's tip is at the last one.
+        colour: Colour.
+        width: Width of the shaft.
+    """
     tip, before = points[-1], points[-2]
     along = (tip - before) / max(float(np.linalg.norm(tip - before)), 1e-9)
     across = np.array([-along[1], along[0]])
@@ -71,7 +109,16 @@ def text(
     anchor: str = "middle",
     bold: bool = False,
 ) -> str:
-    """One line of text, with a white outline that keeps it legible on any background."""
+    """SVG element of one line of text, with a white outline that keeps it legible on any background.
+
+    Args:
+        where: (2,) position of the anchor on the base line.
+        words: Text; special characters are escaped.
+        size: Font size.
+        colour: Colour.
+        anchor: SVG text-anchor: start, middle or end.
+        bold: True for bold type.
+    """
     weight = ' font-weight="700"' if bold else ""
     return (
         f'<text x="{where[0]:.1f}" y="{where[1]:.1f}" font-size="{size:g}" fill="{colour}" '
@@ -81,7 +128,14 @@ def text(
 
 
 def pill(where: Array | tuple[float, float], words: str, size: float, colour: str) -> str:
-    """White text on a rounded rectangle of one colour, centred on `where` (2,)."""
+    """SVG elements, in one string, of white text on a rounded rectangle of one colour.
+
+    Args:
+        where: (2,) centre of the rectangle.
+        words: Text; special characters are escaped.
+        size: Font size.
+        colour: Colour of the rectangle.
+    """
     wide, high = 0.62 * size * len(words) + 0.9 * size, 1.5 * size
     return (
         f'<rect x="{where[0] - wide / 2:.1f}" y="{where[1] - high / 2:.1f}" width="{wide:.1f}" '
@@ -94,9 +148,16 @@ def pill(where: Array | tuple[float, float], words: str, size: float, colour: st
 def measure(
     start: Array, end: Array, words: str, size: float, colour: str, side: float, anchor: str = "middle"
 ) -> list[str]:
-    """Dimension line from `start` to `end` with ticks, and the text `words` `side` px to its right.
+    """SVG elements of a dimension line with ticks and a text beside its middle.
 
-    Right is relative to the direction from start to end, with y down.
+    Args:
+        start: (2,) start of the line.
+        end: (2,) end of the line.
+        words: Text.
+        size: Font size.
+        colour: Colour of line and text.
+        side: Distance of the text to the right of the direction from start to end, with y down.
+        anchor: SVG text-anchor of the text.
     """
     along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
     across = np.array([-along[1], along[0]])
@@ -112,7 +173,14 @@ def measure(
 
 
 def picture(width: float, height: float, parts: list[str], label: str) -> str:
-    """Complete picture as an <svg> element that fills the width of its container."""
+    """Complete picture as an <svg> element that fills the width of its container.
+
+    Args:
+        width: Width of the drawing area [px].
+        height: Height of the drawing area [px].
+        parts: SVG elements, drawn in this order.
+        label: Description for screen readers.
+    """
     name = escape(label, {'"': ""})
     box = f"0 0 {width:g} {height:g}"
     opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" aria-label="{name}">'

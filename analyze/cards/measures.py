@@ -18,7 +18,11 @@ NUMBER_PX, NAME_PX = 27, 18
 
 
 def side_picture(place: Setting) -> str:
-    """SVG as seen by the camera: height of the strike, pivot line, and angle at which the object balances."""
+    """Picture (an <svg> element) of a strike as seen by the camera, with dimensions.
+
+    It shows the height of the strike, the pivot line, and the object at rest and at the angle at which it
+    balances.
+    """
     size = place.size
     tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
     ground = tail * np.array([1.0, 1.0, 0.0])
@@ -53,7 +57,13 @@ def side_picture(place: Setting) -> str:
 
 
 def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
-    """Arc of the balance angle, drawn outside the object and starting at the vertical."""
+    """SVG elements of the balance angle's arc, drawn outside the object and starting at the vertical.
+
+    Args:
+        view: Projection to the picture.
+        place: Positions of the strike's parts.
+        pivot: (2,) pivot in the picture [px].
+    """
     radius = 0.62 * float(place.high[2])
     angles = np.linspace(0.0, place.tip_angle, 20)
     arc = view.project(np.stack([radius * np.sin(angles), np.zeros(20), radius * np.cos(angles)], axis=1))
@@ -66,7 +76,10 @@ def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
 
 
 def plan_picture(place: Setting) -> str:
-    """SVG as seen from above: pivot line, position of the edge along it, and the striker's path."""
+    """Picture (an <svg> element) of a strike as seen from above, with dimensions.
+
+    It shows the pivot line, the position of the edge along it, and the striker's path.
+    """
     size = place.size
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
     left, right = place.low[0] - 0.7 * place.reach, max(place.high[0], 0.0) + 0.55 * size
@@ -115,7 +128,13 @@ def _contact(view: View, place: Setting) -> list[str]:
 
 
 def _camera_from_above(view: View, place: Setting, front: float) -> list[str]:
-    """Camera symbol at the bottom, pointing up."""
+    """SVG elements of a camera symbol at the bottom of the picture, pointing up.
+
+    Args:
+        view: Projection to the picture.
+        place: Positions of the strike's parts.
+        front: Position of the symbol along the pivot line, y in the world frame [m].
+    """
     x = float(np.clip(place.camera[0], place.low[0], place.high[0] + 0.2 * place.size))
     at = view.project(np.array([[x, front, 0.0]]))[0] - np.array([0.0, 4.0])
     body = np.array([[-13, 0], [13, 0], [13, -22], [-13, -22]]) + at

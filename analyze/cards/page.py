@@ -29,12 +29,16 @@ MIN_OFFSET_M = 0.0005
 
 @dataclass(frozen=True)
 class Card:
-    """Contents of the placement card of one strike."""
+    """Contents of the placement card of one strike: instructions and pictures."""
 
     number: int
+    """Number of the card, from 1."""
     strike: PlannedStrike
+    """Strike as planned."""
     place: Setting
+    """Positions of what the pictures show."""
     sides: Sides
+    """Names of the object's sides."""
     change: str
     """Instruction from the previous card to this one; empty on the first card and for the same placement."""
     repeated: bool
@@ -48,19 +52,20 @@ class Card:
 
     @property
     def turned(self) -> bool:
-        """True if object and striker stand on the other side of the line."""
+        """True if object and striker stand on the other side of the pivot line, for the table's tilt."""
         return self.place.turned
 
     def _along(self, near: bool) -> str:
-        """Direction along the line, towards the eye of the pictures if `near` is True.
+        """Direction along the pivot line in words: towards or away from the camera.
 
-        The eye of a turned strike's pictures is opposite the camera.
+        Towards the eye of the pictures if `near` is True; the eye of a turned strike's pictures is opposite
+        the camera.
         """
         return "towards the camera" if near != self.turned else "away from the camera"
 
     @property
     def put_down(self) -> str:
-        """Instruction for the object's placement: the sides that face the camera and the table."""
+        """Sentence for the object's placement: the sides that face the camera and the table."""
         camera = self.sides.behind if self.turned else self.sides.camera
         facing = f"{_capitalised(camera)} faces the camera, {self.sides.under} is underneath"
         if self.sides.top.startswith("tag"):
@@ -69,7 +74,10 @@ class Card:
 
     @property
     def set_striker(self) -> str:
-        """Instruction for the position of the striker's tip."""
+        """Sentence for the position of the striker's tip: height, side, and distance from the mark.
+
+        The distance is left out up to `MIN_OFFSET_M`; the mark is the point y = 0 of the pivot line.
+        """
         height = 1000 * self.strike.impact_height_m
         words = f"Set the striker's tip {height:.0f} mm above the table, just touching the object"
         if self.sides.striker.startswith("tag"):
@@ -81,7 +89,10 @@ class Card:
 
     @property
     def on_line(self) -> str:
-        """Instruction for the position of the edge on the line."""
+        """Sentence for the position of the pivot edge on the line, with its distance from the mark.
+
+        The mark is the point y = 0 of the line.
+        """
         front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark {self._along(near=True)}"
         if self.place.edge is None:
             name = "rim" if self.place.rolls else "edge"
@@ -94,7 +105,13 @@ class Card:
 
 
 def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: Path) -> None:
-    """Write the cards as an HTML file; it appears complete or not at all.
+    """Write the cards of a plan as an HTML file; it appears complete or not at all.
+
+    Args:
+        plan: Plan of the strikes.
+        model: Shape of the object.
+        spec: Object file, with the tags.
+        output: Path of the HTML file, which is replaced if it exists.
 
     Raises:
         OutputError: the file cannot be written.
@@ -103,7 +120,13 @@ def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: 
 
 
 def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
-    """HTML page with the cards of a plan."""
+    """HTML page with the placement cards of a plan.
+
+    Args:
+        plan: Plan of the strikes.
+        model: Shape of the object.
+        spec: Object file, with the tags.
+    """
     return _template().render(
         plan=plan,
         spec=spec,
@@ -122,7 +145,13 @@ def _template() -> Template:
 
 
 def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
-    """Cards in the order of the plan's strikes; the pictures of equal placements are drawn once."""
+    """Placement cards in the order of the plan's strikes; pictures of equal placements are drawn once.
+
+    Args:
+        plan: Plan of the strikes.
+        model: Shape of the object.
+        spec: Object file, with the tags.
+    """
     shape = drawn_shape(model)
     drawn: dict[str, tuple[Setting, Markup, Markup, Markup]] = {}
     found: list[Card] = []

@@ -1,7 +1,7 @@
 """Instructions for placing an object on the table, and for the change from the previous placement.
 
-Directions are named by the striker (at -x of W) and the camera (at -y), because right and left depend on the
-reader's place.
+Directions are named by the striker (at -x of the world frame W) and the camera (at -y), because right and
+left depend on the reader's place.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ TOWARDS = {
 
 @dataclass(frozen=True)
 class Turn:
-    """Turn about the vertical by `angle` [rad], positive anticlockwise as seen from above."""
+    """Turn of an object about the vertical by `angle` [rad], positive anticlockwise seen from above."""
 
     angle: float
 
     def matrix(self) -> Array:
-        """Rotation matrix (3, 3) in W."""
+        """Rotation matrix (3, 3) of the turn, in the world frame."""
         return matrix_from_vector(np.array([0.0, 0.0, self.angle]))
 
     def instruction(self) -> str:
-        """Instruction in words, for a turn on the table."""
+        """Instruction in words for a turn on the table, in whole degrees."""
         degrees = round(abs(np.degrees(self.angle)))
         if degrees == 180:
             return "turn it by 180° on the table"
@@ -49,17 +49,19 @@ class Turn:
 
 @dataclass(frozen=True)
 class Tilt:
-    """Tilt about a horizontal axis by `angle` [rad], moving the top in a direction of `TOWARDS`."""
+    """Tilt of an object about a horizontal axis, which moves its top in a direction of `TOWARDS`."""
 
     towards: str
+    """Direction in which the top moves: a key of `TOWARDS`."""
     angle: float
+    """Angle [rad], positive."""
 
     def matrix(self) -> Array:
-        """Rotation matrix (3, 3) in W."""
+        """Rotation matrix (3, 3) of the tilt, in the world frame."""
         return matrix_from_vector(np.cross(np.array([0.0, 0.0, 1.0]), TOWARDS[self.towards]) * self.angle)
 
     def instruction(self) -> str:
-        """Instruction in words, for a tilt about a horizontal axis."""
+        """Instruction in words for a tilt about a horizontal axis, in whole degrees."""
         degrees = round(np.degrees(self.angle))
         if degrees == 180:
             return f"turn it upside down, moving its top {self.towards}"
@@ -73,11 +75,13 @@ Move = Turn | Tilt
 
 
 def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
-    """Shortest sequence of turns and tilts in W from one placement to the next.
+    """Sequence of turns and tilts, in the world frame, from one placement to the next.
+
+    It has as few turns as possible, by angles that are small in sum.
 
     Args:
-        R_before: R_world_object (3, 3) of the previous card.
-        R_now: R_world_object (3, 3) of this card.
+        R_before: (3, 3) rotation from object to world frame on the previous card.
+        R_now: (3, 3) rotation from object to world frame on this card.
 
     Returns:
         At most turn, tilt, turn; tilts are towards or away from the striker or the camera. Empty for equal
@@ -108,7 +112,12 @@ def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
 
 
 def placement_change(R_before: Array, R_now: Array) -> str:
-    """Instruction for the change of placement, as one sentence; empty for equal placements."""
+    """Instruction for the change of placement, in words; empty for equal placements.
+
+    Args:
+        R_before: (3, 3) rotation from object to world frame on the previous card.
+        R_now: (3, 3) rotation from object to world frame on this card.
+    """
     steps = [move.instruction() for move in placement_moves(R_before, R_now)]
     text = "; then ".join(steps)
     return text[:1].upper() + text[1:]
@@ -116,10 +125,16 @@ def placement_change(R_before: Array, R_now: Array) -> str:
 
 @dataclass(frozen=True)
 class Sides:
-    """Names of the object's six sides as it lies: the tag on that side if there is one, else an axis of O."""
+    """Names of the object's six sides as it lies.
+
+    A side is named by the tag on it ("tag 3") if there is one, else by an axis of the object frame ("the +x
+    side").
+    """
 
     under: str
+    """Side on the table."""
     top: str
+    """Side on top."""
     camera: str
     """Side that faces the camera."""
     striker: str
@@ -131,7 +146,12 @@ class Sides:
 
 
 def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
-    """Names of the sides of an object that lies with `R_world_object` (3, 3)."""
+    """Names of the six sides of an object as it lies.
+
+    Args:
+        spec: Object file, with the tags.
+        R_world_object: (3, 3) rotation from object to world frame.
+    """
 
     def side(direction: list[float]) -> str:
         return side_name(spec, R_world_object.T @ np.array(direction))
@@ -147,7 +167,14 @@ def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
 
 
 def side_name(spec: ObjectSpec, direction: Array) -> str:
-    """Name of the side whose outward normal is `direction` (3,) in O."""
+    """Name of one side: "tag" and the name of the tag that faces its way, else that of an axis.
+
+    The tag is the one nearest to the direction, within `MAX_TAG_ANGLE`.
+
+    Args:
+        spec: Object file, with the tags.
+        direction: (3,) outward unit normal of the side, in the object frame.
+    """
     best, least = None, MAX_TAG_ANGLE
     for marker in spec.marker:
         if marker.T_object_marker is None:
@@ -159,12 +186,15 @@ def side_name(spec: ObjectSpec, direction: Array) -> str:
 
 
 def axis_name(direction: Array) -> str:
-    """Name of the side nearest to `direction` (3,) in O; between two axes both are named."""
+    """Name of the side nearest to the unit `direction` (3,) in the object frame, such as "the +x side".
+
+    Between two or three axes all with a component above 0.5 are named: "the +x/+y side".
+    """
     order = np.argsort(-np.abs(direction))
     names = [f"{'+' if direction[i] > 0 else '−'}{'xyz'[i]}" for i in order if abs(direction[i]) > 0.5]
     return f"the {'/'.join(sorted(names, key=lambda name: name[1]))} side"
 
 
 def _between(start: Array, end: Array) -> float:
-    """Angle [rad] that turns the plane vector `start` (2,) into the direction of `end` (2,)."""
+    """Angle [rad], in [-pi, pi], that turns `start` (2,) into the direction of `end` (2,), left positive."""
     return float(np.arctan2(start[0] * end[1] - start[1] * end[0], start @ end))

@@ -32,7 +32,10 @@ its right."""
 
 
 def scene_picture(place: Setting) -> str:
-    """SVG of the strike as seen from the camera's side, 30° to the right and 20° above."""
+    """Picture (an <svg> element) of a strike, seen from the camera's side, 30° to the right, 20° above.
+
+    A turned strike is seen from the side opposite the camera.
+    """
     size = place.size
     middle = (place.low + place.high) / 2
     tail = np.array([place.low[0] - 0.62 * place.reach, place.hit[1], place.strike_height])
@@ -57,7 +60,10 @@ def scene_picture(place: Setting) -> str:
 
 
 def _table(view: View, place: Setting) -> list[str]:
-    """Table that fills the picture, with 50 mm squares parallel to the line, and the object's shadow."""
+    """SVG elements of a table with 50 mm squares parallel to the pivot line, and the object's shadow.
+
+    The table fills the picture.
+    """
     far = 6 * place.size
     stops = np.arange(np.floor(-far / SQUARE_M), far / SQUARE_M + 1) * SQUARE_M
     rules = [np.array([[x, -far, 0], [x, far, 0]]) for x in stops] + [
@@ -84,7 +90,7 @@ def _line(view: View, place: Setting, ends: Array) -> list[str]:
 
 
 def _pivot(view: View, place: Setting) -> list[str]:
-    """Pivot edge on the line, drawn on top because its placement matters most."""
+    """SVG elements of the pivot edge on the line, drawn on top because its placement matters most."""
     if place.edge is None:
         point = view.project(np.zeros((1, 3)))[0]
         return [ink.disc(point, 11, ink.PIVOT, "#fff", 2.5)]
@@ -97,7 +103,13 @@ def _striker_far(view: View, tail: Array, hit: Array) -> list[str]:
 
 
 def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
-    """Hidden part of the striker's arrow, drawn through the object, and the height of the strike."""
+    """SVG elements of the striker's arrow where the object hides it, and of the height of the strike.
+
+    Args:
+        view: Projection to the picture.
+        place: Positions of the strike's parts.
+        tail: (3,) start of the arrow [m], in the world frame.
+    """
     hit = view.project(place.hit)[0]
     start = view.project(tail)[0]
     ground = view.project(tail * np.array([1.0, 1.0, 0.0]))[0]
@@ -112,7 +124,11 @@ def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
 
 
 def _camera_symbol(place: Setting) -> Array:
-    """Corners (12, 3) [m] of the camera's box and lens hood, drawn nearer than the camera is."""
+    """Corners (12, 3) [m] of the camera's box (8) and lens hood (4), in the world frame.
+
+    The symbol is nearer to the object than the camera is, at the height of the tag that faces it, if there is
+    one.
+    """
     size = place.reach
     reach = place.low[1] - 0.95 * size
     centre = np.array(

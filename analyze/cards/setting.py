@@ -1,4 +1,4 @@
-"""Positions in W [m] of everything that the pictures of one strike show."""
+"""Positions, in the world frame W [m], of everything that the pictures of one strike show."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ arc."""
 
 @dataclass(frozen=True)
 class Setting:
-    """One strike in W: pivot line along y at x = 0, mark at y = 0, striker from -x, camera at -y.
+    """Positions of one strike's parts in its world frame W [m], z up, table at z = 0.
 
-    In our own plans the striker's path is at y = 0.
+    The pivot line lies along y at x = 0, the mark on it at y = 0; the striker comes from -x, and the eye of
+    the pictures is at -y, where the camera stands unless the strike is turned. In our own plans the striker's
+    path is at y = 0.
     """
 
     body: PlacedObject
+    """Object, placed as planned."""
     low: Array
     """(3,) least coordinates of the object."""
     high: Array
     """(3,) greatest coordinates of the object."""
     edge: tuple[float, float] | None
-    """Start (nearest to the camera) and end of the pivot edge along W's y; None for a rim, which touches in a
-    point."""
+    """Ends (least, greatest) of the pivot edge along y; None for a rim, which touches in a point, or if no
+    edge is found."""
     hit: Array
     """(3,) impact point."""
     strike_height: float
@@ -50,23 +53,34 @@ class Setting:
 
     @property
     def size(self) -> float:
-        """Longest extent [m] of the object as it lies."""
+        """Longest extent [m] of the object along the world frame's axes, as it lies."""
         return float(np.max(self.high - self.low))
 
     @property
     def reach(self) -> float:
-        """Distance [m] from the object at which striker and camera are drawn."""
+        """Length [m] to which the distances of striker and camera from the object are proportional as drawn.
+
+        It is the geometric mean of the object's size and of its diagonal across the pivot line.
+        """
         across = float(np.hypot(self.high[0] - self.low[0], self.high[2] - self.low[2]))
         return float(np.sqrt(across * self.size))
 
     @property
     def front_to_mark(self) -> float:
-        """Distance [m] along the line from the edge's (or, for a rim, the object's) near end to the mark."""
+        """Distance [m] along the pivot line from the edge's near end to the mark.
+
+        The near end is that towards the eye of the pictures; for a rim it is that of the object.
+        """
         return -(self.low[1] if self.edge is None else self.edge[0])
 
 
 def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
-    """Positions in W [m] of everything in one strike's pictures, for a body placed as planned."""
+    """Positions of everything in one strike's pictures, in the world frame [m].
+
+    Args:
+        body: Object, placed as planned.
+        strike: Strike as planned.
+    """
     corners = body.corners
     near = EDGE_TOLERANCE * body.shape.size
     line = np.array(strike.pivot.point) @ body.R.T + body.p
@@ -91,7 +105,10 @@ def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
 
 
 def tip_arc(place: Setting) -> Array:
-    """Arc (n, 3) [m] in W of the tipping arrow, in front of the object and outside its farthest corner."""
+    """Arc (n, 3) [m] of the arrow that shows the tipping direction, in the world frame.
+
+    It lies in front of the object and outside its farthest corner, and goes past the balance.
+    """
     corners = place.body.corners
     radius = 1.12 * float(np.hypot(corners[:, 0], corners[:, 2]).max())
     angles = np.linspace(-0.06, max(place.tip_angle, MIN_ARC) + ARC_PAST_BALANCE, 24)

@@ -1,4 +1,4 @@
-"""Central and parallel projections from W to a picture, fitted into a frame."""
+"""Central and parallel projections from the world frame W to a picture, fitted into a frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class View:
-    """Projection of W to a picture."""
+    """Projection of the world frame W to a picture."""
 
     axes: Array
     """(3, 3) rows: right, up and towards the eye, as unit vectors in W."""
@@ -35,7 +35,7 @@ class View:
     """Pixel of the target."""
 
     def project(self, points: Array) -> Array:
-        """Pixels (n, 2), y down, of points (n, 3) [m] in W."""
+        """Pixels (n, 2), x right and y down, of `points` (n, 3) [m] in the world frame."""
         seen = (np.atleast_2d(points) - self.target) @ self.axes.T
         near = (
             np.ones(len(seen))
@@ -51,18 +51,29 @@ class View:
         )
 
     def nearness(self, points: Array) -> Array:
-        """Depth (n,) [m] of points (n, 3); greater is nearer to the eye."""
+        """Nearness (n,) [m] of `points` (n, 3) [m] in the world frame: greater is nearer to the eye.
+
+        It is the distance from the plane through the target, towards the eye.
+        """
         return (np.atleast_2d(points) - self.target) @ self.axes[2]
 
     def towards_eye(self, points: Array) -> Array:
-        """Vectors (n, 3) from points (n, 3) to the eye."""
+        """Vectors (n, 3) [m] from `points` (n, 3) [m], in the world frame, to the eye.
+
+        For a parallel projection they are the unit vector towards the eye.
+        """
         points = np.atleast_2d(points)
         if self.distance is None:
             return np.broadcast_to(self.axes[2], points.shape)
         return self.target + self.distance * self.axes[2] - points
 
     def fitted(self, points: Array, frame: Frame) -> View:
-        """View scaled and shifted so that points (n, 3) [m] fill the frame in width or height."""
+        """Copy of the view, scaled and shifted so that points fill a frame in width or height, centred.
+
+        Args:
+            points: (n, 3) points [m] in the world frame, not all in one row or column of the picture.
+            frame: Area to fill.
+        """
         bare = replace(self, scale=1.0, centre=(0.0, 0.0)).project(points)
         low, high = bare.min(axis=0), bare.max(axis=0)
         scale = float(
@@ -83,7 +94,16 @@ class View:
 
 
 def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:
-    """Central projection from -y of W, turned by `azimuth` [rad] to +x and raised by `elevation` [rad]."""
+    """Central projection from -y of the world frame, moved to the right (+x) and upwards.
+
+    Its scale is 1 px/m; fit it with `fitted`.
+
+    Args:
+        target: (3,) point [m] in the world frame at which the eye looks.
+        distance: Distance [m] of the eye from the target.
+        azimuth: Angle [rad] of the eye from -y towards +x.
+        elevation: Angle [rad] of the eye above the horizontal.
+    """
     eye = np.array(
         [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
     )
@@ -92,10 +112,10 @@ def from_the_front_right(target: Array, distance: float, azimuth: float, elevati
 
 
 def from_the_camera() -> View:
-    """Parallel projection along +y of W: x right, z up."""
+    """Parallel projection along +y of the world frame: x right, z up; 1 px/m."""
     return View(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.zeros(3), None)
 
 
 def from_above() -> View:
-    """Parallel projection along -z of W: x right, y up."""
+    """Parallel projection along -z of the world frame: x right, y up; 1 px/m."""
     return View(np.eye(3), np.zeros(3), None)
