@@ -1,15 +1,16 @@
 """Adaptive choice of the tip speed: striker and object are estimated from every strike (method 1.5).
 
-A strike with tip speed v at height h gives the impulse J = (1 + e)*v / (1/m_s + h^2/I) and the energy ratio
-E = (J*h)^2 / (2*I*m*g*(R - z)): kinetic energy over the energy needed to tip. I is the moment of inertia
-about the edge, R the distance of the centre of mass c from it, z the height of c over it.
+A strike with tip speed v at height h gives the impulse J = (1 + e)*v / (1/m_s + h^2/I) and the energy ratio E
+= (J*h)^2 / (2*I*m*g*(R - z)): kinetic energy over the energy needed to tip. I is the moment of inertia about
+the edge, R the distance of the centre of mass c from it, z the height of c over it.
 
-Unknown, with the plan's hypothesis as prior: the position of c, a scale of the moments of inertia, the
-striker's effective mass m_s and restitution e, the ratio of reached to commanded tip speed, and per axis a
-model error (friction at the tip, a slanting face). Every strike informs all of them: the balance angle
-informs c, the energy informs everything. So the first strike on a new axis profits from the strikes on the
-others. The mode of the posterior is found by Gauss-Newton, its covariance follows from the linearisation
-there, and draws from that normal distribution give the distribution of E for the next strike.
+Unknown, with the plan's hypothesis (assumed centre of mass, mass and striker) as prior: the position of c, a
+scale of the moments of inertia, the striker's effective mass m_s and restitution e, the ratio of reached to
+commanded tip speed, and per axis a model error (friction at the tip, a slanting face). Every strike informs
+all of them: the balance angle informs c, the energy informs everything. So the first strike on a new axis
+profits from the strikes on the others. The mode of the posterior is found by Gauss-Newton, its covariance
+follows from the linearisation there, and draws from that normal distribution give the distribution of E for
+the next strike.
 """
 
 from __future__ import annotations
@@ -65,7 +66,10 @@ _DISTURBED = frozenset(
 
 @dataclass(frozen=True)
 class EnergyGoal:
-    """Upper limits of three quantiles of the next strike's energy ratio E."""
+    """Upper limits of three quantiles of the next strike's energy ratio E.
+
+    E is the kinetic energy after the strike over the energy needed to reach balance; 1 just reaches it.
+    """
 
     median: float = 1.15
     """limit of the median"""
@@ -83,8 +87,10 @@ class StrikerEstimate:
     """
 
     effective_mass_kg: float
+    """effective mass at the striker's tip"""
     effective_mass_sd_kg: float
     restitution: float
+    """coefficient of restitution of tip and object"""
     restitution_sd: float
     swing_ratio: float
     """reached over commanded tip speed"""
@@ -102,7 +108,10 @@ class StrikerEstimate:
 
 
 class _Quantity(enum.Enum):
-    """Quantity that a strike measures or bounds."""
+    """Quantity that a strike measures or bounds; the value describes it.
+
+    E is the energy ratio, kinetic energy after the strike over the energy needed to reach balance.
+    """
 
     LOG_SWING_RATIO = "ln of reached over commanded tip speed"
     PHI = "balance angle"
@@ -117,17 +126,31 @@ _MEASURED = frozenset({_Quantity.LOG_SWING_RATIO, _Quantity.PHI, _Quantity.LOG_E
 
 @dataclass(frozen=True)
 class _Observation:
-    """One measurement or bound from one strike."""
+    """One measurement, or one bound, from one strike.
+
+    Angles are in rad; tip speeds and energy ratios enter as natural logarithms.
+    """
 
     axis: int
+    """number of the pivot axis in the model"""
     quantity: _Quantity
     value: float
+    """measured value or bound"""
     sd: float
+    """standard deviation of the value"""
     log_speed: float
     """ln of the reached tip speed in m/s"""
 
     def residual(self, log_swing_ratio: Array, log_energy: Array, phi: Array) -> Array:
-        """Residual (k,) in standard deviations for k states; ln E (k,) is given for a tip speed of 1 m/s."""
+        """Residual (k,) of this observation for k states of the model, in standard deviations.
+
+        For a bound it is soft: near 0 if the predicted value keeps the bound.
+
+        Args:
+            log_swing_ratio: (k,) predicted ln of reached over commanded tip speed.
+            log_energy: (k,) predicted ln E (E: energy ratio) at a tip speed of 1 m/s.
+            phi: (k,) predicted balance angle [rad].
+        """
         log_energy = log_energy + 2 * self.log_speed
         match self.quantity:
             case _Quantity.LOG_SWING_RATIO:
@@ -150,9 +173,9 @@ class EnergyLearner:
     """Posterior of striker and object within one session, and the tip speeds that follow from it.
 
     Args:
-        plan: the planned strikes and, if the plan has one, its hypothesis; without a hypothesis each axis has
-            only the spread of its predicted balance angle.
-        goal: limits of the energy ratio.
+        plan: the planned strikes and, if the plan has one, its hypothesis (assumed centre of mass, mass and
+            striker); without a hypothesis each axis has only the spread of its predicted balance angle.
+        goal: limits of the energy ratio E of the next strike; None for the default limits.
     """
 
     def __init__(self, plan: StrikePlan, goal: EnergyGoal | None = None) -> None:
@@ -168,9 +191,10 @@ class EnergyLearner:
         self._draws = np.random.default_rng(DRAW_SEED).standard_normal((DRAW_COUNT, self._model.size + 1))
 
     def tip_speed(self, strike: PlannedStrike) -> float:
-        """Tip speed [m/s] to command for the next strike on this axis, within the plan's limits.
+        """Tip speed [m/s] to command for the next strike on a planned strike's axis.
 
-        The largest speed at which every quantile of the goal is respected.
+        It is the largest speed at which every quantile of the energy ratio E respects the goal, clipped to
+        the plan's limits for this strike.
         """
         log_energy = self._log_energy_draws(strike)
         goal = self._goal
@@ -181,11 +205,18 @@ class EnergyLearner:
         return min(max(speed, strike.tip_speed_m_s.min), strike.tip_speed_m_s.max)
 
     def speed_for(self, strike: PlannedStrike, energy: float) -> float:
-        """Tip speed [m/s] whose median energy ratio is `energy`, without regard to the plan's limits."""
+        """Commanded tip speed [m/s] whose median energy ratio E is `energy`.
+
+        The plan's limits of the tip speed are not applied.
+        """
         return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy_draws(strike)))))
 
     def energy(self, strike: PlannedStrike, tip_speed_m_s: float) -> tuple[float, float, float]:
-        """Predicted energy ratio E at a commanded tip speed: median, then the ends of the 90 % interval."""
+        """Predicted energy ratio E of a planned strike at a commanded tip speed.
+
+        Returns:
+            The median, then the lower and upper end of the 90 % interval.
+        """
         quantiles = np.quantile(self._log_energy_draws(strike), [0.05, 0.5, 0.95])
         low, middle, high = np.exp(quantiles + 2 * math.log(tip_speed_m_s))
         return float(middle), float(low), float(high)
@@ -197,12 +228,13 @@ class EnergyLearner:
         speed_m_s: float | None,
         verdict: StrikeVerdict | None,
     ) -> None:
-        """Update the posterior with one strike.
+        """Update the posterior of striker and object with one strike.
 
         Args:
-            strike: the planned strike.
+            strike: the planned strike; its axis must be one of the plan's.
             command_m_s: commanded tip speed.
             speed_m_s: tip speed measured by the striker; None if the arm met nothing or the speed is unknown.
+                The reached speed is then the expected one.
             verdict: the verdict of `analyze watch`; None if there is none.
         """
         axis = self._axes[strike.axis_id]
@@ -219,7 +251,10 @@ class EnergyLearner:
 
     @property
     def striker(self) -> StrikerEstimate:
-        """Effective mass, restitution and swing ratio, estimated from all strikes so far."""
+        """Effective mass, restitution and swing ratio (reached over commanded tip speed) of the striker.
+
+        They are median and standard deviation of the posterior after all strikes so far.
+        """
         states = self._posterior_draws()
         mass = np.exp(self._model.log_striker_mass(states))
         restitution = np.exp(self._model.log_rebound(states)) - 1
@@ -228,13 +263,20 @@ class EnergyLearner:
         return StrikerEstimate(*values[0], *values[1], *values[2])
 
     def _log_energy_draws(self, strike: PlannedStrike) -> Array:
-        """Draws (n,) of ln E at a commanded tip speed of 1 m/s."""
+        """Draws (DRAW_COUNT,) of ln E of the next strike on a planned strike's axis, E its energy ratio.
+
+        The commanded tip speed is 1 m/s; the scatter between strikes is included.
+        """
         states = self._posterior_draws()
         log_energy, _ = self._model.log_energy_and_phi(states, self._axes[strike.axis_id])
         return log_energy + 2 * self._model.log_swing_ratio(states) + LOG_ENERGY_SD * self._draws[:, -1]
 
     def _posterior_draws(self) -> Array:
-        """Draws (n, d) of the state."""
+        """Draws (DRAW_COUNT, d) of the model's state from the posterior; the position of c is clipped.
+
+        c is the centre of mass; it is kept within the hypothesis region, or as far outside as its estimate
+        is.
+        """
         states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
         # The hypothesis region ends at two standard deviations, but the estimate of c may lie outside.
         com = self._mode[:3]
@@ -243,7 +285,7 @@ class EnergyLearner:
         return states
 
     def _solve(self) -> None:
-        """Find the posterior's mode by damped Gauss-Newton steps from the last mode.
+        """Find the posterior's mode and covariance by damped Gauss-Newton steps from the last mode.
 
         The first iterations weight all measurements fully: otherwise a body or striker far from the prior
         would make every measurement an outlier and could never be learned.
@@ -270,7 +312,10 @@ class EnergyLearner:
         self._mode = z
 
     def _residuals(self, z: Array) -> Array:
-        """Residuals (k, n) of the observations, then of the prior, for states z (k, d)."""
+        """Residuals (k, n) of the observations, then of the prior, for states z (k, d).
+
+        They are in standard deviations. Those of the prior are z itself.
+        """
         if not self._observations:
             return z
         log_swing_ratio = self._model.log_swing_ratio(z)
@@ -280,7 +325,7 @@ class EnergyLearner:
         return np.concatenate([np.stack(residuals, axis=-1), z], axis=-1)
 
     def _weights(self, residual: Array) -> Array:
-        """Weights (n,): of a t distribution for measurements, 1 for bounds and prior."""
+        """Weights (n,) of residuals (n,): of a t distribution for measurements, 1 for bounds and prior."""
         measured = [
             *(each.quantity in _MEASURED for each in self._observations),
             *([False] * self._model.size),
@@ -290,12 +335,18 @@ class EnergyLearner:
 
 
 def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Observations of phi and of the energy ratio E from one verdict.
+    """Observations of the balance angle phi and of the energy ratio E from one verdict on a strike.
+
+    Args:
+        axis: number of the pivot axis in the model.
+        log_speed: ln of the reached tip speed in m/s.
+        verdict: verdict of `analyze watch`.
 
     Returns:
-        phi and ln E as measured; without a fit a bound on ln E (above 0 if the object tipped over, below if
-        it fell back); ln E alone, with a larger sd, after a disturbed strike; none if the marker was lost or
-        the object was misplaced.
+        After a tip, phi and ln E as far as measured; if E was not, a bound on ln E (above 0 if the object
+        tipped over, below if it fell back) and the largest angle of an object that fell back. After a strike
+        that did not move the object, an upper bound on ln E; after a disturbed one ln E alone, with a larger
+        sd. An empty list after any other verdict, such as a lost marker.
     """
     code = verdict.code
     if code is Verdict.NOT_MOVED:
@@ -322,7 +373,12 @@ def _energy_observation(axis: int, log_speed: float, verdict: StrikeVerdict, sd:
 
 
 def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Bounds on ln E from a tip without an energy ratio: above 0 if it went over, below 0 if it fell back."""
+    """Bounds on ln E from a tip whose energy ratio E was not measured.
+
+    Returns:
+        A lower bound of 0 if the object tipped over; an upper bound of 0 if it fell back, and its largest
+        angle if that is known.
+    """
     if verdict.code is Verdict.GOOD:
         return [_Observation(axis, _Quantity.LOG_ENERGY_ABOVE, 0.0, BOUND_SD, log_speed)]
     found = [_Observation(axis, _Quantity.LOG_ENERGY_BELOW, 0.0, BOUND_SD, log_speed)]
@@ -333,5 +389,8 @@ def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[
 
 
 def _bound_residual(excess: Array) -> Array:
-    """Residual of a soft bound that is exceeded by `excess` standard deviations: sqrt(-2 ln Phi(-excess))."""
+    """Residual of a soft bound that is exceeded by `excess` standard deviations: sqrt(-2 ln Phi(-excess)).
+
+    Phi is the normal distribution function; a negative `excess` keeps the bound and gives a residual near 0.
+    """
     return np.sqrt(-2 * log_ndtr(-excess))

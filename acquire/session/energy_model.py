@@ -1,4 +1,8 @@
-"""Model of energy ratio and balance angle as a function of striker and object parameters."""
+"""Model of energy ratio and balance angle as a function of striker and object parameters.
+
+The energy ratio E is the kinetic energy after a strike over the energy needed to reach balance; the balance
+angle phi is the tipping angle at which the centre of mass c stands above the pivot edge.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +36,13 @@ MIN_RISE_M = 1e-4
 class EnergyModel:
     """Model of one session's strikes as a function of a state z, whose prior is N(0, 1) in every entry.
 
-    Entries of z: position of c (3), scale of the moments, m_s, 1 + e, swing ratio, and one model error per
-    axis.
+    Entries of z, d in number: position of the centre of mass c (3), scale of the moments of inertia,
+    effective striker mass m_s, 1 + e with restitution e, swing ratio (reached over commanded tip speed), and
+    one model error per axis.
+
+    Args:
+        plan: the strike plan; its hypothesis, if it has one, gives the priors.
+        strikes: one planned strike for each pivot axis.
     """
 
     def __init__(self, plan: StrikePlan, strikes: list[PlannedStrike]) -> None:
@@ -66,11 +75,11 @@ class EnergyModel:
         ]
 
     def log_striker_mass(self, z: Array) -> Array:
-        """Logarithm ln m_s (k,) for states z (k, d); m_s in kg."""
+        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg] for states z (k, d)."""
         return self._log_mass + self._log_mass_sd * z[:, 4]
 
     def log_rebound(self, z: Array) -> Array:
-        """Logarithm ln (1 + e) (k,) for states z (k, d)."""
+        """Logarithm ln (1 + e) (k,) with the restitution e, for states z (k, d)."""
         return self._log_rebound + self._log_rebound_sd * z[:, 5]
 
     def log_swing_ratio(self, z: Array) -> Array:
@@ -78,9 +87,15 @@ class EnergyModel:
         return SWING_RATIO_SD * z[:, 6]
 
     def log_energy_and_phi(self, z: Array, axis: int) -> tuple[Array, Array]:
-        """Logarithm ln E (k,) at a tip speed of 1 m/s, and balance angle phi (k,) [rad], for states z (k, d).
+        """Logarithm ln E of the energy ratio and balance angle phi [rad] on one axis, for states z (k, d).
 
-        Without a hypothesis phi is the plan's prediction.
+        Args:
+            z: states.
+            axis: number of the pivot axis.
+
+        Returns:
+            ln E (k,) at a reached tip speed of 1 m/s, and phi (k,). Without a hypothesis in the plan phi is
+            the plan's prediction for every state.
         """
         at = self._axes[axis]
         model_error = self._axis_sd[axis] * z[:, 7 + axis]
@@ -115,15 +130,19 @@ class _Axis:
     height: float
     """height of the impact point over the table [m]"""
     i_com: float
-    """moment of inertia about the parallel axis through c [kg m^2]"""
+    """moment of inertia about the parallel axis through the centre of mass c [kg m^2]"""
     phi: float
     """predicted balance angle [rad]"""
     log_energy: float
-    """planned ln E, scaled to a tip speed of 1 m/s"""
+    """planned ln E of the energy ratio E, scaled to a tip speed of 1 m/s"""
 
     @classmethod
     def from_plan(cls, strike: PlannedStrike, com: Array, mass: float) -> _Axis:
-        """Axis of a planned strike for a centre of mass (3,) [m, in O] and mass [kg]."""
+        """Pivot axis of a planned strike for a centre of mass (3,) [m, in O] and a mass [kg].
+
+        The moment of inertia about c is the predicted one about the edge less m (R + radius)^2, R the
+        distance of c from the axis, but at least a tenth of the predicted one.
+        """
         tip, _, up = np.array(strike.R_world_object)
         point = np.array(strike.pivot.point)
         across = (com - point) @ np.stack([tip, up]).T
@@ -135,5 +154,8 @@ class _Axis:
 
 
 def _log_energy_spread(strike: PlannedStrike) -> float:
-    """Standard deviation of ln E due to that of the predicted angle: c rises in proportion to 1 - cos phi."""
+    """Standard deviation of ln E, E the energy ratio, that follows from that of the balance angle phi.
+
+    The energy needed is proportional to the rise of the centre of mass, and that to 1 - cos phi.
+    """
     return strike.phi_predicted_sd_rad / math.tan(max(strike.phi_predicted_rad, 0.02) / 2)

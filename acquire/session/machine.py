@@ -2,8 +2,8 @@
 
     place → check pose → arm → strike → record until at rest → judge → next
 
-A strike without a good verdict is repeated with a tip speed estimated from all strikes so far, up to
-`max_attempts` times; every attempt is kept.
+A strike without a good verdict is repeated with a tip speed estimated from all strikes so far, until it was
+attempted `max_attempts` times; every attempt is kept. A strike without any verdict is not repeated.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ State = pb.SessionState.State
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """Limits on repetitions, and the energy ratios aimed at and accepted."""
+    """Limits on repetitions, and the energy ratios aimed at and accepted.
+
+    The energy ratio E is the kinetic energy after a strike over the energy needed to reach balance.
+    """
 
     max_attempts: int = 4
     """largest number of attempts per planned strike"""
@@ -32,6 +35,7 @@ class SessionSettings:
     max_faults: int = 3
     """number of device faults after which the next one ends the session"""
     energy_goal: EnergyGoal = field(default_factory=EnergyGoal)
+    """limits of the energy ratio of the next strike"""
     energy_accepted: tuple[float, float] = (1.0, 2.5)
     """range of energy ratios E in which a good strike is not repeated"""
 
@@ -41,17 +45,17 @@ class SessionSettings:
 
 @dataclass(frozen=True)
 class Started:
-    """The recording is open."""
+    """Event: the recording is open."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """The operator has placed the object."""
+    """Event: the operator has placed the object."""
 
 
 @dataclass(frozen=True)
 class PoseChecked:
-    """The object's pose has been compared with the plan."""
+    """Event: the object's pose has been compared with the planned placement."""
 
     good: bool
     """True if the object lies as planned, or could not be checked"""
@@ -61,26 +65,34 @@ class PoseChecked:
 
 @dataclass(frozen=True)
 class Ready:
-    """The striker is armed, cocked and settled."""
+    """Event: the striker is armed, cocked and settled."""
 
 
 @dataclass(frozen=True)
 class Struck:
-    """The striker has completed the strike. Times are host monotonic."""
+    """Event: the striker has completed the strike. Times are host monotonic."""
 
     contact_time_ns: int | None
     """time of first contact as the striker measured it; None if it measured none"""
     contact_time_sd_ns: float
+    """standard deviation of the contact time"""
     tip_speed_m_s: float
+    """tip speed just before contact; 0 if it was not measured"""
     contacts: int
+    """number of contacts that may have occurred"""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """The object is at rest again and the recording window is closed. Times are log times."""
+    """Event: the recording window of a strike is closed. Times are log times [ns].
+
+    Usually the object is at rest again; at a time limit the window is closed although the object moves.
+    """
 
     window_start_ns: int
+    """log time of the window's beginning"""
     window_end_ns: int
+    """log time of the window's end"""
     frames: int
     """number of frames recorded in the window"""
     lost: int
@@ -89,7 +101,7 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Judged:
-    """`analyze watch` has judged the strike, or did not answer in time."""
+    """Event: `analyze watch` has judged the strike, or did not answer in time."""
 
     verdict: StrikeVerdict | None
     """None if there was no answer in time"""
@@ -97,23 +109,26 @@ class Judged:
 
 @dataclass(frozen=True)
 class StopRequested:
-    """The operator, or an error that cannot be cleared, ends the session."""
+    """Event: the operator, or an error that cannot be cleared, ends the session."""
 
     text: str = "stopped by the operator"
+    """reason for the end"""
 
 
 @dataclass(frozen=True)
 class StrikerFailed:
-    """The striker reported a fault or its bus stopped answering while it was armed, cocked or swung."""
+    """Event: the striker reported a fault, or stopped answering, while arming, cocking or swinging."""
 
     text: str
+    """description of the fault"""
 
 
 @dataclass(frozen=True)
 class FileCutShort:
-    """The file with this strike's images was cut short; the recording continues in the next file."""
+    """Event: the file with this strike's images was cut short; the recording continues in the next file."""
 
     text: str
+    """description of the loss"""
 
 
 Event = (
@@ -134,82 +149,93 @@ Event = (
 
 @dataclass(frozen=True)
 class Announce:
-    """Write the session's state into the recording and send it to the daemon's subscribers."""
+    """Action: write the session's state into the recording and send it to the daemon's subscribers."""
 
     state: State
     strike_id: str
+    """id of the planned strike; "" before the first and after the last"""
     attempt: int
+    """number of the attempt, from 1; 0 before the first strike and after the last"""
     text: str = ""
+    """remark on the state"""
 
 
 @dataclass(frozen=True)
 class AskToPlace:
-    """Ask the operator to place the object."""
+    """Action: ask the operator to place the object for a planned strike."""
 
     strike: PlannedStrike
     hint: str = ""
+    """reason why the object is to be placed again; "" the first time"""
 
 
 @dataclass(frozen=True)
 class CheckPose:
-    """Compare the object's pose with the plan."""
+    """Action: compare the object's pose with the placement of a planned strike."""
 
     strike: PlannedStrike
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Arm and cock the striker."""
+    """Action: arm and cock the striker."""
 
 
 @dataclass(frozen=True)
 class ClearFault:
-    """Home the striker again; if that fails too, the session ends."""
+    """Action: home the striker again after a fault; if that fails too, the session ends."""
 
 
 @dataclass(frozen=True)
 class Strike:
-    """Open the recording window and strike."""
+    """Action: open the recording window and strike."""
 
     strike: PlannedStrike
     strike_id: str
+    """id of the attempt, unique in the recording"""
     tip_speed_m_s: float
+    """tip speed to command"""
 
 
 @dataclass(frozen=True)
 class RecordUntilRest:
-    """Wait until the object is at rest, then close the recording window."""
+    """Action: wait until the object is at rest, then close the recording window."""
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Ask `analyze watch` for the verdict on a strike."""
+    """Action: ask `analyze watch` for the verdict on a strike, given its window and contact."""
 
     strike: PlannedStrike
     strike_id: str
+    """id of the attempt, unique in the recording"""
     recorded: Recorded
     struck: Struck
 
 
 @dataclass(frozen=True)
 class WriteRecord:
-    """Write the strike's record into the recording."""
+    """Action: write the strike's record (plan, window, speeds, contact, verdict) into the recording."""
 
     strike: PlannedStrike
     strike_id: str
+    """id of the attempt, unique in the recording"""
     attempt: int
     tip_speed_command_m_s: float
     struck: Struck
     recorded: Recorded
     verdict: StrikeVerdict | None
+    """None if `analyze watch` did not answer in time"""
 
 
 @dataclass(frozen=True)
 class CloseRecording:
-    """Close the recording."""
+    """Action: close the recording; the session ends."""
 
     aborted: bool = False
+    """True if the session ends before its last planned strike"""
     text: str = ""
+    """reason if the session was aborted"""
 
 
 Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | WriteRecord
@@ -219,12 +245,13 @@ Action = Step | CloseRecording
 
 @dataclass
 class SessionMachine:
-    """State of one session.
+    """State machine of one session: the current planned strike, its attempt, and the learned tip speeds.
 
-    `handle` returns the next actions; executing the last of them yields the next event.
+    `handle` takes an event and returns the next actions; executing the last of them yields the next event.
     """
 
     plan: StrikePlan
+    """strikes to carry out"""
     settings: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
@@ -242,7 +269,7 @@ class SessionMachine:
 
     @property
     def strike(self) -> PlannedStrike:
-        """The current planned strike."""
+        """Planned strike that the session is at; after the end, the last one."""
         return self.plan.strikes[self._index]
 
     @property
@@ -252,14 +279,17 @@ class SessionMachine:
 
     @property
     def progress(self) -> tuple[int, int]:
-        """Number of planned strikes done, and number of all planned strikes."""
+        """Index of the current planned strike, and number of all planned strikes.
+
+        The index is the number of planned strikes done, except after the last one, where it stays one below.
+        """
         return self._index, len(self.plan.strikes)
 
     def handle(self, event: Event) -> list[Action]:
-        """Advance by one event.
+        """Advance the session by one event and return the actions to execute, in order.
 
         Raises:
-            ValueError: the event does not belong to the state.
+            ValueError: the event does not belong to the present state.
         """
         states, reaction = _REACTIONS[type(event)]
         if states and self.state not in states:
@@ -267,21 +297,24 @@ class SessionMachine:
         return reaction(self, event)
 
     def on_stop_requested(self, event: StopRequested) -> list[Action]:
-        """End the session from any state."""
+        """End the session from any state: actions that announce the reason and close the recording."""
         self.state = State.ABORTED
         return [self._announce(event.text), CloseRecording(aborted=True, text=event.text)]
 
     def on_started(self, _event: Started) -> list[Action]:
-        """Begin with the first planned strike."""
+        """Begin with the first planned strike: actions that ask for the object's placement."""
         return self._place()
 
     def on_placed(self, _event: Placed) -> list[Action]:
-        """Check the placement."""
+        """React to the placed object with actions that check its pose."""
         self.state = State.CHECKING_POSE
         return [self._announce(), CheckPose(self.strike)]
 
     def on_pose_checked(self, event: PoseChecked) -> list[Action]:
-        """Arm the striker, or ask for a better placement; after `max_placements` skip the strike."""
+        """React to the checked pose: arm the striker, or ask for a better placement.
+
+        After `max_placements` rejected placements the planned strike is skipped.
+        """
         if event.good:
             self.state = State.ARMING
             return [self._announce(), Arm()]
@@ -291,32 +324,36 @@ class SessionMachine:
         return self._place(event.text)
 
     def on_ready(self, _event: Ready) -> list[Action]:
-        """Strike with the tip speed that all strikes so far suggest."""
+        """React to the armed striker: strike with the tip speed that all strikes so far suggest."""
         self.state = State.STRIKING
         self._command = self.learner.tip_speed(self.strike)
         return [self._announce(), Strike(self.strike, self.strike_id, self._command)]
 
     def on_striker_failed(self, event: StrikerFailed) -> list[Action]:
-        """Clear the fault and place the object again; end the session after `max_faults`."""
+        """React to a striker fault: clear it and place the object again, or end the session.
+
+        More than `max_faults` device faults end the session.
+        """
         return self._after_fault(event.text, [ClearFault()], "the striker was reset")
 
     def on_file_cut_short(self, event: FileCutShort) -> list[Action]:
-        """Repeat the attempt whose images were lost.
+        """React to lost images: repeat their attempt, or end the session.
 
-        While placing or finished, that is the attempt judged last: its record could not be written.
+        More than `max_faults` device faults, lost images included, end the session. While placing or
+        finished, the attempt to repeat is the one judged last: its record could not be written.
         """
         if self.state in {State.PLACING, State.FINISHED}:
             self._index, self._attempt = self._last_judged
         return self._after_fault(event.text, [], "again: its images were lost")
 
     def on_struck(self, event: Struck) -> list[Action]:
-        """Record until the object is at rest."""
+        """React to the completed strike: record until the object is at rest."""
         self.state = State.RECORDING
         self._struck = event
         return [self._announce(), RecordUntilRest()]
 
     def on_recorded(self, event: Recorded) -> list[Action]:
-        """Ask for the verdict."""
+        """React to the closed recording window: ask for the verdict on the strike."""
         self.state = State.JUDGING
         self._recorded = event
         assert self._struck is not None  # noqa: S101 - set on the way into RECORDING
@@ -331,14 +368,25 @@ class SessionMachine:
         return [self._announce(hint), AskToPlace(self.strike, hint)]
 
     def _after_fault(self, text: str, remedy: list[Action], hint: str) -> list[Action]:
-        """Repeat the attempt after a device's fault; end the session after `max_faults` of them."""
+        """Actions after a device's fault: repeat the attempt; after more than `max_faults` faults, end.
+
+        Args:
+            text: description of the fault.
+            remedy: actions that clear it, before the object is placed again.
+            hint: reason for placing again, for the operator.
+        """
         self._faults += 1
         if self._faults > self.settings.max_faults:
             return self.on_stop_requested(StopRequested(text))
         return [self._announce(text), *remedy, *self._place(hint)]
 
     def on_judged(self, event: Judged) -> list[Action]:
-        """Write the strike's record, learn from the strike, and repeat it or go on to the next."""
+        """React to the verdict: write the strike's record, learn from it, and repeat it or go on to the next.
+
+        A strike is repeated if its verdict is not good or its energy ratio is outside `energy_accepted`,
+        until it was attempted `max_attempts` times. Without a verdict it is not repeated. A swing that met
+        nothing is not learned from.
+        """
         verdict, struck, recorded = event.verdict, self._struck, self._recorded
         assert struck is not None  # noqa: S101 - set on the way into JUDGING
         assert recorded is not None  # noqa: S101 - set on the way into JUDGING

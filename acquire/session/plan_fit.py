@@ -20,7 +20,10 @@ MAX_STRIKES_NAMED = 4
 
 
 def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:
-    """Strikes whose tip speeds or impact height exceed the striker's limits, as text; empty if none does."""
+    """Text on planned strikes whose tip speeds or impact height exceed the striker's limits.
+
+    It is empty if no strike exceeds them, or if a person strikes by hand.
+    """
     return "; ".join(text for text in (_speed_problem(plan, limits), _reach_problem(plan, limits)) if text)
 
 
@@ -53,7 +56,10 @@ def _reach_problem(plan: StrikePlan, limits: RigLimits) -> str:
 
 
 def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
-    """Distance and rotation of the camera from the plan's pose, as text; empty if both are small."""
+    """Text with distance and rotation of the camera from the plan's camera pose; "" if both are small.
+
+    The limits are MAX_CAMERA_SHIFT_M and MAX_CAMERA_TURN_RAD; the pose is that of the plan's first strike.
+    """
     planned, here = _station_camera_pose(plan.strikes[0]), limits.T_world_camera
     moved = math.dist([row[3] for row in planned[:3]], [row[3] for row in here[:3]])
     trace = sum(planned[i][j] * here[i][j] for i in range(3) for j in range(3))
@@ -65,7 +71,10 @@ def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
 
 
 def _station_camera_pose(strike: PlannedStrike) -> list[list[float]]:
-    """Camera pose T_world_camera (4, 4) of a strike, with the rotation by the strike's heading undone."""
+    """Camera pose T_world_camera (4, 4) [m] of a planned strike, in the world frame W itself.
+
+    A plan expresses it in W turned by the strike's heading; that rotation is undone.
+    """
     pose, cos, sin = strike.camera_pose, math.cos(strike.heading_rad), math.sin(strike.heading_rad)
     x, y = pose[0], pose[1]
     turned_x = [cos * a - sin * b for a, b in zip(x, y, strict=True)]

@@ -49,13 +49,14 @@ REST_MINIMUM_S = 0.9
 
 @dataclass(frozen=True)
 class SessionReport:
-    """Files and counts of a finished session."""
+    """Files and counts of a session that has closed its recording."""
 
     path: Path
+    """path of the recording; `files` lists all of its files"""
     files: tuple[Path, ...]
     """files of the recording; more than one if the capture process died on the way"""
     strikes: int
-    """number of strikes recorded"""
+    """number of strikes whose record is in the recording"""
     frames: int
     """number of frames recorded"""
     lost: int
@@ -73,9 +74,11 @@ Progress = Callable[[str, int, int], None]
 class SessionRunner:
     """Runner of one session, from opening the recording to closing it.
 
-    Raises:
-        SessionError, StrikerError, CameraError, DaemonError: as the daemon reports them; the recording so far
-            is kept.
+    Args:
+        client: client of the running daemon.
+        given: object and plan of the session.
+        output: path of the recording to write.
+        progress: called with a text, the number of planned strikes done, and of all planned strikes.
     """
 
     def __init__(
@@ -95,7 +98,18 @@ class SessionRunner:
         self._lost = 0
 
     def run(self) -> SessionReport:
-        """Open the recording, strike by the plan, close the recording."""
+        """Open the recording, carry out the plan's strikes and close the recording.
+
+        If the session fails after the recording was opened, the striker is stopped; the recording so far is
+        kept if a strike was ordered, and deleted otherwise.
+
+        Returns:
+            Files and counts, also if the session was stopped by the operator or by too many faults.
+
+        Raises:
+            SessionError: the plan does not fit the rig's striker, or the daemon refuses the session.
+            StrikerError, CameraError, RecorderError, DaemonError: as the daemon reports them.
+        """
         limits = RigLimits.from_dict(self._client.call("rig"))
         if problem := striker_limit_problem(self._input.plan, limits):
             raise SessionError(
@@ -138,7 +152,7 @@ class SessionRunner:
         self._progress(text, *self._machine.progress)
 
     def _keep_or_discard(self, files: list[Path]) -> None:
-        """Discard the recording of a failed session if no strike was ordered; keep it otherwise."""
+        """Delete a failed session's files if no strike was ordered, keep them otherwise; report which."""
         names = ", ".join(map(str, files))
         if not files:
             return
@@ -166,7 +180,10 @@ class SessionRunner:
         )
 
     def _execute(self, action: machine.Step) -> machine.Event | None:
-        """Execute an action and return the event that results from it; None if it causes no event."""
+        """Execute an action and return the event that results from it; None if it causes no event.
+
+        If the recording's file was cut short, the event is FileCutShort.
+        """
         try:
             return self._call_daemon(action)
         except RecordingBroken as error:
@@ -264,7 +281,15 @@ class SessionRunner:
         return machine.Ready()
 
     def _clear_fault(self) -> machine.StopRequested | None:
-        """Home the striker; if its servo does not answer, wait until it does or the session is stopped."""
+        """Home the striker; while its servo does not answer, wait and try again.
+
+        Returns:
+            None when the striker is homed; a StopRequested event if the striker was stopped meanwhile.
+
+        Raises:
+            StrikerNotFound, StrikerLost: the servo did not answer within SERVO_TIMEOUT_S.
+            StrikerError: homing failed otherwise.
+        """
         end = time.monotonic() + SERVO_TIMEOUT_S
         reported = ""
         while True:
@@ -283,9 +308,10 @@ class SessionRunner:
                 return None
 
     def _striker_failed(self, error: StrikerError) -> machine.Event:
-        """Event for a striker error.
+        """Event that follows from a striker error.
 
-        A fault can be cleared; a stop, or a refusal without a fault, ends the session.
+        A stop, or a refusal without a fault, ends the session (StopRequested); any other error can be cleared
+        (StrikerFailed).
         """
         in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
         if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
@@ -345,9 +371,9 @@ class SessionRunner:
         return machine.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
     def _contact(self, action: machine.WriteRecord) -> tuple[int, float]:
-        """Log time of the contact and its standard deviation [ns]; both 0 if unknown.
+        """Log time of the strike's contact and its standard deviation [ns]; both 0 if unknown.
 
-        The striker's measurement, or the images' if a person struck by hand.
+        It is the striker's measurement or, where there is none, the estimate from the images in the verdict.
         """
         measured_ns, verdict = action.struck.contact_time_ns, action.verdict
         if measured_ns:

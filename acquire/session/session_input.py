@@ -1,4 +1,4 @@
-"""Input files of a session: the object and the plan."""
+"""Input files of a session: the object, its shape and the plan."""
 
 from __future__ import annotations
 
@@ -15,6 +15,10 @@ from schemas.strike_plan import StrikePlan, read_strike_plan
 class SessionInput:
     """Object and plan files of a session, read and checked against each other.
 
+    Args:
+        object_path: object file (TOML).
+        plan_path: plan file (JSON).
+
     Raises:
         SessionError: a file cannot be read, or the plan was made for another object.
     """
@@ -22,7 +26,9 @@ class SessionInput:
     object_path: Path
     plan_path: Path
     object_toml: str = field(init=False)
+    """text of the object file"""
     plan_json: str = field(init=False)
+    """text of the plan file"""
     spec: ObjectSpec = field(init=False)
     plan: StrikePlan = field(init=False)
     shape: tuple[str, bytes] | None = field(init=False, default=None)
@@ -53,5 +59,5 @@ class SessionInput:
 
     @property
     def replan_advice(self) -> str:
-        """Remedy for a plan that was made for another rig."""
+        """Advice, for messages, on how to plan for the rig at hand, with the command to run."""
         return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"

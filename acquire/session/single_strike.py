@@ -34,7 +34,7 @@ MAX_SWING_TRIES = 4
 
 @contextlib.contextmanager
 def held_striker(client: DaemonClient) -> Iterator[None]:
-    """Context in which the caller may strike; an exception inside it stops the arm.
+    """Context in which the caller may strike; an exception inside it stops the arm and is raised again.
 
     Raises:
         SessionError: a session is running, which owns the striker.
@@ -59,15 +59,17 @@ def strike_once(
         client: client of the daemon.
         name: id of the strike.
         tip_speed_m_s: commanded tip speed.
-        confirm: asks a person before anything moves.
+        confirm: asks a person before anything moves; False refuses.
         after_stop: True if this call may home the striker again after somebody stopped it.
 
     Returns:
-        Measured contact time, tip speed, impulse and number of contacts; no contact time if nothing was hit.
+        Measured contact time, tip speed, impulse and number of contacts; the contact time is None if nothing
+        was hit.
 
     Raises:
         StrikerRefused: the answer was no, or an interlock refused.
         StrikerStopped: somebody stopped the striker after the question was asked.
+        StrikerError: the striker failed.
     """
     stops = client.call("status")["stops"]
     if not confirm(
@@ -83,7 +85,12 @@ def strike_once(
 
 
 def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
-    """Outcome of a strike as lines for the terminal."""
+    """Lines for the terminal on the outcome of a strike: contact, tip speed, impulse, contacts.
+
+    Args:
+        outcome: measurements of the strike; without a contact there is a single line.
+        command_m_s: commanded tip speed.
+    """
     if outcome.contact_time_ns is None:
         return [f"contact      none measured (commanded {command_m_s:.3f} m/s)"]
     begin_ms, sd_ms = (
@@ -118,7 +125,14 @@ class CalibrationOrder:
 
 
 def default_tip_speeds(rig: RigConfig, count: int = DEFAULT_SPEED_COUNT) -> tuple[float, ...]:
-    """Tip speeds [m/s] (count,), evenly spaced over the range of this striker."""
+    """Tip speeds [m/s] (count,), evenly spaced over the range of a rig's striker, slowest first.
+
+    The ends keep a small margin to the slowest and fastest speed that the striker accepts.
+
+    Args:
+        rig: the rig file.
+        count: number of speeds, at least 2.
+    """
     arm = rig.striker
     slowest = SLOWEST_FACTOR * MIN_ARM_SPEED_RAD_S * arm.arm_length_m
     run_up_rad = arm.cocked_angle_rad / RUN_UP_FACTOR
@@ -133,7 +147,7 @@ def calibrate(
     confirm: Confirm,
     on_swing: Callable[[MeasuredSwing], None] = lambda _swing: None,
 ) -> list[MeasuredSwing]:
-    """Swing in the air, then at each body, from slow to fast.
+    """Swing in the air, then at each body, at every speed of the order; the striker is homed first.
 
     Args:
         client: client of a daemon that was started with this rig file.
@@ -142,8 +156,12 @@ def calibrate(
         confirm: called before the first swing in the air, and before every swing at a body.
         on_swing: called after every swing.
 
+    Returns:
+        Commanded and reached tip speed, and loss of speed, of each swing in the order made.
+
     Raises:
         StrikerRefused: a person strikes by hand at this rig, or the answer was no.
+        StrikerError: the striker failed or was stopped.
         SessionError: a session is running, or the arm did not complete a swing.
         ConfigError: the daemon runs another rig.
     """
@@ -172,7 +190,11 @@ def calibrate(
 def _completed_swing(
     client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm
 ) -> StrikeOutcome:
-    """Outcome of a swing that reached angle 0, repeated until one did."""
+    """Outcome of a swing that reached angle 0 (the arm hanging down), repeated until one did.
+
+    Raises:
+        SessionError: none of MAX_SWING_TRIES swings reached angle 0.
+    """
     for _ in range(MAX_SWING_TRIES):
         outcome = strike_once(client, name, tip_speed_m_s, confirm, after_stop=False)
         if outcome.contact_time_ns is not None:
@@ -190,14 +212,18 @@ def _confirm_target(body_kg: float | None, confirm: Confirm) -> Confirm:
 
 
 def body_name(body_kg: float) -> str:
-    """Name of a struck body for messages."""
+    """Name of a struck body for messages, from its mass [kg]; an infinite mass is a wall."""
     return "a wall" if body_kg == float("inf") else f"the free body of {1000 * body_kg:g} g"
 
 
 def _measured_swing(
     outcome: StrikeOutcome, command_m_s: float, body_kg: float | None, rig: RigConfig
 ) -> MeasuredSwing:
-    """Calibration swing of an outcome; its loss of tip speed is impulse over configured effective mass."""
+    """Calibration swing of an outcome; its loss of tip speed is impulse over configured effective mass.
+
+    The loss is None in the air and if the arm lost no significant speed. The uncertainty of the effective
+    mass is removed from the loss's standard deviation.
+    """
     drop, drop_sd = None, 0.0
     if body_kg is not None and outcome.impulse_n_s is not None:
         mass, mass_sd = rig.striker.effective_mass_kg, rig.striker.effective_mass_sd_kg
@@ -207,7 +233,7 @@ def _measured_swing(
 
 
 def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
-    """Entries of the rig file's section [striker], as TOML text by key."""
+    """Entries of the rig file's section [striker] from a calibration, as TOML text by key."""
     return {
         "effective_mass_kg": f"{numbers.effective_mass_kg:.4g}",
         "effective_mass_sd_kg": f"{numbers.effective_mass_sd_kg:.2g}",
@@ -219,7 +245,11 @@ def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
 def write_striker(path: Path, entries: dict[str, str]) -> None:
     """Set entries of the rig file's section [striker]; all other lines stay as they are.
 
-    The file is replaced at once, by renaming.
+    The new file replaces the old one at once, by renaming.
+
+    Args:
+        path: the rig file.
+        entries: values, as TOML, by key; missing keys are added at the section's end.
 
     Raises:
         ConfigError: the file cannot be read or written, or has no plain section `[striker]`.
@@ -257,9 +287,9 @@ def _with_entries(lines: list[str], entries: dict[str, str]) -> list[str] | None
 
 
 def _only_changes(before: str, after: str, entries: dict[str, str]) -> bool:
-    """True if both texts have equal TOML content except for these entries.
+    """True if the TOML text `after` equals `before` except for these entries of [striker].
 
-    TOML allows ways to write a section that an edit by lines does not recognise.
+    False if a text is not TOML. TOML allows ways to write a section that an edit by lines does not recognise.
     """
     old: dict[str, Any]
     try:
@@ -271,7 +301,7 @@ def _only_changes(before: str, after: str, entries: dict[str, str]) -> bool:
 
 
 def air_swings_by_speed(swings: Sequence[MeasuredSwing]) -> list[tuple[float, list[MeasuredSwing]]]:
-    """Swings in the air grouped by commanded speed, slowest first."""
+    """Swings in the air grouped by commanded speed [m/s], slowest first: pairs of speed and its swings."""
     air = [each for each in swings if each.body_kg is None]
     speeds = sorted({each.command_m_s for each in air})
     return [(speed, [each for each in air if each.command_m_s == speed]) for speed in speeds]
