@@ -1,1 +1,1 @@
-"""Checks of a rig before a session; each reports pass or fail, the measured value and the remedy."""
+"""Checks of a rig before a session; each reports its outcome, the finding and the remedy."""

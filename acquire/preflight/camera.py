@@ -40,7 +40,15 @@ BRIGHT_LIMIT = 60
 
 
 def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Iterator[Check]:
-    """Yield the checks that need the camera; the camera is released at the end."""
+    """Yield the checks that need the camera, in the order of CAMERA_LINES; then release the camera.
+
+    After a failure the remaining checks are yielded as not checked.
+
+    Args:
+        source: camera that can record a test video.
+        config: the rig file's settings of the camera.
+        folder: existing folder in which the test video is recorded; it is deleted afterwards.
+    """
     try:
         try:
             description = source.open()
@@ -81,7 +89,10 @@ def _remaining(reason: str, first: int) -> Iterator[Check]:
 
 
 def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
-    """Check that no frame is lost and that the frame rate is as set."""
+    """Check that no frame of the test video is lost and that the frame rate is as set.
+
+    The rate may differ from the one set by RATE_TOLERANCE.
+    """
     rate = (video.frames - 1) / video.seconds if video.seconds > 0 else 0.0
     rates = f"{rate:.2f} Hz of {config.frame_rate_hz:g} Hz set"
     found = f"{video.frames} in {video.seconds:.2f} s: {rates}, {video.lost} lost"
@@ -99,7 +110,10 @@ def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
 
 
 def check_clock(video: CheckVideo) -> Check:
-    """Check that frame times are mapped to the host's clock precisely enough."""
+    """Check that frame times are mapped to the host's clock within MAPPING_SD_LIMIT_NS (1 sigma).
+
+    A camera whose clock cannot be read passes: its frames get arrival times.
+    """
     sd_us = video.content.mapping_sd_ns * 1e-3
     if not video.content.clock_samples:
         return passed_check(
@@ -114,7 +128,10 @@ def check_clock(video: CheckVideo) -> Check:
 
 
 def check_light(video: CheckVideo) -> Check:
-    """Check that the image is neither saturated nor dark."""
+    """Check that the last image of the test video is neither saturated nor dark.
+
+    At most SATURATED_LIMIT of the pixels may be saturated, and the brightest percent must reach BRIGHT_LIMIT.
+    """
     saturated = float(np.mean(video.content.image >= SATURATED))
     bright = float(np.percentile(video.content.image, 99))
     found = (
@@ -131,7 +148,12 @@ def check_light(video: CheckVideo) -> Check:
 
 
 def check_scene(event: WatchEvent | None) -> list[Check]:
-    """Checks that a marker is in view and large enough, and that the object is at rest."""
+    """Check that a marker is in view and large enough, and that the object is at rest: two checks.
+
+    Args:
+        event: last report of `analyze watch` on the test video; without one (None) the first check fails and
+            the second is not made.
+    """
     if event is None:
         remedy = "check that `analyze` is installed beside `acquire`: `analyze watch --help`"
         return [
@@ -166,5 +188,5 @@ def _object_at_rest(event: WatchEvent) -> Check:
 
 
 def mean_edge(corners_px: list[list[float]]) -> float:
-    """Mean edge length [px] of a square with corners (4, 2) [px] in order."""
+    """Mean edge length [px] of a square with corners (4, 2) [px] in order around it."""
     return sum(math.dist(corners_px[i], corners_px[i - 1]) for i in range(4)) / 4

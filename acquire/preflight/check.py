@@ -9,7 +9,11 @@ from typing import Any
 
 
 class Outcome(enum.Enum):
-    """Outcome of a check; NOT_CHECKED if another problem comes first or a daemon holds the device."""
+    """Outcome of a check.
+
+    NOT_CHECKED if another problem must be solved first, if a daemon holds the device, or if the check cannot
+    be made here.
+    """
 
     PASS = "pass"  # noqa: S105 - an outcome, not a password
     FAIL = "fail"
@@ -18,7 +22,7 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class Measured:
-    """Measured value and its limit, in `unit`."""
+    """Measured value and the limit or target that it is compared with, both in `unit`."""
 
     value: float
     limit: float
@@ -27,10 +31,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Check:
-    """Result of one check, with the remedy if it failed."""
+    """Result of one check: name, outcome, finding, the remedy if it failed, and the measured value."""
 
     name: str
-    """name of the line, as "disk space\""""
+    """name of the check, "disk space" for example"""
     outcome: Outcome
     found: str
     """finding in words"""
@@ -40,31 +44,45 @@ class Check:
     """value behind the outcome; None if nothing was measured"""
 
     def text(self) -> str:
-        """Line for the terminal, followed by a line with the remedy if there is one."""
+        """Line of the check for the terminal, followed by a line with the remedy if there is one."""
         mark = {Outcome.PASS: "pass", Outcome.FAIL: "FAIL", Outcome.NOT_CHECKED: "  - "}[self.outcome]
         found = f"not checked: {self.found}" if self.outcome is Outcome.NOT_CHECKED else self.found
         remedy = f"\n{'':24}-> {self.remedy}" if self.remedy else ""
         return f"{mark}  {self.name:18}{found}{remedy}"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON object of the check."""
+        """JSON object of the check: its fields by name, the outcome as text."""
         return asdict(self) | {"outcome": self.outcome.value}
 
 
 def passed_check(name: str, found: str, measured: Measured | None = None) -> Check:
-    """Check that passed."""
+    """Result of a check that passed.
+
+    Args:
+        name: name of the check.
+        found: finding in words.
+        measured: measured value and its limit; None if nothing was measured.
+    """
     return Check(name, Outcome.PASS, found, measured=measured)
 
 
 def failed_check(name: str, found: str, remedy: str, measured: Measured | None = None) -> Check:
-    """Check that failed, with its remedy."""
+    """Result of a check that failed.
+
+    Args:
+        name: name of the check.
+        found: finding in words.
+        remedy: advice on how to correct it.
+        measured: measured value and its limit; None if nothing was measured.
+    """
     return Check(name, Outcome.FAIL, found, remedy, measured)
 
 
 def failed_by_error(name: str, error: Exception) -> Check:
-    """Check that failed with an error.
+    """Result of a check that failed with an error, whose message is split into finding and remedy.
 
-    The error's message has the form "device or file: finding: remedy" or "device or file: finding; remedy".
+    The message has the form "device or file: finding: remedy" or "device or file: finding; remedy". Without a
+    remedy the advice is to see the message.
     """
     prefix = re.match(r"\S+: ", str(error))
     head = prefix.group() if prefix else ""
@@ -74,5 +92,11 @@ def failed_by_error(name: str, error: Exception) -> Check:
 
 
 def skipped_check(name: str, reason: str, remedy: str = "") -> Check:
-    """Check that could not be made."""
+    """Result of a check that was not made.
+
+    Args:
+        name: name of the check.
+        reason: reason why it was not made.
+        remedy: advice on how to make it possible; "" for none.
+    """
     return Check(name, Outcome.NOT_CHECKED, reason, remedy)

@@ -28,19 +28,23 @@ LATENCY_MS = 1
 
 @dataclass(frozen=True)
 class PortState:
-    """State of a serial port's device file."""
+    """State of a serial port's device file.
+
+    `usable` and `in_use` are False, and `group` is empty, if the file does not exist.
+    """
 
     exists: bool
     usable: bool
     """True if this user may read and write it"""
     group: str
+    """name of the group that owns the file, or its number if it has no name"""
     in_use: bool
     """True if a program holds a lock on it (flock, or the lock file of a running program)"""
 
 
 @dataclass(frozen=True)
 class FolderState:
-    """State of the folder for the daemon's socket."""
+    """State of the folder for the daemon's socket; a missing folder is neither owned nor private."""
 
     exists: bool
     owned: bool
@@ -48,7 +52,7 @@ class FolderState:
     private: bool
     """True if no other user has access"""
     can_be_made: bool
-    """True if it does not exist and this user can create it"""
+    """True if it exists, or if this user can create it"""
 
 
 @dataclass(frozen=True)
@@ -56,28 +60,32 @@ class ReceiveBuffer:
     """Size of a UDP socket's receive buffer, and the system's limit."""
 
     got_bytes: int
+    """size that the system granted"""
     rmem_max_bytes: int | None
     """net.core.rmem_max; None if it cannot be read (in a container)"""
 
 
 @dataclass(frozen=True)
 class Route:
-    """Network interface that leads to an address."""
+    """Network interface that leads to an address: name, largest packet, and whether it is loopback."""
 
     interface: str
+    """name of the interface, for example eth0"""
     mtu_bytes: int
+    """largest packet that it carries"""
     loopback: bool
+    """True if packets stay on this computer"""
 
 
 class Computer(Protocol):
-    """Operating system as the checks use it."""
+    """Operating system as the checks use it; tests have a substitute."""
 
     def port(self, path: str) -> PortState:
-        """State of the serial port at `path`."""
+        """State of the serial port at `path`; a missing port is a state too."""
         ...
 
     def socket_folder(self, folder: Path) -> FolderState:
-        """State of the folder for the daemon's socket."""
+        """State of the folder in which the daemon's socket is to be created."""
         ...
 
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
@@ -85,11 +93,15 @@ class Computer(Protocol):
         ...
 
     def route(self, address: str) -> Route | None:
-        """Interface that leads to an IPv4 address; None if unknown. Raises OSError without a route."""
+        """Network interface that leads to an IPv4 address; None if it cannot be found.
+
+        Raises:
+            OSError: there is no route to the address.
+        """
         ...
 
     def latency_timer_ms(self, port: str) -> int | None:
-        """Latency timer of the USB adapter [ms]; None if the port has none."""
+        """Latency timer [ms] of the USB adapter at a serial port; None if the port has none."""
         ...
 
 
@@ -97,7 +109,9 @@ class LinuxComputer:
     """Linux computer that this program runs on.
 
     Args:
-        sys, proc, lock: roots of the system's trees; a test passes its own.
+        sys: root of the tree /sys; a test passes its own.
+        proc: root of the tree /proc.
+        lock: folder of lock files of serial ports.
     """
 
     def __init__(
@@ -106,7 +120,7 @@ class LinuxComputer:
         self._sys, self._proc, self._lock = sys, proc, lock
 
     def port(self, path: str) -> PortState:
-        """See Computer."""
+        """State of the serial port at `path`; an unusable port counts as not in use."""
         try:
             status = Path(path).stat()
         except OSError:
@@ -120,7 +134,7 @@ class LinuxComputer:
         return PortState(exists=True, usable=usable, group=group, in_use=in_use)
 
     def _has_lock_file(self, path: str) -> bool:
-        """True if a running program has a lock file for the port.
+        """True if another running program has a lock file for the serial port at `path`.
 
         FHS 5.9: LCK..ttyUSB0 holds the program's process id as text.
         """
@@ -131,7 +145,10 @@ class LinuxComputer:
         return owner != os.getpid() and (self._proc / str(owner)).exists()
 
     def socket_folder(self, folder: Path) -> FolderState:
-        """See Computer."""
+        """State of the folder in which the daemon's socket is to be created.
+
+        A folder that is missing can be made if its nearest existing parent is writable.
+        """
         try:
             status = folder.stat()
         except OSError:
@@ -142,7 +159,10 @@ class LinuxComputer:
         return FolderState(exists=True, owned=owned, private=private, can_be_made=True)
 
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
-        """See Computer."""
+        """Receive buffer that a UDP socket of this user gets when it requests `asked_bytes`.
+
+        A socket on the loopback interface is opened to find out.
+        """
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
             got = enlarge_receive_buffer(probe.getsockname()[1], asked_bytes)
@@ -153,7 +173,11 @@ class LinuxComputer:
         return ReceiveBuffer(got, rmem_max)
 
     def route(self, address: str) -> Route | None:
-        """See Computer."""
+        """Network interface that leads to an IPv4 address; None if it cannot be found. Nothing is sent.
+
+        Raises:
+            OSError: there is no route to the address.
+        """
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect((address, GVCP_PORT))  # sends nothing; the kernel only looks up the route
             local = probe.getsockname()[0]
@@ -169,7 +193,7 @@ class LinuxComputer:
         return None
 
     def latency_timer_ms(self, port: str) -> int | None:
-        """See Computer."""
+        """Latency timer [ms] of the USB adapter at a serial port; None if the port has none."""
         name = Path(port).resolve().name
         try:
             return int(
@@ -185,7 +209,10 @@ def _mtu(probe: socket.socket, interface: str) -> int:
 
 
 def _has_flock(path: str) -> bool:
-    """True if another program has locked the port, as the striker does (pyserial's `exclusive`)."""
+    """True if another program has locked the port, as the striker does (pyserial's `exclusive`).
+
+    False if the port cannot be opened for another reason than being busy.
+    """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:
@@ -203,7 +230,7 @@ def _has_flock(path: str) -> bool:
 
 
 def check_port(computer: Computer, port: str) -> Check:
-    """Check that this user may open the servo's port."""
+    """Check that this user may read and write the servo's serial port."""
     state = computer.port(port)
     if not state.exists:
         remedy = "check the adapter's cable, and `port` in the rig file (`ls -l /dev/serial/by-id`)"
@@ -218,7 +245,16 @@ def check_port(computer: Computer, port: str) -> Check:
 
 
 def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
-    """Check that the port is free or held by the rig's daemon."""
+    """Check that the servo's serial port is free, or held by the rig's daemon.
+
+    While a daemon runs, a lock on the port counts as the daemon's. The check is not made if the port cannot
+    be used.
+
+    Args:
+        computer: the operating system.
+        port: path of the serial port.
+        daemon_pid: process id of the rig's daemon; None if none runs.
+    """
     state = computer.port(port)
     if not state.usable:
         return skipped_check("port lock", "the serial port must be usable first")
@@ -231,7 +267,7 @@ def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
 
 
 def check_socket(computer: Computer, path: Path) -> Check:
-    """Check that the daemon's socket can be created where only this user has access."""
+    """Check that the daemon's socket can be created at `path`, where only this user has access."""
     name = "daemon socket"
     size = len(str(path).encode())
     if size > MAX_SOCKET_PATH_BYTES:
@@ -262,7 +298,7 @@ def _check_socket_folder(state: FolderState, path: Path) -> Check:
 
 
 def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
-    """Check that the stream's socket gets the buffer size that the rig file requests."""
+    """Check that the camera stream's UDP socket gets the buffer size that the rig file requests [bytes]."""
     buffer = computer.receive_buffer(asked_bytes)
     limit = "unknown" if buffer.rmem_max_bytes is None else f"{buffer.rmem_max_bytes} B"
     found = f"{buffer.got_bytes} B of {asked_bytes} B requested (net.core.rmem_max {limit})"
@@ -279,7 +315,13 @@ def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
 
 
 def check_packet_size(computer: Computer, address: str, packet_size: int) -> Check:
-    """Check that the camera's packets fit the interface that leads to it; loopback carries any size."""
+    """Check that the camera's packets fit the interface that leads to it; loopback carries any size.
+
+    Args:
+        computer: the operating system.
+        address: IPv4 address of the camera; with a device id in its place the check is not made.
+        packet_size: size of the camera's packets [bytes].
+    """
     name = "packet size"
     try:
         ipaddress.IPv4Address(address)
@@ -307,9 +349,10 @@ def check_packet_size(computer: Computer, address: str, packet_size: int) -> Che
 
 
 def check_latency_timer(computer: Computer, port: str) -> Check:
-    """Check the USB adapter's latency timer.
+    """Check that the USB adapter's latency timer is at most LATENCY_MS; a port without one passes.
 
-    FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed.
+    FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed. The check is
+    not made if the port does not exist.
     """
     if not computer.port(port).exists:
         return skipped_check("USB latency", "the serial port must exist first")

@@ -24,14 +24,22 @@ _BLOCK = 1 << 20
 
 
 class Disk(Protocol):
-    """Disk as the checks use it. Both methods raise OSError."""
+    """Disk as the checks use it; tests have a substitute. Both methods raise OSError."""
 
     def free_bytes(self, folder: Path) -> int:
-        """Free space for this user [B]."""
+        """Free space for this user [B] on the disk that holds `folder`.
+
+        Raises:
+            OSError: the folder cannot be used.
+        """
         ...
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """Speed [B/s] of writing and synchronising `size_bytes`; no file remains."""
+        """Speed [B/s] of writing and synchronising `size_bytes` in `folder`; no file remains.
+
+        Raises:
+            OSError: the data cannot be written.
+        """
         ...
 
 
@@ -39,19 +47,29 @@ class RealDisk:
     """Disk of this computer.
 
     Args:
-        monotonic_ns: host monotonic time.
+        monotonic_ns: function that returns the host's monotonic time [ns].
     """
 
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
         self._now_ns = monotonic_ns
 
     def free_bytes(self, folder: Path) -> int:
-        """See Disk."""
+        """Free space for this user [B] on the disk that holds `folder`.
+
+        Raises:
+            OSError: the folder does not exist or cannot be used.
+        """
         disk = os.statvfs(folder)
         return disk.f_bavail * disk.f_frsize
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """See Disk. Random bytes defeat compression; a file without a name vanishes even after a kill."""
+        """Speed [B/s] of writing and synchronising `size_bytes`, rounded up to whole MiB, in `folder`.
+
+        Random bytes defeat compression; a file without a name vanishes even after a kill.
+
+        Raises:
+            OSError: the data cannot be written.
+        """
         block = os.urandom(_BLOCK)
         blocks = -(-size_bytes // _BLOCK)
         with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
@@ -73,14 +91,19 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def data_rate(rig: RigConfig) -> float:
-    """Data rate of the camera's mono8 images [B/s]."""
+    """Data rate of the camera's mono8 images (one byte per pixel) [B/s]."""
     return rig.camera.width * rig.camera.height * rig.camera.frame_rate_hz
 
 
 def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
-    """Check free space against the reserve, and write speed against the camera's data rate.
+    """Check free space against the reserve, and write speed against the camera's data rate: two checks.
 
-    The findings name the folder, because a session's recording may be written to another one.
+    The write speed is not checked without a usable folder or enough free space. The findings name the folder,
+    because a session's recording may be written to another one.
+
+    Args:
+        disk: the disk.
+        rig: rig file; it gives the recording folder, the reserve and the camera's settings.
     """
     folder = Path(rig.recorder.directory).absolute()
     rate = data_rate(rig)

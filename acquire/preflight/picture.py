@@ -32,7 +32,10 @@ NAME_WIDTH = 17
 
 
 class CheckPicture:
-    """Printer of checks, one by one as they finish."""
+    """Printer of checks, one by one as they finish, on a terminal.
+
+    It counts the outcomes for the summary.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -41,7 +44,7 @@ class CheckPicture:
         self._failures: list[str] = []
 
     def show(self, check: Check) -> None:
-        """Print one check, under its group's heading."""
+        """Print one check with its remedy, under its group's heading where a group begins."""
         group = GROUPS.get(check.name, self._group)
         if group != self._group:
             self._console.print(Text(f"\n{group}" if self._group else group, "bold"))
@@ -52,7 +55,11 @@ class CheckPicture:
         self._console.print(_line(check))
 
     def verdict(self, seconds: float) -> None:
-        """Print whether the rig is ready, and the number of checks by outcome."""
+        """Print whether the rig is ready, the failed checks, and the number of checks by outcome.
+
+        Args:
+            seconds: duration of all checks, which is printed too.
+        """
         words = {Outcome.PASS: "passed", Outcome.FAIL: "failed", Outcome.NOT_CHECKED: "not checked"}
         counts = ", ".join(
             f"{self._outcomes[outcome]} {word}"

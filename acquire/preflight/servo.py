@@ -34,7 +34,7 @@ SERVO_LINES = ("servo", "servo supply", "servo temperature", "servo health")
 
 @dataclass(frozen=True)
 class ServoState:
-    """Model, supply voltage, temperature and hardware error read from the servo."""
+    """Model number, supply voltage, temperature and hardware error read from the servo."""
 
     model: int
     voltage_v: float
@@ -47,10 +47,14 @@ ReadServo = Callable[["StrikerConfig"], ServoState]
 
 
 def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
-    """Open the servo's port, read its state and close the port.
+    """Open the servo's port, read the servo's state and close the port.
+
+    Args:
+        config: the rig file's settings of the striker.
+        clock: clock of the host, for the bus.
 
     Raises:
-        StrikerError: no port, no servo, an unknown model, or no answer.
+        StrikerError: no port, no servo, an unknown model, no answer, or the servo's library is missing.
     """
     try:
         from acquire.striker.bus import ServoBus
@@ -81,7 +85,15 @@ def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
 
 
 def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
-    """Check a servo that no daemon holds."""
+    """Check a servo that no daemon holds; a single check that passes if a person strikes by hand.
+
+    Args:
+        read: function that reads the servo.
+        config: the rig file's settings of the striker.
+
+    Returns:
+        The checks of SERVO_LINES; if the servo does not answer, all but the first are not checked.
+    """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]
     try:
@@ -95,13 +107,17 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
 def check_held_servo(
     config: StrikerConfig, state: str, health: dict[str, Any] | None, trouble: str = ""
 ) -> list[Check]:
-    """Check a servo that a daemon holds, by the daemon's last reading.
+    """Check a servo that a daemon holds, by the daemon's last reading of it.
 
     Args:
-        config: the rig file's section.
+        config: the rig file's settings of the striker.
         state: state of the daemon's striker.
         health: last reading of the servo in the daemon's status; None if there is none or the port was lost.
         trouble: reason of the striker's fault, if it is in one.
+
+    Returns:
+        The checks of SERVO_LINES, all but the first not checked without a reading; a single check that passes
+        if a person strikes by hand.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]

@@ -59,23 +59,30 @@ class RunningDaemon:
 
     @property
     def busy(self) -> bool:
-        """True while a session is open."""
+        """True while the daemon has a recording open for a session."""
         return self.status["recording"] is not None
 
 
 @dataclass(frozen=True)
 class Probes:
-    """Sources of everything that the checks read from computer and devices."""
+    """Sources of everything that the checks read from computer and devices; tests have substitutes."""
 
     computer: Computer
     disk: Disk
     servo: ReadServo
+    """function that reads the servo"""
     capture: Callable[[RigConfig], VideoSource]
+    """function that returns the rig's camera, for use without a daemon"""
     daemon: Callable[[RigConfig], contextlib.AbstractContextManager[RunningDaemon | None]]
+    """context that yields the running daemon; None if none runs"""
 
 
 def real_probes(clock: Clock | None = None) -> Probes:
-    """Probes of this computer, its disk and the rig's devices."""
+    """Probes of this computer, its disk and the rig's devices.
+
+    Args:
+        clock: clock of the host; None for the system's.
+    """
     clock = clock or SystemClock()
 
     @contextlib.contextmanager
@@ -98,7 +105,15 @@ def real_probes(clock: Clock | None = None) -> Probes:
 
 
 def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
-    """Check the rig that a rig file describes; yields each check as it finishes, ten seconds in all."""
+    """Check the rig that a rig file describes; yields each check as it finishes, ten seconds in all.
+
+    If the rig file cannot be used, the remaining checks are yielded as not checked. Camera and servo are
+    checked through the daemon if one runs.
+
+    Args:
+        path: the rig file.
+        probes: sources of everything that the checks read.
+    """
     try:
         rig = read_rig(path)
     except ConfigError as error:
@@ -153,7 +168,7 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
 
 
 def check_level(rig: RigConfig) -> Check:
-    """Report the tilt of the table against gravity: the reading of a level, or the prior."""
+    """Report the assumed tilt of the table against gravity, a level's reading or the prior; always passes."""
     degrees = math.degrees(rig.gravity_tilt_sd_rad)
     if rig.level is not None:
         rise, sd = math.degrees(rig.level.towards_x_rad), math.degrees(rig.level.towards_x_sd_rad)

@@ -1,4 +1,4 @@
-"""Test video of one second for the checks, recorded by a capture process of the check or by the daemon.
+"""Test video of one second for the checks, recorded by their own capture process or by the daemon.
 
 Either way the frames pass through the same stages as in a session: Aravis, the recorder, a file, `analyze
 watch`. The recording is read once and deleted.
@@ -65,11 +65,14 @@ size_m = 0.03
 
 
 class _WatchEnd:
-    """Condition that ends the wait for `analyze watch`.
+    """Condition that ends the wait for `analyze watch` to report on the test video.
 
-    The wait ends when `analyze watch` has reached the end of the video and reports rest, or has reported
-    motion for a second. If it starts late it begins with the present, and it needs two images to distinguish
-    rest from motion.
+    The wait ends at the first report on the end of the video that states rest, or that is at least a second
+    later than the first report. If `analyze watch` starts late it begins with the present, and it needs two
+    images to distinguish rest from motion.
+
+    Args:
+        until_ns: log time [ns] that counts as the end of the video.
     """
 
     def __init__(self, until_ns: int) -> None:
@@ -77,7 +80,7 @@ class _WatchEnd:
         self._first_ns: int | None = None
 
     def is_done(self, event: WatchEvent) -> bool:
-        """True if no event after this one, the newest, is needed."""
+        """True if no report of `analyze watch` after `event`, the newest one, is needed."""
         if self._first_ns is None:
             self._first_ns = event.time_ns
         return event.time_ns >= self._until_ns and (
@@ -87,7 +90,7 @@ class _WatchEnd:
 
 @dataclass(frozen=True)
 class VideoContent:
-    """Content of a test video's recording."""
+    """Content of a test video's recording: the last image and the quality of the frame times."""
 
     image: NDArray[np.uint8]
     """(height, width) last image"""
@@ -104,6 +107,7 @@ class CheckVideo:
     seconds: float
     """time from the first frame to the last"""
     frames: int
+    """number of frames recorded"""
     lost: int
     """frames lost between camera and disk"""
     content: VideoContent
@@ -112,10 +116,10 @@ class CheckVideo:
 
 
 class VideoSource(Protocol):
-    """Camera that can record a test video."""
+    """Camera that can record a test video, directly or through the daemon."""
 
     def open(self) -> str:
-        """Start the camera with the rig's settings and return its description.
+        """Start the camera with the rig's settings and return a description of it.
 
         Raises:
             AcquireError: camera, settings or capture process failed.
@@ -131,7 +135,7 @@ class VideoSource(Protocol):
         ...
 
     def close(self) -> None:
-        """Release the camera. Always safe."""
+        """Release the camera; safe at any time, also before `open` and more than once."""
         ...
 
 
@@ -149,12 +153,22 @@ class OwnCapture:
         self._capture = CaptureProcess(self._rig)
 
     def open(self) -> str:
-        """See VideoSource."""
+        """Start the capture process and the camera; return the camera's make, model, serial and address.
+
+        Raises:
+            AcquireError: camera, settings or capture process failed.
+        """
         info = self._capture.start()
         return f"{info.vendor} {info.model} ({info.serial}) at {info.address}"
 
     def record(self, folder: Path) -> CheckVideo:
-        """See VideoSource. In any case the capture process ends before the folder is deleted."""
+        """Record a test video in `folder`, read it and delete it.
+
+        In any case the capture process ends before the temporary folder is deleted.
+
+        Raises:
+            AcquireError: the video could not be recorded or read.
+        """
         with _temporary(folder) as path, contextlib.closing(self):
             # The camera's clock is latched every half second, and the mapping needs a few latches.
             self._clock.sleep(1.0)
@@ -176,7 +190,7 @@ class OwnCapture:
         )
 
     def close(self) -> None:
-        """See VideoSource."""
+        """End the capture process, which releases the camera; safe at any time."""
         self._capture.stop()
 
     def _watch(self, part: Path, until_ns: int) -> WatchEvent | None:
@@ -224,13 +238,21 @@ class DaemonCapture:
         self._rig, self._client, self._clock = rig, client, clock
 
     def open(self) -> str:
-        """See VideoSource."""
+        """Return make, model, serial and address of the camera that the daemon holds; nothing is started.
+
+        Raises:
+            AcquireError: the daemon does not answer.
+        """
         camera = self._client.call("status")["camera"]
         name = f"{camera['vendor']} {camera['model']} ({camera['serial']})"
         return f"{name} at {self._rig.camera.address}, held by the daemon"
 
     def record(self, folder: Path) -> CheckVideo:
-        """See VideoSource."""
+        """Record a test video in `folder` through the daemon, read it and delete it.
+
+        Raises:
+            AcquireError: the video could not be recorded or read.
+        """
         with _temporary(folder) as path:
             call = self._client.call
             call(
@@ -267,7 +289,10 @@ class DaemonCapture:
 
 
 def fill_s(rig: RigConfig) -> float:
-    """Time [s] until a recording's pre-trigger buffer is full; frames missing from it would count as lost."""
+    """Time [s] until a recording's pre-trigger buffer is full, with a margin.
+
+    Frames missing from the buffer would count as lost.
+    """
     return rig.recorder.pre_trigger_s + 0.3
 
 
@@ -282,10 +307,15 @@ def _temporary(folder: Path) -> Iterator[Path]:
 
 
 def read_video(path: Path, camera: str) -> VideoContent:
-    """Last image and clock information of a finished recording.
+    """Last image, number of clock readings and mapping error of a finished recording of one camera.
+
+    Args:
+        path: the recording.
+        camera: name of the camera in its topics.
 
     Raises:
-        RecorderError: the recording holds no image, or one that cannot be read.
+        RecorderError: the file is not a whole recording, or holds no image or one that cannot be read.
+        ContainerError: a chunk of the file is damaged.
     """
     image, clock_samples, mapping_sd_ns = b"", 0, 0
     with mapped(path) as data:
@@ -308,9 +338,12 @@ def read_video(path: Path, camera: str) -> VideoContent:
 
 
 def _decode_image(path: Path, data: bytes) -> NDArray[np.uint8]:
-    """Grey image (height, width) from a RawImage or CompressedImage message.
+    """Grey image (height, width) from a serialised RawImage or CompressedImage message.
 
     The two are distinguished by content: CompressedImage has its format where RawImage has no such text.
+
+    Raises:
+        RecorderError: the message is neither; `path` names the recording in the message.
     """
     with contextlib.suppress(ValueError, TypeError):
         raw = RawImage.FromString(data)
@@ -326,7 +359,7 @@ def _decode_image(path: Path, data: bytes) -> NDArray[np.uint8]:
 
 
 def placeholder_plan() -> str:
-    """Plan (JSON) with one strike that is never made; every recording needs a plan."""
+    """Strike plan (JSON) with one strike that is never made; every recording needs a plan."""
     unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     strike = PlannedStrike(
         id="none",
