@@ -16,9 +16,10 @@ from acquire.errors import AcquireError
 
 
 class SessionProgress:
-    """Progress line: planned strikes done, elapsed time, current step.
+    """Progress line of a session: planned strikes done, elapsed time, current step.
 
-    It is written to standard error, so that the output of --json stays clean.
+    It is written to standard error, so that the output of --json stays clean. As a context manager it is
+    shown during the `with` block.
     """
 
     def __init__(self) -> None:
@@ -37,17 +38,26 @@ class SessionProgress:
         """Show `text` on the progress line; also print it as a line of its own if it contains a colon.
 
         Texts with a colon report the end of a strike or a step of the set-up.
+
+        Args:
+            text: current step.
+            done: number of planned strikes done.
+            total: number of planned strikes.
         """
         self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
         if ":" in text:
             self.print_line(text)
 
     def print_line(self, text: str) -> None:
-        """Print a line above the progress bar."""
+        """Print a line of text above the progress line."""
         self._console.print(text, highlight=False, soft_wrap=True)
 
     def ask(self, text: str) -> str:
-        """Ask the operator a question and return the answer; the progress bar pauses meanwhile."""
+        """Ask the operator a question and return the answer; the progress line pauses meanwhile.
+
+        Returns:
+            A line of standard input with its line end; "" if standard input has ended.
+        """
         self._progress.stop()
         self._console.print(text, highlight=False)
         answer = sys.stdin.readline()
@@ -65,7 +75,17 @@ class SessionProgress:
 
 
 class ConsoleOperator:
-    """Thread that shows the daemon's prompts and problems and sends back the operator's answers."""
+    """Thread that shows the daemon's prompts and problems and sends back the operator's answers.
+
+    As a context manager it runs during the `with` block; it ends when the connection to the daemon ends.
+
+    Args:
+        socket: path of the daemon's socket.
+        progress: progress line on which questions are asked.
+
+    Raises:
+        DaemonError: the daemon cannot be reached.
+    """
 
     def __init__(self, socket: Path, progress: SessionProgress) -> None:
         self._socket = socket

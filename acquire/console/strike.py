@@ -30,7 +30,18 @@ NOTABLE_RATIO_ERROR = 0.02
 
 
 def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool) -> bool:
-    """Strike once and print the outcome; True if exactly one contact was measured."""
+    """Strike once and print the outcome; True if exactly one contact was measured.
+
+    Args:
+        socket: path of the daemon's socket.
+        tip_speed_m_s: commanded tip speed.
+        yes: True to strike without asking.
+        as_json: True to print the outcome as JSON.
+
+    Raises:
+        AcquireError: the daemon cannot be reached, a session is running, the answer was no, or the striker
+            failed.
+    """
     with DaemonClient(socket) as client, single_strike.held_striker(client):
         outcome = single_strike.strike_once(client, "single", tip_speed_m_s, _confirm(yes))
     lines = single_strike.outcome_lines(outcome, tip_speed_m_s)
@@ -43,7 +54,15 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
 
 
 def planned_speed(plan_path: Path, strike_id: str, energy: float | None) -> float:
-    """Tip speed [m/s] of a planned strike: a session's first speed, or the one expected to give `energy`.
+    """Tip speed [m/s] of a planned strike, with the strike's card and expected energy ratio printed.
+
+    The energy ratio is the kinetic energy after the strike over the energy needed to reach balance. The text
+    goes to standard error.
+
+    Args:
+        plan_path: plan file.
+        strike_id: id of the strike in the plan.
+        energy: median energy ratio that the speed is to give; None for a session's first speed.
 
     Raises:
         SessionError: the plan cannot be read, or has no strike with this id.
@@ -74,14 +93,16 @@ class CalibrationRequest:
     speeds: str | None
     """tip speeds [m/s], comma-separated; None for the default"""
     bodies_kg: tuple[float, ...]
+    """masses of the free bodies to strike; infinite for a wall"""
     repeats: int
+    """number of swings at each speed and target"""
 
 
 def parse_speeds(text: str | None) -> tuple[float, ...] | None:
     """Tip speeds [m/s] from a comma-separated list; None if no list was given.
 
     Raises:
-        ConfigError: an entry is not a number between 0 and 100.
+        ConfigError: an entry is not a number between 0 and 100, both excluded.
     """
     if text is None:
         return None
@@ -97,7 +118,20 @@ def parse_speeds(text: str | None) -> tuple[float, ...] | None:
 
 
 def calibrate(rig_path: Path, request: CalibrationRequest, *, write: bool, yes: bool, as_json: bool) -> None:
-    """Swing, estimate the striker's parameters and print them; with `write`, store them in the rig file."""
+    """Calibrate a bare striker: swing, estimate its parameters and print them.
+
+    Args:
+        rig_path: the rig file; with `write` its section [striker] gets the estimates.
+        request: speeds, bodies and repeats.
+        write: True to write the estimates, unless the swings determine none (such as swings in the air
+            alone).
+        yes: True to swing without asking.
+        as_json: True to print swings and estimates as JSON.
+
+    Raises:
+        AcquireError: the rig file or a speed cannot be used, the daemon cannot be reached, the answer was no,
+            or the striker failed.
+    """
     speeds = parse_speeds(request.speeds)
     rig = read_rig(rig_path)
     order = single_strike.CalibrationOrder(
@@ -141,7 +175,7 @@ def _print_swing(swing: MeasuredSwing) -> None:
 
 
 def _json_swing(swing: MeasuredSwing) -> dict[str, float | str | None]:
-    """Swing as a JSON object; a wall's infinite mass becomes "wall", because JSON has no infinity."""
+    """JSON object of a swing; a wall's infinite mass becomes "wall", because JSON has no infinity."""
     return asdict(swing) | ({"body_kg": "wall"} if swing.body_kg == float("inf") else {})
 
 
