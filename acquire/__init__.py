@@ -1,6 +1,7 @@
-"""The hardware daemon: drives striker and camera, stamps frames and strikes, writes the recording.
+"""The hardware daemon and its clients: strike an object, film it, write the recording.
 
-Scripts reach a running daemon through `acquire.connect()`.
+The daemon drives striker and camera and stamps frames and strikes with their times. Scripts reach a running
+daemon through `acquire.connect()`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ __all__ = ["connect"]
 
 
 def connect(socket: Path | str | None = None) -> DaemonClient:
-    """Connect to the running daemon.
+    """Connect to the running daemon and return a client of it.
 
     A script can read the state, listen to events, strike and stop::
 

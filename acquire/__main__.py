@@ -1,4 +1,4 @@
-"""`python -m acquire`."""
+"""Entry point of `python -m acquire`, which is the same as the command `acquire`."""
 
 from acquire.cli import main
 

@@ -176,24 +176,32 @@ def demo(
 
 @dataclass(frozen=True)
 class StrikeOptions:
-    """The options of `acquire strike` that select the strike or the calibration."""
+    """Options of `acquire strike` that select the strike or the calibration."""
 
     speed: float | None
     """tip speed [m/s]; None if not given"""
     plan: Path | None
+    """plan file; None if not given"""
     strike_id: str | None
+    """id of the strike in the plan; None if not given"""
     energy: float | None
     """energy ratio of the planned strike; None if not given"""
     calibrate: bool
+    """True to calibrate the bare striker in place of one strike"""
     bodies: tuple[float, ...]
     """masses of the bodies to strike [kg]; infinite for a wall"""
     speeds: str | None
     """tip speeds [m/s] of a calibration, comma-separated; None if not given"""
     repeats: int
+    """number of swings of a calibration at each speed and target"""
     write: bool
+    """True to write a calibration's estimates into the rig file"""
 
     def refuse_contradictions(self, rig: Path | None) -> None:
         """Refuse options that contradict each other or lack one another.
+
+        Args:
+            rig: rig file of the option --rig; None if not given.
 
         Raises:
             click.UsageError: the options cannot be used together.
@@ -326,7 +334,7 @@ def recover(file: Path, output: Path | None, as_json: bool) -> None:
 
 
 def _end_as_on_ctrl_c() -> None:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, so that they clean up as Ctrl-C does."""
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, so that the program cleans up as on Ctrl-C."""
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
 

@@ -1,4 +1,7 @@
-"""Reader of the rig file; its schema is in schemas/rig.py, because `analyze plan` reads the same file."""
+"""Reader of the rig file, and the rig's limits that a session needs from the daemon.
+
+The file's schema is in schemas/rig.py, because `analyze plan` reads it too.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ __all__ = [
 
 
 def read_rig(path: Path) -> RigConfig:
-    """Read and validate a rig file.
+    """Read and validate a rig file (TOML).
 
     Raises:
         ConfigError: the file is missing, is not TOML, or holds an entry that cannot be used.
@@ -48,7 +51,7 @@ def read_rig(path: Path) -> RigConfig:
 
 @dataclass(frozen=True)
 class RigLimits:
-    """Tip speeds and heights that a rig's striker can reach, and the camera's pose."""
+    """Tip speeds and heights that a rig's striker can reach, and the camera's pose in W, the world frame."""
 
     speeds: TipSpeeds | None
     """range of tip speeds [m/s]; None if a person strikes by hand, which has no fixed limits"""
@@ -59,19 +62,19 @@ class RigLimits:
 
     @classmethod
     def from_config(cls, config: RigConfig) -> RigLimits:
-        """Limits of the rig that a rig file describes."""
+        """Limits of the rig that a rig file describes, given as its validated content."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
         by_hand = striker.kind == "manual"
         return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON object of the daemon's answer to `rig`."""
+        """JSON object of these limits, with which the daemon answers a request `rig`."""
         speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
         return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
 
     @classmethod
     def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
-        """Limits from the daemon's answer to `rig`."""
+        """Limits of a rig from the daemon's answer to `rig`, a JSON object."""
         speeds, reach = answer["speeds_m_s"], answer["reach_m"]
         return cls(
             None if speeds is None else TipSpeeds(*speeds),

@@ -48,10 +48,10 @@ class DemoOutput:
 
 
 def fresh_output(path: Path) -> DemoOutput:
-    """Output at a path that must not exist yet.
+    """Output of a demo at a path that must not exist yet, and whose .part file must not either.
 
     Raises:
-        RecorderError: the path exists already or cannot be written.
+        RecorderError: the path or its .part file exists already, or cannot be written.
     """
     refuse_unwritable(path)
     for taken in (path, Path(f"{path}.part")):
@@ -63,10 +63,12 @@ def fresh_output(path: Path) -> DemoOutput:
 
 
 def replaced_output(path: Path) -> DemoOutput:
-    """Output at a path where an older recording may be replaced.
+    """Output of a demo at a path where an older recording or .part file is to be replaced.
+
+    Nothing is deleted yet.
 
     Raises:
-        RecorderError: the path is not a file or cannot be written.
+        RecorderError: the path is a folder or cannot be written.
     """
     refuse_unwritable(path)
     return DemoOutput(path, tuple(taken for taken in (path, Path(f"{path}.part")) if taken.exists()))
@@ -74,7 +76,7 @@ def replaced_output(path: Path) -> DemoOutput:
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """Options of `analyze plan`."""
+    """Options of `analyze plan` that a demo passes on."""
 
     strikes: int = 9
     """number of strikes to plan"""
@@ -84,7 +86,7 @@ class DemoPlan:
     """way to choose the strikes: "ours" or "paper\""""
 
     def arguments(self) -> list[str]:
-        """Command-line arguments of `analyze plan`."""
+        """Command-line arguments of `analyze plan` for these options."""
         most = [] if self.axes is None else ["--axes", str(self.axes)]
         return ["--strikes", str(self.strikes), *most, "--method", self.method]
 
@@ -97,12 +99,16 @@ def run_demo(
     Args:
         object_name: one of OBJECT_NAMES.
         seed: seed of everything random in the virtual rig.
-        output: the recording to write.
+        output: the recording to write, and older files to delete once the rig is up.
         address: loopback address of the virtual camera, one per rig.
         plan: options of `analyze plan`.
         progress: called with each step.
 
+    Returns:
+        Files and counts of the session.
+
     Raises:
+        ConfigError: the address is not a loopback address.
         AcquireError: the session failed; the rig is taken down in any case.
     """
     _refuse_other_address(address)
@@ -180,7 +186,14 @@ def _session(
 
 
 def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> str:
-    """Rig file that a person would write for this station; `sheet` holds its calibration."""
+    """Text of the rig file (TOML) that a person would write for the virtual rig.
+
+    Args:
+        sheet: calibration of the rig: gravity, friction, camera and striker.
+        address: address of the virtual camera.
+        port: serial port of the virtual servo.
+        socket: path of the daemon's socket.
+    """
     camera, striker = sheet["camera"], sheet["striker"]
     return f"""# The virtual rig, described as a real one would be.
 name = "virtual"
@@ -221,7 +234,11 @@ socket = "{socket}"
 
 
 def _remove_leftovers(temporary: Path) -> None:
-    """Delete the folders of this user's demos that were killed; their processes have ended by themselves."""
+    """Delete the folders in `temporary` of this user's demos that were killed.
+
+    A folder's name holds the process id of its demo; folders of running processes stay. The demo's other
+    processes have ended by themselves.
+    """
     for folder in temporary.glob(f"{_FOLDER}*-*"):
         pid = folder.name.removeprefix(_FOLDER).partition("-")[0]
         with contextlib.suppress(OSError):
@@ -241,7 +258,10 @@ def _write_object(virtual_object: VirtualObject, path: Path) -> None:
 def _planning(
     object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan
 ) -> Iterator[subprocess.Popen[str]]:
-    """Run `analyze plan` while the rig starts."""
+    """Context in which `analyze plan` runs while the rig starts; yields its process.
+
+    The process is killed at the end of the context.
+    """
     command = [
         sys.executable,
         "-m",
@@ -265,7 +285,7 @@ def _wait_for_plan(planning: subprocess.Popen[str]) -> None:
     """Wait until `analyze plan` has written the plan.
 
     Raises:
-        SessionError: `analyze plan` failed; with its message.
+        SessionError: `analyze plan` failed; with the message that it printed.
     """
     stdout, stderr = planning.communicate()
     if planning.returncode != 0:

@@ -1,44 +1,44 @@
 """Errors that the package `acquire` raises on purpose.
 
     AcquireError
-    ├── ConfigError          a rig file that cannot be used
-    ├── CameraError
+    ├── ConfigError          a rig file, or a setting, that cannot be used
+    ├── CameraError          Aravis or the camera did not do what was asked
     │   ├── CameraNotFound   no camera answers at the address
     │   ├── CameraLost       the camera answered before and does not answer now
     │   └── CameraSettingError   a setting reads back differently from what was written
-    ├── StrikerError
-    │   ├── StrikerNotFound  no port, or no servo on it
+    ├── StrikerError         the striker did not do what was asked
+    │   ├── StrikerNotFound  no port, or no known servo on it
     │   ├── StrikerLost      the servo bus no longer answers
-    │   ├── StrikerFault     the servo reports a hardware error
-    │   └── StrikerRefused   an interlock refused the motion
+    │   ├── StrikerFault     the servo reports a hardware error, or the arm does not come to rest
+    │   └── StrikerRefused   an interlock or a person refused the motion
     │       └── StrikerStopped   the striker was stopped on request
-    ├── RecorderError        the file cannot be written, or its path exists already
+    ├── RecorderError        a recording cannot be written or read, or its path exists already
     │   ├── CaptureGone      the capture process died or was ended
     │   └── RecordingBroken  the data asked for is in a file that was cut short
-    ├── DaemonError
+    ├── DaemonError          the daemon cannot be reached, started or understood
     │   ├── DaemonNotRunning no process listens on the socket
     │   ├── DaemonSilent     the daemon runs and does not answer
     │   └── DaemonBusy       another daemon or session holds what was asked for
-    └── SessionError         the session cannot go on
+    └── SessionError         the session cannot begin or go on
 
 Each message is one line: the device or file, what was asked, what came back, what to try.
 """
 
 
 class AcquireError(Exception):
-    """Base of all errors of this package; the CLI prints it as one line and exits with 1."""
+    """Base of all errors of the package `acquire`; the CLI prints it as one line and exits with 1."""
 
 
 class ConfigError(AcquireError):
-    """A rig file that cannot be used."""
+    """A rig file, or a setting given on the command line, that cannot be used."""
 
 
 class CameraError(AcquireError):
-    """The camera did not do what was asked."""
+    """Camera problem: Aravis or the camera did not do what was asked; base of the other camera errors."""
 
 
 class CameraNotFound(CameraError):
-    """No camera answers at the address."""
+    """No camera answers, at the address given or in a search of the network."""
 
 
 class CameraLost(CameraError):
@@ -50,34 +50,38 @@ class CameraSettingError(CameraError):
 
 
 class StrikerError(AcquireError):
-    """The striker did not do what was asked."""
+    """Striker problem: the striker did not do what was asked; base of the other striker errors."""
 
 
 class StrikerNotFound(StrikerError):
-    """No such port, or no servo answers on it."""
+    """No such port, no servo that answers on it, or a servo of an unknown model."""
 
 
 class StrikerLost(StrikerError):
-    """The servo bus no longer answers."""
+    """The servo no longer answers on its bus, or its port failed or is closed."""
 
 
 class StrikerFault(StrikerError):
-    """The servo reports a hardware error."""
+    """The servo reports a hardware error, or the arm does not come to rest where it should."""
 
 
 class StrikerRefused(StrikerError):
-    """An interlock refused the motion."""
+    """A motion or order of the striker was refused: by an interlock, or because a person answered no."""
 
 
 class StrikerStopped(StrikerRefused):
-    """The striker was stopped on request; nothing moves until a person starts it again."""
+    """The striker was stopped on request; nothing moves until a person starts it again.
+
+    Args:
+        text: message; the default advises to home the striker.
+    """
 
     def __init__(self, text: str = "the striker was stopped on request: home it to go on") -> None:
         super().__init__(text)
 
 
 class RecorderError(AcquireError):
-    """The recording cannot be written."""
+    """The recording cannot be written or read; base of the other errors of recorder and capture process."""
 
 
 class CaptureGone(RecorderError):
@@ -89,7 +93,7 @@ class RecordingBroken(RecorderError):
 
 
 class DaemonError(AcquireError):
-    """The daemon cannot be reached or started."""
+    """The daemon cannot be reached, started or understood; base of the other daemon errors."""
 
 
 class DaemonNotRunning(DaemonError):
@@ -97,15 +101,15 @@ class DaemonNotRunning(DaemonError):
 
 
 class DaemonSilent(DaemonError):
-    """The daemon runs and does not answer."""
+    """The daemon runs and takes no connections or does not answer."""
 
 
 class DaemonBusy(DaemonError):
-    """Another daemon, or another session, holds what was asked for."""
+    """Another daemon or session holds what was asked for, or the daemon did not start in time."""
 
 
 class SessionError(AcquireError):
-    """The session cannot go on."""
+    """The session cannot begin or go on."""
 
 
 def by_name(name: str, otherwise: type[AcquireError] = AcquireError) -> type[AcquireError]:
