@@ -196,9 +196,9 @@ class TableTilt(Document):
 
     recordings: list[int] = Field(description="numbers of the recordings made on this levelling, from 1")
     towards_x: Quantity
-    """angle towards W's +x, positive if the table rises towards it"""
+    """angle towards W's +x, positive if that side of the table is the higher one"""
     towards_y: Quantity
-    """angle towards W's +y, positive if the table rises towards it"""
+    """angle towards W's +y, positive if that side of the table is the higher one"""
 
 
 class FrameTimes(Document):

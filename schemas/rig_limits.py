@@ -39,8 +39,9 @@ def tip_speeds(
 ) -> TipSpeeds:
     """Tip speeds of an arm that swings from `cocked_angle_rad` to 0: limited by speed and run-up.
 
-    The slowest is MIN_ARM_SPEED_RAD_S, the fastest the speed limit or |cocked angle| / RUN_UP_S, whichever is
-    smaller, each times the arm's length. If no speed is possible, the slowest is above the fastest.
+    The slowest is MIN_ARM_SPEED_RAD_S, the fastest the speed limit or the size of the cocked angle over
+    RUN_UP_S, whichever is smaller, each times the arm's length. If no speed is possible, the slowest is above
+    the fastest.
 
     Args:
         arm_length_m: distance from the servo's axis to the tip [m].
