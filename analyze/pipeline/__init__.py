@@ -1,1 +1,1 @@
-"""Estimation pipeline: evidence of each strike, merging of recordings, one joint estimate."""
+"""Estimation pipeline: fitted motion of each strike (evidence), merged recordings, one joint estimate."""

@@ -1,4 +1,4 @@
-"""Equi-planes of fitted motions, and the errors that strikes share."""
+"""Equi-planes (through pivot line and centre of mass) of fitted motions, and errors that strikes share."""
 
 from __future__ import annotations
 
@@ -27,11 +27,20 @@ def equiplanes(
 ) -> tuple[EquiPlane, ...]:
     """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
 
+    An equi-plane passes through a strike's pivot line and the centre of mass; k = m g R / I_edge [rad/s^2] is
+    fitted to its motion.
+
     Args:
         evidence: plan and recordings of the motions.
         motions: fitted motions.
-        estimator: estimator whose phi and k are used where a motion has them; None for the one chosen for
-            each motion.
+        estimator: estimator whose balance angle phi and k are used where a motion has them; None for the
+            one chosen for each motion.
+
+    Returns:
+        One plane per motion, in their order, in the object frame O.
+
+    Raises:
+        EstimationError: a motion has no fit, or its planned pivot does not lie along the world's y.
     """
     levels = levelling_indices(evidence.recordings)
     found: list[EquiPlane] = []
@@ -48,7 +57,11 @@ def equiplanes(
 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Errors shared by strikes: scale and edge radius of the object, tilt of gravity per levelling."""
+    """Standard deviations of errors shared by strikes: scale, edge radius, tilt of gravity per levelling.
+
+    Scale and edge radius are the object file's. A levelling is a set-up of the table with one unknown tilt;
+    a level's reading in a manifest (the recording's metadata) replaces the assumption that it is 0.
+    """
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
     return SystematicErrors(

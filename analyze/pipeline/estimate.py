@@ -1,4 +1,4 @@
-"""Joint estimate of one object from one or several recordings."""
+"""Joint estimate of one object's centre of mass, inertia and region masses from its recordings."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
 
 @dataclass(frozen=True)
 class EstimateOptions:
-    """Choices of the user for one estimate."""
+    """Choices of the user for one estimate: object file, strikes to leave out, estimator, random seed."""
 
     object_path: Path | None = None
     """object file that replaces the recording's; None to use the recording's"""
@@ -105,12 +105,15 @@ class Estimate:
     """Joint estimate of one object with its checks, and the evidence that it was computed from."""
 
     evidence: Evidence
+    """fitted motions of all strikes, with object, shape and plan"""
     options: EstimateOptions
+    """choices of the user"""
     fitted_planes: tuple[EquiPlane, ...]
     """equi-planes of the strikes used, as fitted, in recording order; at phi they are perpendicular to the
     table"""
     inertial: InertialParameters
-    """mass, centre of mass, inertia tensor and moments of the object without its markers"""
+    """mass, centre of mass, inertia tensor and moments of the object, without its markers where the pose of
+    each marker with a mass is known, otherwise with them"""
     com_struck: CentreOfMass
     """centre of mass of the body that tipped, markers included"""
     scale: Scale
@@ -127,30 +130,58 @@ class Estimate:
     filling: FillLevel | None
     """level and mass of a filling; None where the object file names none"""
     paper: PaperEstimate
+    """centre of mass and region masses by the paper's method (VISAPP 2013)"""
     checks: Checks
+    """checks of the joint estimate: predictions, gravity, possible moments, place of the centre of mass"""
     predictions: tuple[StrikePrediction, ...]
     """leave-one-out predictions of the strikes used"""
     agreements: Agreements
+    """agreement between recordings, estimators and methods"""
     frame_rates: tuple[FrameRate, ...]
     """checked frame rates, one per recording whose frame times come from a video file's time stamps"""
     voxels: VoxelMap
+    """density by cell, of maximum entropy with the measured moments"""
     sensitivity: Sensitivity
+    """influence of strikes and error sources on the centre of mass"""
 
     @property
     def com(self) -> CentreOfMass:
-        """Centre of mass of the object without its markers, in O."""
+        """Centre of mass of the object in the object frame O, without its markers (printed tags).
+
+        They are included if the pose of one that has a mass is not known.
+        """
         return self.inertial.com
 
     @property
     def planes(self) -> tuple[EquiPlane, ...]:
-        """Equi-planes of the strikes used, in recording order; at phi they contain the estimated gravity."""
+        """Equi-planes of the strikes used, in recording order, corrected for the table's estimated tilt.
+
+        Each passes through the pivot line and the centre of mass of the body that tipped, and contains the
+        estimated direction of gravity at the balance angle phi.
+        """
         return self.com.planes
 
 
 def estimate_recording(
     path: Path, options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> Estimate:
-    """Estimate one object from one recording; see `estimate_recordings`."""
+    """Estimate one object's centre of mass, inertia and region masses from one recording.
+
+    Args:
+        path: the recording (MCAP).
+        options: choices of the user; None for the defaults.
+        progress: called with (text, done, total) before each strike, and before the estimate.
+
+    Returns:
+        The estimate with its checks and evidence.
+
+    Raises:
+        RecordingError: the file cannot be read.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+        TrackingError: no marker of any strike can be tracked.
+        EstimationError: fewer than three strikes can be used, or an excluded strike does not exist.
+    """
     return estimate_recordings([path], options, progress)
 
 
@@ -161,15 +192,19 @@ def estimate_recordings(
 
     Args:
         paths: recordings (MCAP).
-        options: choices of the user.
-        progress: called with (text, done, total) before each strike.
+        options: choices of the user; None for the defaults.
+        progress: called with (text, done, total) before each strike, and before the estimate.
+
+    Returns:
+        The joint estimate (centre of mass, inertia, region masses) with its checks and evidence.
 
     Raises:
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
         PlanError: a plan is of another object.
-        EstimationError: fewer than three strikes can be used.
+        TrackingError: no marker of any strike of a recording can be tracked.
+        EstimationError: fewer than three strikes can be used, or an excluded strike does not exist.
     """
     options = options or EstimateOptions()
     heads = by_start_time([read_head(path) for path in paths])
@@ -190,6 +225,7 @@ def estimate_recordings(
 
 
 def _offset_progress(progress: Progress | None, before: int, total: int) -> Progress | None:
+    """Progress callback for one recording after `before` of `total` strikes; None if `progress` is None."""
     if progress is None:
         return None
     return lambda text, done, _: progress(text, before + done, total)
@@ -199,11 +235,15 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     """Estimate centre of mass, moments and region masses from fitted motions; no files are read.
 
     Args:
-        evidence: fitted motions of all strikes.
-        options: choices of the user; `exclude` holds ids as the evidence names them.
+        evidence: fitted motions of all strikes, with object, shape and plan.
+        options: choices of the user; None for the defaults; `exclude` holds ids as the evidence names them.
+
+    Returns:
+        The joint estimate with its checks; the same evidence and options give the same estimate.
 
     Raises:
-        EstimationError: fewer than three strikes can be used.
+        EstimationError: fewer than three strikes can be used, or parts or filling cannot be estimated.
+        ShapeError: a label of the object file names a part that the shape does not have.
     """
     options = options or EstimateOptions()
     spec, model = evidence.spec, evidence.model
@@ -260,7 +300,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
 
 
 def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
-    """Motions to estimate from.
+    """Motions to estimate from, in the evidence's order: fitted, of a usable verdict, not excluded.
 
     Raises:
         EstimationError: fewer than three.
@@ -275,6 +315,7 @@ def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotio
 
 
 def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
+    """True if a motion has a fit, tipped over or rocked back, and is not excluded."""
     return (
         motion.fit is not None
         and motion.verdict in USABLE_VERDICTS
@@ -285,6 +326,12 @@ def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
 def _labelled_parts(
     evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions
 ) -> PartMasses | None:
+    """Masses of the parts that the object file labels; None if it labels none, or a filling.
+
+    Raises:
+        ShapeError: a label names a part that the shape does not have, or two layers overlap.
+        EstimationError: there are fewer than two parts.
+    """
     spec, labels = evidence.spec, evidence.spec.labels
     if not labels or filling_label(evidence) is not None:
         return None

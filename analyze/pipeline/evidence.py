@@ -1,4 +1,4 @@
-"""Evidence of strikes: what was struck, how each strike moved, before any estimate."""
+"""Evidence of strikes: the object struck and the fitted motion of each strike, before any estimate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ class RecordingHead:
     """Identity and contents of a recording, known before its images are read."""
 
     path: Path
+    """path of the file that was opened"""
     manifest: SessionManifest
+    """metadata of the recording: object, rig, cameras, gravity, hash of the plan"""
     content_id: str
     """hash of the recording's contents, independent of its path; "" if unknown"""
     strike_ids: tuple[str, ...] = ()
@@ -58,7 +60,7 @@ class StrikeSource(Protocol):
 
     @property
     def manifest(self) -> SessionManifest:
-        """Manifest of the first file."""
+        """Manifest (metadata: object, rig, cameras, gravity) of the recording's first file."""
         ...
 
     @property
@@ -68,7 +70,7 @@ class StrikeSource(Protocol):
 
     @property
     def object_spec(self) -> ObjectSpec:
-        """Object file as recorded."""
+        """Contents of the object file (mass, shape, markers) as recorded."""
         ...
 
     @property
@@ -77,11 +79,21 @@ class StrikeSource(Protocol):
         ...
 
     def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
-        """Yield one record per frame that arrived from the first camera."""
+        """Yield the FrameMeta record of each frame that arrived from the first camera, by time.
+
+        Args:
+            start_ns: first log time [ns] to include; None for the recording's start.
+            end_ns: last log time [ns] to include; None for the recording's end.
+        """
         ...
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Yield images of the first camera by time."""
+        """Yield images of the first camera by time.
+
+        Args:
+            start_ns: first log time [ns] to include; None for the recording's start.
+            end_ns: last log time [ns] to include; None for the recording's end.
+        """
         ...
 
 
@@ -92,9 +104,11 @@ class StruckObject:
     spec: ObjectSpec
     """object file with the markers' masses included"""
     model: ObjectModel
+    """exterior shape, in the object frame O"""
     plan: StrikePlan
     """strike plan with edges corrected to the object file in use"""
     sha256: str
+    """hash of the object file in use and its shape"""
     bodies: tuple[Body, ...]
     """closed bodies of the shape's mesh, largest first, where the object's labels name them"""
     overridden: bool
@@ -106,7 +120,9 @@ class StrikeReading:
     """Motion and tracking of one strike."""
 
     record: pb.StrikeRecord
+    """the recording's entry of the strike: ids, times, impact"""
     motion: TipMotion
+    """motion and fits; with verdict UNREADABLE and no fit if no marker could be tracked"""
     report: TrackingReport | None
     """markers as tracked; None if none could be"""
     problem: TrackingError | None
@@ -122,15 +138,19 @@ class Evidence:
     recordings: tuple[RecordingHead, ...]
     """recordings by start time; at least one"""
     spec: ObjectSpec
+    """object file with the markers' masses included"""
     model: ObjectModel
+    """exterior shape, in the object frame O"""
     plan: StrikePlan
     """strike plan; for several recordings all their planned strikes, renamed"""
     object_sha256: str
+    """hash of the object file in use and its shape"""
     motions: tuple[TipMotion, ...]
     """motions in the order of the recordings"""
     tracking: Mapping[str, TrackingReport] = field(default_factory=dict[str, TrackingReport])
     """tracking reports by strike id"""
     object_path_used: bool = False
+    """True if an object file given afterwards replaces the recording's"""
     frames_lost: Mapping[str, int] = field(default_factory=dict[str, int])
     """frames lost within each strike's window, by strike id"""
     impacts: Mapping[str, ImpactMeasurement] = field(default_factory=dict[str, ImpactMeasurement])
@@ -144,13 +164,17 @@ class Evidence:
 
     @property
     def manifest(self) -> SessionManifest:
-        """Manifest of the first recording."""
+        """Manifest (metadata: object, rig, cameras, gravity) of the first recording."""
         return self.recordings[0].manifest
 
     def recording_of(self, strike_id: str) -> RecordingHead:
-        """Recording that holds a strike."""
+        """Recording that holds the strike; the first one for an id that is not listed by recording."""
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
-        """Planned strike that a motion carried out."""
+        """Planned strike (rest pose, pivot, heading) that a motion carried out.
+
+        Raises:
+            StopIteration: the plan does not hold it.
+        """
         return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)

@@ -1,4 +1,4 @@
-"""Fill level and mass of a filling that the object file names, from the moments."""
+"""Fill level, mass and density of a filling that the object file names, from the measured moments."""
 
 from __future__ import annotations
 
@@ -22,13 +22,17 @@ RELATIVE_DENSITY_SD = 0.05
 def estimate_filling(
     evidence: Evidence, cells: Cells, moments: MeasuredMoments, rng: np.random.Generator
 ) -> FillLevel | None:
-    """Posterior of fill level, mass and density; None where the object file names no filling.
+    """Posterior of fill level, mass and density of the object's filling.
 
     Args:
         evidence: object file and shape.
-        cells: the body divided with the given or assumed shell.
+        cells: the body divided with the given or assumed shell (outer wall).
         moments: measured mass, centre of mass and moments of the whole object.
         rng: generator of the posterior draws.
+
+    Returns:
+        Level [m], mass [kg] and density [kg/m³] with 95 % intervals; None where the object file names no
+        filling.
 
     Raises:
         EstimationError: the object has no interior.
@@ -53,5 +57,5 @@ def estimate_filling(
 
 
 def filling_label(evidence: Evidence) -> PartLabel | None:
-    """Label of the part that fills the object; None where there is none."""
+    """Label of the part that fills the object, from its object file; None where there is none."""
     return next((label for label in evidence.spec.labels or [] if label.fills), None)

@@ -41,32 +41,36 @@ class FrameRate:
     recording: int
     """number of the recording by start time, from 1"""
     time_source: TimeSource
+    """origin of the frame times"""
     time_sd_s: float
     """1 sigma of a frame's time against the other frames' [s]"""
     stated_hz: float
+    """frame rate that the file states [Hz]"""
     stated_sd_hz: float | None
     """1 sigma [Hz] measured with a filmed drop; None where the rate is only stated"""
     contact_sd_s: float | None
     """median 1 sigma of the strikes' contact times, from the onset of motion [s]; None where no strike has
     one"""
     check: RateCheck | None
-    """None where no strike of the recording is used"""
+    """bounds and estimate of the true over the stated rate; None where no strike of the recording is used, or
+    their k allow no check"""
     likely_hz: float | None
     """the only usual rate [Hz] that is consistent with the strikes, where the stated one is impossible; None
     if several or none are"""
 
     @property
     def possible(self) -> bool:
-        """True if the stated rate can be the true one."""
+        """True if the stated rate can be the true one, or if it could not be checked."""
         return self.check is None or self.check.possible
 
 
 def stated_scale(evidence: Evidence) -> Scale:
-    """Mass and gravity with standard deviations.
+    """Mass [kg] and gravity g [m/s²] as stated, each with its standard deviation.
 
-    If the recordings state g with different sd, the largest counts and is shared by all strikes: that is
-    safe, whereas averaging it over places would make intervals too narrow. k is proportional to g and to the
-    frame rate squared, so that the uncertainty of a stated rate is part of g's.
+    g is the first recording's. If the recordings state g with different sd, the largest counts and is shared
+    by all strikes: that is safe, whereas averaging it over places would make intervals too narrow. The
+    measured k (m g R / I_edge) scales with the square of the frame rate, so that the uncertainty of a stated
+    rate is part of the sd of g.
     """
     spec, g = evidence.spec, evidence.manifest.g_m_s2
     own = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
@@ -75,7 +79,11 @@ def stated_scale(evidence: Evidence) -> Scale:
 
 
 def relative_rate_sd(manifest: SessionManifest) -> float:
-    """Relative 1 sigma of a recording's frame rate; 0 for a rig's camera."""
+    """Relative 1 sigma of a recording's frame rate.
+
+    It is as measured where the manifest (the recording's metadata) gives an sd, `STATED_RATE_SD` where only a
+    video file states the rate, and 0 for a rig's camera.
+    """
     camera = manifest.cameras[0]
     if camera.frame_rate_sd_hz is not None:
         return camera.frame_rate_sd_hz / camera.frame_rate_hz
@@ -85,12 +93,19 @@ def relative_rate_sd(manifest: SessionManifest) -> float:
 def drop_untimed_k(
     evidence: Evidence, planes: Sequence[EquiPlane], scale: Scale, rates: Sequence[FrameRate]
 ) -> tuple[tuple[EquiPlane, ...], Scale]:
-    """Discard k of recordings whose stated frame rate is inconsistent with the shape; phi needs no rate.
+    """Discard k of recordings whose stated frame rate is impossible; balance angles need no rate.
 
-    With a single recording g becomes a free parameter instead, so that ratios between its k's still count.
+    k (m g R / I_edge) scales with the square of the frame rate. With a single recording gravity g becomes a
+    free parameter instead, so that ratios between its k still count.
+
+    Args:
+        evidence: recordings and their strikes.
+        planes: equi-planes of the strikes used, with k at the stated rates.
+        scale: mass and gravity as stated.
+        rates: checked frame rates.
 
     Returns:
-        Planes and scale to estimate with.
+        Planes and scale to estimate with, unchanged if all rates are possible.
     """
     wrong = {each.recording - 1 for each in rates if not each.possible}
     if not wrong:
@@ -111,7 +126,10 @@ def drop_untimed_k(
 
 
 def with_estimated_gravity(scale: Scale, solution: JointSolution) -> Scale:
-    """Replace g by its joint estimate where it was a free parameter."""
+    """Copy of `scale` with gravity g replaced by its joint estimate, where g was a free parameter.
+
+    g is free if its sd is at least `OPEN_LOG_GRAVITY_SD` times g; otherwise `scale` is returned unchanged.
+    """
     if scale.gravity_sd < OPEN_LOG_GRAVITY_SD * scale.gravity:
         return scale
     return replace(
@@ -131,11 +149,14 @@ def check_frame_rates(
 
     Args:
         evidence: recordings, their strikes and the shape.
-        planes: equi-planes of all strikes used, with k at the stated rates.
+        planes: equi-planes of all strikes used, with k (m g R / I_edge) at the stated rates.
         systematic: errors shared by strikes.
         prior: prior of the centre of mass.
         moments: model of k, with mass, gravity and the shape's inertia prior.
         cells: the body divided into cells, where its mass may be.
+
+    Returns:
+        One entry per such recording, by start time; empty if there is none.
     """
     found: list[FrameRate] = []
     for index, recording in enumerate(evidence.recordings):
@@ -161,13 +182,14 @@ def check_frame_rates(
 
 
 def _mass_points(evidence: Evidence, cells: Cells) -> Array:
-    """Points (n, 3) of the shape where mass may be [m, in O]: a sample of its cells and of its hull."""
+    """Points (n, 3) [m] where mass may be, in the object frame O: a sample of cells and hull vertices."""
     inside = cells.points[:: max(1, len(cells.points) // MAX_SHAPE_POINTS)]
     hull = evidence.model.hull_vertices
     return np.vstack([inside, hull[:: max(1, len(hull) // MAX_SHAPE_POINTS)]])
 
 
 def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
+    """Median 1 sigma [s] of the contact times of the strikes with ids `used`; None if none has one."""
     fits = [motion.fit for motion in evidence.motions if motion.strike_id in used]
     times = [contact_time(fit) for fit in fits if fit is not None]
     sds = [1e-9 * time.sd_ns for time in times if time is not None]
@@ -175,7 +197,10 @@ def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
 
 
 def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
-    """The only slow-motion or usual rate [Hz] consistent with the strikes; None if several or none are."""
+    """The only slow-motion rate [Hz] consistent with the strikes, otherwise the only usual rate.
+
+    None if, of both kinds, several or none are consistent. `rate` is the stated rate [Hz].
+    """
     low, high = check.low, check.high
     if check.estimate is not None:
         reach = 3 * check.estimate.sd

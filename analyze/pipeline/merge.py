@@ -1,4 +1,4 @@
-"""Merge the evidence of several recordings: strikes renamed, shared edges identified.
+"""Merging of the evidence (fitted strikes) of several recordings: strikes renamed, shared edges identified.
 
 Recordings are numbered by start time, whatever the order given: `2:s3.1` is strike s3.1 of the second.
 """
@@ -20,19 +20,20 @@ from schemas.strike_plan import PlannedStrike, StrikePlan
 
 
 def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
-    """Sort recordings by start time."""
+    """Recordings sorted by start time, and by content id where that is equal; a new list."""
     return sorted(heads, key=_start_key)
 
 
 def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False) -> None:
-    """Raise MergeError where recordings cannot be evidence of one object.
+    """Raise an error if two recordings cannot be evidence of one object.
 
     Args:
         heads: two or more recordings.
         overridden: True if an object file given afterwards replaces the recordings' own.
 
     Raises:
-        MergeError: a strike would count twice, or the recordings are of different objects or shapes.
+        MergeError: a strike would count twice, the recordings are of different shapes, or their object files
+            differ and none was given afterwards.
     """
     for one, other in combinations(heads, 2):
         same = one.manifest.recording_id == other.manifest.recording_id
@@ -63,9 +64,15 @@ def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False)
 def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) -> frozenset[str]:
     """Merged ids of the strikes that a user excludes; a bare id is enough where only one recording holds it.
 
+    A merged id is the strike's own with the recording's number before it (`2:s3.1`) if there are several
+    recordings.
+
     Args:
         heads: recordings by start time.
-        asked: ids as the user gave them.
+        asked: ids as the user gave them, bare or merged.
+
+    Returns:
+        One merged id per id given.
 
     Raises:
         EstimationError: no strike, or more than one, has such an id.
@@ -91,12 +98,18 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
 
 
 def merged_id(heads: Sequence[RecordingHead], index: int, own: str) -> str:
-    """Id of a strike in merged evidence: prefixed with the recording's number if there are several."""
+    """Id of a strike in merged evidence: with the recording's number before it if there are several.
+
+    Args:
+        heads: recordings by start time.
+        index: index of the strike's recording in `heads`; its number is one more.
+        own: id of the strike in that recording.
+    """
     return own if len(heads) == 1 else f"{index + 1}:{own}"
 
 
 def paths_text(heads: Sequence[RecordingHead]) -> str:
-    """Paths of the recordings, for messages."""
+    """Paths of the recordings, separated by commas, for messages."""
     return ", ".join(str(head.path) for head in heads)
 
 
@@ -104,13 +117,16 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
     """Merge the evidence of recordings of one object; the order given does not matter.
 
     Edges are identified by direction, resting face and place: one id where two plans mean the same edge, two
-    where they do not.
+    where they do not. Object, shape and labels are those of the first recording by start time.
 
     Args:
-        evidence: one per recording.
+        evidence: one per recording, at least one.
+
+    Returns:
+        Evidence with all strikes, renamed by `merged_id`; a single one is returned unchanged.
 
     Raises:
-        MergeError: see `refuse_unmergeable`.
+        MergeError: a strike would count twice, or the recordings are of different objects or shapes.
     """
     if len(evidence) == 1:
         return evidence[0]
@@ -161,6 +177,9 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
 def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
     """Merged axis ids, one mapping from the plan's own ids per recording; an edge has one id in all.
 
+    An edge keeps the id of the first plan that has it; a different edge with an id already taken gets the
+    recording's number (from 1) before it.
+
     Args:
         ordered: evidence of each recording, by start time.
     """
@@ -169,10 +188,10 @@ def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
 
 
 def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
-    """Index of each recording's table levelling, numbered from 0 by first appearance.
+    """Number of each recording's table levelling, counted from 0 by first appearance.
 
-    A levelling is a set-up of the table with one unknown tilt. Recordings of one rig with the same level
-    reading and tilt sd share it. Rigs without a name count as one rig: that errs on the safe side, since a
+    A levelling is a set-up of the table with one unknown tilt. Recordings of one rig with equal level reading
+    and tilt sd share it. Rigs without a name count as one rig: that errs on the safe side, since a
     shared error is not averaged away.
     """
     found: list[tuple[str, float, LevelReading | None]] = []
@@ -184,27 +203,38 @@ def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
 
 
 def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
+    """Rig name, sd of the table's tilt [rad] and level reading, which together identify a levelling."""
     return str(manifest.rig.get("name", "")), manifest.gravity_tilt_sd_rad, manifest.level
 
 
 def _start_key(head: RecordingHead) -> tuple[str, str]:
+    """Start time and content id of a recording, to sort by."""
     return head.manifest.created, head.content_id
 
 
 def _geometry(head: RecordingHead) -> tuple[object, ...]:
-    """Shape that the plan was made for; no object file given afterwards can change it."""
+    """Shape that a recording's plan was made for: hash of the shape file, its unit, box and cylinder.
+
+    No object file given afterwards can change it.
+    """
     shape = head.manifest.object.shape
     return head.shape_sha256, shape.unit, shape.box, shape.cylinder
 
 
 def _difference(one: RecordingHead, other: RecordingHead) -> str:
-    """Name of the first entry in which two object files differ."""
+    """Name of the first entry in which two recordings' object files differ; a phrase if only hashes do."""
     a, b = (head.manifest.object.model_dump(mode="json") for head in (one, other))
     return next((key for key in a if a[key] != b[key]), "by their checksums")
 
 
 def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict[str, str]:
-    """Merged axis ids of one plan by its own ids; edges not seen before are added to `known`."""
+    """Merged axis ids of one plan, by its own ids.
+
+    Args:
+        plan: strike plan of the recording.
+        number: number of the recording, put before an id that another edge has already.
+        known: edges of earlier recordings by merged id; edges not seen before are added in place.
+    """
     own: dict[str, EdgeLine] = {}
     for strike in plan.strikes:
         own.setdefault(strike.axis_id, edge_line(strike))
@@ -226,7 +256,10 @@ def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict
 
 
 def edge_line(strike: PlannedStrike) -> EdgeLine:
-    """Pivot edge of a planned strike: direction, upward direction at rest, point and radius, in O."""
+    """Pivot edge of a planned strike: unit direction, upward direction at rest, point and radius [m].
+
+    All are in the object frame O.
+    """
     direction, up = np.array(strike.pivot.direction), np.array(strike.R_world_object)[2]
     return EdgeLine(
         direction / np.linalg.norm(direction), up, np.array(strike.pivot.point), strike.pivot.radius_m

@@ -42,13 +42,26 @@ class PaperEstimate:
     com: PaperCentre
     """centre of mass, markers subtracted"""
     regions: PaperRegions | None
-    """region masses; None where no set of three axes gives positive masses"""
+    """masses of shell and interior parts; None if for no axis three positive masses have the right sum"""
 
 
 def paper_estimate(
     evidence: Evidence, used: Sequence[TipMotion], cells: Cells, scale: Scale
 ) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
-    """The paper's centre of mass and region masses, markers included, with their equi-planes."""
+    """The paper's centre of mass and region masses, markers included, with the equi-planes used.
+
+    Only strikes that tipped over the balance count if there are at least `MIN_TIPS` of them.
+
+    Args:
+        evidence: plan of the strikes.
+        used: motions of the strikes used.
+        cells: the body divided into cells, in shell and interior.
+        scale: mass and gravity.
+
+    Returns:
+        The estimate in the object frame O, and one equi-plane (through pivot line and centre of mass) per
+        strike that counts, at the paper's balance angle.
+    """
     # The sign change exists only where c passes over the balance; strikes that rocked back are used only if
     # too few others exist.
     tipped_over = [motion for motion in used if motion.verdict is Verdict.GOOD]
@@ -59,7 +72,10 @@ def paper_estimate(
 
 
 def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane by the paper's sign change, or by the fit in use where none was found."""
+    """Equi-plane (through pivot line and centre of mass) by the paper's sign change of the acceleration.
+
+    By the motion's own fit where no sign change was found.
+    """
     found = _sign_change(motion)
     return (
         equiplane(motion.strike_id, planned, motion)
@@ -69,13 +85,22 @@ def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
 
 
 def _sign_change(motion: TipMotion) -> MotionFit | None:
+    """Fit of a motion by the paper's estimator, the sign change of the acceleration; None if it has none."""
     return next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
 
 
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """Region masses by the paper's method; None if no masses fit."""
+    """Masses of shell and interior parts by the paper's method; None if no masses fit.
+
+    Args:
+        planes: equi-planes of the strikes, in the object frame O.
+        motions: motions of the same strikes.
+        com: (3,) the paper's centre of mass [m], in O.
+        scale: mass and gravity.
+        cells: the body divided into cells.
+    """
     moments: dict[str, list[float]] = {}
     for plane, motion in zip(planes, motions, strict=True):
         fit = _sign_change(motion) or motion.fit

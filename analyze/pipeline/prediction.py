@@ -1,6 +1,7 @@
-"""Leave-one-out prediction of each recorded strike's phi, k and theta(t) from all others.
+"""Leave-one-out prediction of each recorded strike's motion from all others.
 
-A plan's prediction of strikes not yet made is in planning/pivots.py (phi) and planning/examine.py (its sd).
+Predicted are the balance angle phi, k = m g R / I_edge and the tipping angle theta(t). A plan's prediction of
+strikes not yet made is in planning/pivots.py (phi) and planning/examine.py (its sd).
 """
 
 from __future__ import annotations
@@ -25,27 +26,33 @@ class StrikePrediction:
     """One strike compared with its prediction from all others."""
 
     left_out: LeaveOneOut
-    """phi and k, predicted and measured"""
+    """balance angle phi and k, predicted and measured"""
     motion: PredictedMotion
-    """theta(t), predicted and measured"""
+    """tipping angle theta(t), predicted and measured"""
 
     @property
     def motion_sigmas(self) -> float:
-        """Difference between measured and predicted theta(t), in standard deviations of one normal error."""
+        """Difference of measured and predicted tipping angle theta(t), in standard deviations.
+
+        It is scaled so that it compares with a single normal error.
+        """
         return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.chi2)
 
     @property
     def consistent(self) -> bool:
-        """True if phi, k and theta(t) agree with the prediction."""
+        """True if balance angle phi, k and tipping angle theta(t) agree with their prediction to 3 sd."""
         return self.left_out.agrees and self.motion_sigmas <= SIGMAS
 
 
 def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tuple[StrikePrediction, ...]:
-    """Predict theta(t) of each strike used from its leave-one-out phi and k.
+    """Predict the tipping angle theta(t) of each strike used from its leave-one-out phi and k.
 
     Args:
         evidence: measured motions.
-        left_out: predictions of phi and k by `checks.leave_one_out`.
+        left_out: predictions of balance angle phi and k by `checks.leave_one_out`.
+
+    Returns:
+        One entry per prediction, in order; strikes without theta(t) or without a fit are left out.
     """
     motions = {motion.strike_id: motion for motion in evidence.motions}
     found: list[StrikePrediction] = []

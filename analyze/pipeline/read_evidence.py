@@ -1,4 +1,7 @@
-"""Read the evidence of a recording: track markers and fit motions. Never reads /truth/."""
+"""Reading of a recording's evidence: track markers and fit the motion of each strike.
+
+The ground truth of virtual recordings (topics under /truth/) is never read here.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,7 @@ MAX_EDGE_SHIFT = 0.05
 
 
 def read_head(path: Path) -> RecordingHead:
-    """Read identity and contents of a recording.
+    """Identity and contents of the recording at `path`, without reading its images.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -54,7 +57,7 @@ def read_head(path: Path) -> RecordingHead:
 
 
 def read_open_head(recording: Recording) -> RecordingHead:
-    """Identity and contents of an open recording."""
+    """Identity and contents (metadata, strike ids, file names, hashes) of an open recording."""
     shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
     return RecordingHead(
         recording.path,
@@ -69,7 +72,7 @@ def read_open_head(recording: Recording) -> RecordingHead:
 
 
 def placed_markers(spec: ObjectSpec) -> list[Marker]:
-    """Markers of the object, with poses where its file gives them."""
+    """Markers (square tags) of the object, with poses in the object frame where its file gives them."""
     return [
         Marker(
             marker.name,
@@ -81,7 +84,7 @@ def placed_markers(spec: ObjectSpec) -> list[Marker]:
 
 
 def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
-    """Markers of the object without their poses."""
+    """Markers (square tags) of the object, without poses even where its file gives them."""
     return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
 
 
@@ -91,18 +94,21 @@ def read_evidence(
     progress: Progress | None = None,
     markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
 ) -> Evidence:
-    """Track the markers and fit the motion of every strike.
+    """Track the markers and fit the motion of every strike of a recording.
 
     Args:
-        head: the recording.
-        object_path: use this object file instead of the recording's.
+        head: identity and contents of the recording.
+        object_path: object file to use instead of the recording's; None for the recording's.
         progress: called with (text, done, total) before each strike.
         markers_of: markers to track, from the object file.
+
+    Returns:
+        Fitted motions and tracking reports, with object, shape and plan.
 
     Raises:
         RecordingError: the file cannot be read.
         ShapeError: the object's shape cannot be used.
-        PlanError: the plan is of another object.
+        PlanError: the plan is of another object, or does not hold a strike.
         TrackingError: no marker of any strike can be tracked.
     """
     with open_recording(head.path) as recording:
@@ -117,16 +123,20 @@ def read_evidence(
 
 
 def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
-    """Load object, shape and plan of a recording.
+    """Load object, shape and plan of a recording, or of the object file that replaces the recording's.
 
     Args:
-        recording: a recording whose plan is of its object.
-        object_path: use this object file instead of the recording's.
+        recording: complete recording, or one still being written.
+        object_path: object file to use instead of the recording's; None for the recording's. The plan's
+            edges are then corrected to it.
+
+    Returns:
+        Object file with the markers' masses, shape, plan and labelled bodies.
 
     Raises:
         RecordingError: the recording holds no plan.
         ShapeError: the object's shape cannot be used.
-        PlanError: the plan is of another object.
+        PlanError: the plan is of another object, or its edges do not lie on the shape given.
     """
     spec, shape_bytes, shape_name = (
         recording.object_spec,
@@ -155,7 +165,15 @@ def read_strike(
 ) -> StrikeReading:
     """Track the markers and fit the motion of one strike.
 
-    A strike without a trackable marker gives a reading with `problem`.
+    Args:
+        recording: complete recording, or one still being written.
+        struck: object, shape and plan.
+        markers: markers of the object to track.
+        record: the recording's entry of the strike.
+
+    Returns:
+        Motion, tracking report and frames lost; if no marker can be tracked, a motion with verdict UNREADABLE
+        and the reason as `problem`.
 
     Raises:
         RecordingError: the file is damaged there.
@@ -183,7 +201,14 @@ def read_strike(
 def evidence_from_readings(
     head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]
 ) -> Evidence:
-    """Evidence of one recording from the readings of its strikes.
+    """Evidence (motions, tracking, impacts by strike id) of one recording from its strikes' readings.
+
+    An impact is kept only where the striker measured both tip speed and height.
+
+    Args:
+        head: identity and contents of the recording.
+        struck: object, shape and plan.
+        readings: reading of each strike, in the recording's order.
 
     Raises:
         TrackingError: no marker of any strike can be tracked.
@@ -213,7 +238,10 @@ def evidence_from_readings(
 
 
 def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
-    """Object file of the body that tips: markers' masses added where `mass_kg` was weighed without them."""
+    """Object file of the body that tips: markers' masses added where `mass_kg` was weighed without them.
+
+    An object file whose mass includes the markers is returned unchanged.
+    """
     if spec.mass_includes_markers:
         return spec
     whole = spec.mass_kg + sum(marker.mass_kg for marker in spec.marker)
@@ -221,12 +249,13 @@ def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
 
 
 def _frames_lost(recording: StrikeSource, record: pb.StrikeRecord) -> int:
-    """Frames lost between the first and the last frame of the strike's window."""
+    """Number of frames lost between the first and the last frame of the strike's time window."""
     metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
     return sum(meta.frames_lost_before for meta in metas)
 
 
 def _refuse_other_plan(recording: StrikeSource) -> None:
+    """Raise PlanError unless the recording's plan was made for its object file and shape (equal hash)."""
     own = object_sha256(recording.object_spec, recording.shape_bytes)
     if recording.plan.object_sha256 != own:
         raise PlanError(
@@ -237,7 +266,11 @@ def _refuse_other_plan(recording: StrikeSource) -> None:
 
 
 def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
-    """Raise PlanError unless the plan's edges still lie on the corrected object."""
+    """Raise PlanError unless the plan's edges still lie on the corrected object.
+
+    A pivot's depth below the surface may differ from the edge's radius by `MAX_EDGE_SHIFT` of the shape's
+    longest extent.
+    """
     tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
     strikes = recording.plan.strikes
     off = np.abs(
@@ -256,6 +289,15 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Strike
 def _strike(
     recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
 ) -> tuple[TipMotion, TrackingReport]:
+    """Motion of one strike, and its tracking report.
+
+    If the motion is a tip only at another frame rate than a video file states, it has no fit, and its verdict
+    is UNREADABLE.
+
+    Raises:
+        PlanError: the plan does not hold the strike.
+        TrackingError: no marker can be tracked.
+    """
     planned = next((strike for strike in struck.plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
         raise PlanError(
@@ -302,7 +344,11 @@ def _strike(
 
 
 def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
-    """Rough k [rad/s²] from the planned I_edge, with the centre of mass in the middle of the shape."""
+    """Rough k = m g R / I_edge [rad/s²] of a strike, from the planned moment about the edge, I_edge.
+
+    The centre of mass is taken at the shape's centroid, R being its distance from the pivot axis; `gravity`
+    is in m/s².
+    """
     arm = struck.model.centroid - np.array(planned.pivot.point)
     R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
     return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

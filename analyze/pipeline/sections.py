@@ -1,4 +1,4 @@
-"""Rolling outline of an object for one strike, and the angle at which its next face lands."""
+"""Outline of an object on which it rolls in one strike, and the angle at which its next face lands."""
 
 from __future__ import annotations
 
@@ -26,16 +26,17 @@ if TYPE_CHECKING:
 
 
 def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Support function of a curved flank about the strike's pivot point; None at a corner or bevel.
-
-    A corner or bevel needs none: its edge radius describes it.
+    """Support function (height over the table by angle) of a curved flank about the strike's pivot point.
 
     The table touches the lowest point of the whole hull, wherever along the axis it lies, so that the
     outline seen along the axis counts, not a cut.
 
     Args:
-        model: the object's exterior, in O.
-        planned: pose and pivot of the strike.
+        model: the object's exterior, in the object frame O.
+        planned: rest pose and pivot of the strike.
+
+    Returns:
+        None at a corner or bevel, which its edge radius describes, and if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or not is_curved(section, planned):
@@ -46,18 +47,21 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 
 
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Least theta [rad] at which the next face may touch the table; None on a flank or if no face is known.
+    """Least tipping angle [rad] at which the object's next face may touch the table.
 
     Args:
-        model: the object's exterior, in O.
-        planned: pose and pivot of the strike.
+        model: the object's exterior, in the object frame O.
+        planned: rest pose and pivot of the strike.
+
+    Returns:
+        None on a curved flank, on which the object rolls, or if no face touches after balance.
     """
     section = _across(model, planned)
     return None if section is None or is_curved(section, planned) else landing_angle(section, planned)
 
 
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Outline of the hull as seen along the pivot axis; None if it has no area."""
+    """Outline of the hull as seen along the pivot axis, about the pivot point; None if it has no area."""
     R_world_object = np.array(planned.R_world_object)
     across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
     try:
@@ -67,10 +71,11 @@ def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | Non
 
 
 class MeshSections:
-    """Outlines and landing angles of an object, for judging a strike while the session is running.
+    """Outlines and landing angles of a mesh object, for judging a strike while the session is running.
 
-    The shape is loaded on first use, when its file may not have been recorded yet. A primitive has none; a
-    point cloud gets none here, since fitting its surface takes seconds; the estimate fits it later.
+    The shape is loaded once, on first use; all later answers are None if it was not available then, that is
+    if its file is not recorded yet or cannot be used. A primitive (box, cylinder) has no file; a point cloud
+    is not loaded here, since fitting its surface takes seconds; the estimate fits it later.
     """
 
     def __init__(self, spec: ObjectSpec, shape_bytes: Callable[[], bytes | None]) -> None:
@@ -80,22 +85,30 @@ class MeshSections:
         self._load_tried = False
 
     def outline(self, planned: PlannedStrike) -> SupportFunction | None:
-        """Support function as of `rolling_outline`; also None if the shape is not available."""
+        """Support function of the curved flank on which the object rolls in the strike.
+
+        None at a corner or bevel, if the outline has no area, or if the shape is not available.
+        """
         model = self._loaded()
         return None if model is None else rolling_outline(model, planned)
 
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
-        """Angle [rad] as of `next_face_angle`; also None if the shape is not available."""
+        """Least tipping angle [rad] at which the object's next face may touch the table.
+
+        None on a curved flank, if no face touches after balance, or if the shape is not available.
+        """
         model = self._loaded()
         return None if model is None else next_face_angle(model, planned)
 
     def _loaded(self) -> ObjectModel | None:
+        """The object's exterior, loaded at the first call; None if it was not available then."""
         if not self._load_tried:
             self._load_tried = True
             self._model = self._load()
         return self._model
 
     def _load(self) -> ObjectModel | None:
+        """The object's exterior from its mesh file; None without a file, for a point cloud or a bad shape."""
         name, data = self._spec.shape.file or "", self._shape_bytes()
         suffix = PurePath(name).suffix.lower().removeprefix(".")
         if (

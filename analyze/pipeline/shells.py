@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
-    """The body divided into cells of side `pitch` [m], for each shell thickness that leaves an interior."""
+    """The body divided into cells of side `pitch` [m], for each candidate thickness of its shell.
+
+    The shell is the outer wall. Thicknesses that leave no interior are left out; the thinnest is first.
+    """
     shells = [
         ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))
         for t in candidate_shell_thicknesses(model)
@@ -32,14 +35,18 @@ def region_masses(
     parameters: InertialParameters,
     rng: np.random.Generator,
 ) -> MassDistribution:
-    """Region masses with the shell thickness given, or averaged over all possible ones.
+    """Masses of shell and interior parts, with the shell thickness given or averaged over all possible ones.
 
     Args:
         spec: object file.
         model: exterior shape.
-        cells: the body divided with the given or assumed shell.
+        cells: the body divided with the given or assumed shell, which is used if the thickness is given or
+            fewer than two thicknesses leave an interior.
         parameters: mass, centre of mass and moments.
         rng: generator of the draws behind the intervals.
+
+    Returns:
+        Masses [kg] of the shell and of the interior on either side of a plane, with intervals.
     """
     shells = [] if spec.shell_thickness_m is not None else possible_shells(model, cells.pitch)
     return (

@@ -20,10 +20,10 @@ def too_few_text(
     excluded: Collection[str],
     plan: StrikePlan,
 ) -> str:
-    """Message that names the missing strikes, the reasons and the remedy.
+    """Message, one line, that names the missing strikes, the reasons and the remedy.
 
     Args:
-        needed: least number of strikes.
+        needed: least number of usable strikes for an estimate.
         motions: all motions of the recordings.
         usable: ids of strikes that can be used, excluded or not.
         excluded: ids left out on request, whatever their verdict.
@@ -60,4 +60,5 @@ def too_few_text(
 
 
 def _verdict(motion: TipMotion) -> str:
+    """Verdict of a motion in words, for messages."""
     return motion.verdict.value.replace("_", " ")
