@@ -3,8 +3,8 @@
 The body is a shell of one density, a filling of one density inside it below the plane u.x = h, and empty
 above; u is the direction that pointed upwards when the object was filled, h the level. With h and the shell's
 thickness given, all that was measured is linear in the two masses (as in part_masses.py): the masses are
-integrated out exactly, h and the thickness on a grid that is refined around the
-data's maximum. The prior is uniform in the level, in the logarithm of the thickness, and in each mass
+integrated out exactly, h and the thickness on a grid that is refined around the data's maximum. The prior is
+uniform in the level, in the logarithm of the thickness, and in each mass
 between zero and that of lead; or the filling's density is given with its sd. The filling is assumed to turn
 rigidly with the body: powder that does not flow, or a frozen, set or viscous filling. A free liquid does not.
 """

@@ -43,9 +43,8 @@ def mass_distribution(
 
     n is the unit normal of the plane n.x = offset that divides the interior, in the object frame O.
     Metropolis chains draw direction and offset of this plane from its posterior, with the mass shares
-    integrated out.
-    For each plane the shares are then drawn from their normal distribution, truncated at zero. n points to
-    the same side as the body's longest direction.
+    integrated out. For each plane the shares are then drawn from their normal distribution, truncated at
+    zero. n points to the same side as the body's longest direction.
 
     The intervals hold for a body of this kind. If even the best plane leaves a misfit beyond measurement
     error, the body is of another kind: then the dividing plane passes through its middle, normal to its

@@ -119,7 +119,7 @@ class ShareDistribution:
 
     @property
     def _log_parts(self) -> Array:
-        """Log integrals (3, b) of prior times likelihood: with no share zero, the second or the third zero."""
+        """Log integrals (3, b) of prior times likelihood: no share zero, the second zero, the third zero."""
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]
         weight = np.exp(self.log_density - top[:, None])
