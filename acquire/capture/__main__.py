@@ -1,4 +1,7 @@
-"""`python -m acquire.capture --fd N --heartbeat N`: started by the daemon."""
+"""Entry point of the capture process, started by the daemon.
+
+`python -m acquire.capture --fd N --heartbeat N`: numbers of the inherited socket and pipe.
+"""
 
 from acquire.capture.process import main
 

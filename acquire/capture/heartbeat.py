@@ -1,8 +1,8 @@
 """Heartbeat of the capture process: a byte every quarter second, while its essential threads run.
 
 A process that was stopped, that is blocked, or whose interpreter is held by a library sends none. The
-listener counts only time during which it ran itself: a computer that slept, or stood still as a whole, is no
-reason to kill a process.
+listener in the daemon counts only time during which it ran itself: a computer that slept, or stood still as a
+whole, is no reason to kill a process.
 """
 
 from __future__ import annotations
@@ -24,7 +24,12 @@ _POLL_S: Final = 0.1
 
 
 class Heartbeat:
-    """Sends a byte on the pipe `fd` every `BEAT_S` while `is_healthy()` is true, until `stop`."""
+    """Sends a byte on a pipe every `BEAT_S` while the process is healthy, from creation until `stop`.
+
+    Args:
+        fd: writing end of the pipe; closed by `stop`.
+        is_healthy: True if this process works; called before each byte, in a thread of its own.
+    """
 
     def __init__(self, fd: int, is_healthy: Callable[[], bool]) -> None:
         self._fd = fd
@@ -48,9 +53,13 @@ class Heartbeat:
 
 
 class HeartbeatListener:
-    """Receiver of heartbeats from the pipe `fd`, until the sender closes it.
+    """Receiver of heartbeats from a pipe, until the sender closes it.
 
-    It calls `on_silence` once, if the heartbeats stop after the first one.
+    Args:
+        fd: reading end of the pipe; closed when the sender has closed the other end.
+        on_silence: called once, in a thread of its own, if no heartbeat comes for `silence_s` after the
+            first.
+        silence_s: time of this process without a heartbeat after which the sender counts as hung [s].
     """
 
     def __init__(self, fd: int, on_silence: Callable[[], None], silence_s: float = SILENCE_S) -> None:
@@ -61,7 +70,7 @@ class HeartbeatListener:
         self._thread.start()
 
     def join(self) -> None:
-        """Wait until the sender has ended."""
+        """Wait until the sender has closed the pipe, by its end at the latest."""
         self._thread.join()
 
     def _run(self) -> None:

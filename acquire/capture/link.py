@@ -1,4 +1,4 @@
-"""The daemon's end of the capture process: starts it, sends commands, receives answers, notices its end."""
+"""The daemon's handle of the capture process: starts it, sends commands, notices its end."""
 
 from __future__ import annotations
 
@@ -46,14 +46,19 @@ class CaptureStatus:
     waiting_bytes: int
     """bytes of images in memory that wait for the disk, in this recording"""
     fps: float
+    """frame rate measured at present [1/s]"""
     recording: Path | None
     """final path of the file being written; None if no recording is open"""
     first_frame_ns: int | None
     """log time of this recording's first frame; None before it"""
     bytes_written: int
+    """bytes of this recording's files so far"""
     receive_buffer_bytes: int
+    """size of the receive buffer of the camera's socket; 0 if unknown"""
     camera: CameraInfo | None
+    """identity of the camera; None before it was opened"""
     connected: bool
+    """True while the camera answers"""
     clock_latched: bool
     """True if frame times are mapped from the camera's clock; False: they are arrival times"""
     last_frame_age_s: float | None
@@ -69,20 +74,29 @@ class RecordingReport:
     """Path, frame counts and content id of a finished recording."""
 
     path: Path
+    """path of the last file"""
     frames: int
+    """frames that arrived during the recording"""
     lost: int
+    """frames lost on the way from the camera, and images dropped because of a slow disk"""
     content_id: str
+    """hash of the last file's messages"""
 
 
 class CaptureProcess:
-    """The capture process as an object.
+    """The daemon's handle of the capture process, which reads the camera and writes the recording.
 
     Methods may be called from any thread; all but `write` wait for the answer. A process without heartbeat is
     killed, even while a method waits for it.
 
+    Args:
+        rig: camera and recorder configuration.
+        command: command line of the process, without its descriptors.
+
     Raises:
-        AcquireError: the same subclass and text as raised in the process; CaptureGone if the process itself
-            is gone.
+        CaptureGone: the process is not running, or ended during the call.
+        RecorderError: the process does not answer in time.
+        AcquireError: the same subclass and text as raised in the process.
     """
 
     def __init__(
@@ -113,7 +127,10 @@ class CaptureProcess:
 
     @property
     def end(self) -> str:
-        """Reason why the process ended, as part of a sentence."""
+        """Reason why the process ended, as a predicate of "the capture process".
+
+        Waits up to 1 s for its exit code, which is None while it runs.
+        """
         if self._hung:
             return f"gave no sign of life for {SILENCE_S:g} s and was ended"
         code = None
@@ -123,7 +140,15 @@ class CaptureProcess:
         return f"ended (exit code {code})"
 
     def start(self) -> CameraInfo:
-        """Start the process, open the camera, stream."""
+        """Start the process, open the camera and stream.
+
+        Returns:
+            Identity of the camera.
+
+        Raises:
+            AcquireError: the camera or the rig file cannot be used; the process has ended then.
+            OSError: the process cannot be started.
+        """
         here, there = socket.socketpair()
         read_fd, write_fd = os.pipe()
         try:
@@ -159,7 +184,13 @@ class CaptureProcess:
     def open_recording(
         self, path: Path, manifest: SessionManifest, attachments: list[tuple[str, str, bytes]]
     ) -> None:
-        """Begin a recording; `attachments` are (name, media type, bytes)."""
+        """Begin a recording.
+
+        Args:
+            path: first file of the recording.
+            manifest: written at the head of every file.
+            attachments: (name, media type, content) of the files attached to it.
+        """
         header = {
             "op": "open_recording",
             "path": str(path.absolute()),
@@ -169,18 +200,28 @@ class CaptureProcess:
         self._call(header, b"".join(data for _, _, data in attachments))
 
     def require_space(self) -> None:
-        """Raise RecorderError unless the disk has room for a window; called before the striker is armed."""
+        """Raise RecorderError unless the disk has room for a window; called before the striker is armed.
+
+        A window is the time span of a strike, here of the greatest length.
+        """
         self._call({"op": "require_space"})
 
     def open_window(self) -> int:
-        """Record every image from `pre_trigger_s` before now on. Returns the start as a log time."""
+        """Record every image from `pre_trigger_s` before now on.
+
+        Returns:
+            Start of the window as a log time [ns].
+        """
         return int(self._call({"op": "open_window"})["start_ns"])
 
     def close_window(self, end_ns: int = 0) -> WindowReport:
         """End the window; the reported images are in the file.
 
         Args:
-            end_ns: log time at which the window ends if that has passed; 0: now.
+            end_ns: log time [ns] at which the window ends if that has passed; 0: now.
+
+        Returns:
+            Times of the first and last image, and numbers of recorded and lost frames.
         """
         return WindowReport(
             **self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_TIMEOUT_S)
@@ -189,7 +230,13 @@ class CaptureProcess:
     def write(self, topic_name: str, log_time_ns: int, data: bytes) -> None:
         """Record one small message, without waiting.
 
-        Messages travel in batches, in order, and before any later command.
+        Messages travel in batches, in order, and before any later command. A message is dropped and counted
+        in `dropped_messages` if the process does not run, or more than BATCH_LIMIT_BYTES wait for it.
+
+        Args:
+            topic_name: name of a small topic (any topic but the camera's images and their meta).
+            log_time_ns: log time [ns].
+            data: serialised message.
 
         Raises:
             RecorderError: no such topic.
@@ -204,7 +251,7 @@ class CaptureProcess:
             self._batch += wire.pack_message(number, log_time_ns, data)
 
     def status(self) -> CaptureStatus:
-        """Camera and recorder health now."""
+        """Ask for the health of camera and recorder."""
         reply = self._call({"op": "status"})
         reply["recording"] = Path(reply["recording"]) if reply["recording"] is not None else None
         reply["camera"] = CameraInfo(**reply["camera"]) if reply["camera"] is not None else None
@@ -212,12 +259,20 @@ class CaptureProcess:
         return CaptureStatus(**reply)
 
     def close_recording(self) -> RecordingReport:
-        """Finish the file, which is called `<path>.part` until then."""
+        """Finish the recording; its file is called `<path>.part` until then.
+
+        Returns:
+            Path of the last file, frame counts and content id.
+        """
         reply = self._call({"op": "close_recording"}, timeout_s=FINISH_TIMEOUT_S)
         return RecordingReport(Path(reply["path"]), reply["frames"], reply["lost"], reply["content_id"])
 
     def stop(self) -> None:
-        """End the process; an open recording is finished first. Safe to call twice, and before `start`."""
+        """End the process; an open recording is finished first if the process still answers.
+
+        A process that does not end within 15 s of that is terminated, and killed after another 15 s. Safe to
+        call twice, and before `start`.
+        """
         process = self._process
         if process is None:
             return

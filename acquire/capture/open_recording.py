@@ -1,4 +1,4 @@
-"""Open recording of the capture process: its files, its recorder, and the memory that they write from."""
+"""Open recording of the capture process: its files, its recorder, and its memory for direct I/O."""
 
 from __future__ import annotations
 
@@ -27,13 +27,16 @@ Attachments = list[tuple[str, str, bytes]]
 
 
 def frame_format(rig: RigConfig) -> FrameFormat:
-    """Size and rate of the rig's frames."""
+    """Camera name, image size and frame rate of a rig."""
     camera = rig.camera
     return FrameFormat(camera.name, camera.width, camera.height, camera.frame_rate_hz)
 
 
 def borrowable_frames(rig: RigConfig) -> int:
-    """Number of camera buffers that a continuous recording may borrow; 0 in other modes."""
+    """Number of camera buffers that a recording may borrow at a time.
+
+    0 unless the mode is "continuous" with raw images of at least a page.
+    """
     recorder = rig.recorder
     if recorder.mode != "continuous" or recorder.image_format != "raw":
         return 0
@@ -41,7 +44,7 @@ def borrowable_frames(rig: RigConfig) -> int:
 
 
 class OpenRecording:
-    """An open recording, with its messages of small topics and its windows."""
+    """An open recording: its files, its frame recorder with the windows, and its small messages."""
 
     def __init__(
         self,
@@ -57,10 +60,13 @@ class OpenRecording:
         Args:
             path: first file of the recording.
             manifest: written to every file, with the file's number.
-            attachments: written to every file.
-            log_time_ns: log time of the attachments.
+            attachments: (name, media type, content) of files attached to every file of the recording.
+            log_time_ns: log time of the attachments [ns].
             rig: camera and recorder configuration.
             borrowable: number of camera buffers that may be borrowed, for direct I/O; 0: frames are copied.
+
+        Raises:
+            RecorderError: the path is taken, or the disk refuses or has no room.
         """
         config = rig.recorder
         self.rig = rig
@@ -96,24 +102,37 @@ class OpenRecording:
 
     @property
     def waiting_bytes(self) -> int:
-        """Bytes of images in memory that wait for the disk."""
+        """Bytes of images in memory that wait for the disk: queued frames, used blocks, borrowed buffers."""
         queued = self.frames.waiting * self._format.image_bytes if self.frames is not None else 0
         return queued + (self._memory.used_bytes if self._memory is not None else 0)
 
     def require_space(self) -> None:
-        """Raise RecorderError unless the disk has room for a window of the greatest length."""
+        """Raise RecorderError unless the disk has room for a window (strike) of the greatest length."""
         config = self.rig.recorder
         frames = math.ceil((config.max_window_s + config.pre_trigger_s) * self._format.frame_rate_hz)
         self._disk.require(frames * self._format.image_bytes, "a window")
 
     def begin(self) -> None:
-        """Begin to record frames, after the head of the file."""
+        """Declare the small topics, and start to record frames. Called once, after construction.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         for topic in self._small.values():
             self.files.add_topic(topic)
         self.frames = choose_recorder(self.files, self._format, self.rig.recorder, self.anchor)
 
     def write(self, name: str, log_time_ns: int, data: bytes) -> None:
-        """Write one message of a small topic."""
+        """Write one message of a small topic (any topic but the camera's images and their meta).
+
+        Args:
+            name: name of the topic.
+            log_time_ns: log time [ns].
+            data: serialised message.
+
+        Raises:
+            RecorderError: there is no such topic, or the disk refuses.
+        """
         topic = self._small.get(name)
         if topic is None:
             raise RecorderError(f"{self.path}: topic {name!r} is not one of a recording's small topics")
@@ -122,7 +141,15 @@ class OpenRecording:
         self.files.write(self.files.add_topic(topic), log_time_ns, data, sequence=sequence)
 
     def finish(self) -> dict[str, Any]:
-        """Write the waiting frames and finish the last file; the answer to `close_recording`."""
+        """Write the waiting frames and finish the last file.
+
+        Returns:
+            `path` and `content_id` of the last file, and over all files the numbers `frames` that arrived and
+            `lost` (lost on the way, or dropped by a slow disk).
+
+        Raises:
+            RecorderError: a file could not be finished.
+        """
         frames = self.frames
         try:
             if frames is not None:
@@ -137,7 +164,7 @@ class OpenRecording:
         }
 
     def abandon(self) -> None:
-        """Delete the file, whose head could not be written."""
+        """Stop writing and delete the file; for a recording that could not be begun."""
         if self.frames is not None:
             self.frames.close()
         self.files.abandon()

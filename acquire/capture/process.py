@@ -2,8 +2,7 @@
 
 The daemon sends commands over a socket pair (link.py is the other end) and receives heartbeats
 (heartbeat.py). The process finishes the recording by itself when it is terminated and when the daemon dies.
-Ctrl-C in a terminal reaches every process of the terminal; this one ignores it and leaves the reaction to the
-daemon.
+Ctrl-C in a terminal reaches every process of the terminal; this one ignores it: the daemon reacts to it.
 """
 
 from __future__ import annotations
@@ -49,9 +48,15 @@ MakeCamera = Callable[[CameraConfig, Clock, int], Camera]
 
 
 class Capture:
-    """Server of the daemon's commands.
+    """Server of the daemon's commands in the capture process: owns camera and recording.
 
     It ends when `connection` closes, when `stop` arrives, or when a signal wakes `wake_fd`.
+
+    Args:
+        connection: socket to the daemon.
+        make_camera: makes the camera from configuration, clock, and number of borrowable frames.
+        clock: host clock.
+        wake_fd: descriptor that becomes readable at a signal.
     """
 
     def __init__(
@@ -82,7 +87,11 @@ class Capture:
         }
 
     def run(self) -> None:
-        """Serve commands; at the end, for whatever reason, finish the recording and release the camera."""
+        """Serve commands until the end; then finish an open recording and release the camera.
+
+        This happens whatever ends the service: the command `stop`, a signal, the end of the daemon, or an
+        error.
+        """
         try:
             while self._serve_one():
                 pass
@@ -97,7 +106,11 @@ class Capture:
                     self._stream.stop()
 
     def is_healthy(self) -> bool:
-        """True while the threads that serve commands and read the camera make progress."""
+        """True while the threads that serve commands and read the camera make progress.
+
+        False if a command takes longer than COMMAND_S, or if the camera counts as connected although it
+        brought no frame for STUCK_S longer than the rig's stall time.
+        """
         now, begun = self._clock.monotonic_ns(), self._begun_ns
         if begun is not None and now - begun > COMMAND_S * 1e9:
             return False
@@ -284,7 +297,13 @@ class Capture:
 
 
 def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
-    """Run the capture process on socket `fd`, in the main thread, heartbeats to the pipe `heartbeat_fd`."""
+    """Run the capture process until the daemon or a signal ends it. Call it in the main thread.
+
+    Args:
+        fd: socket to the daemon.
+        heartbeat_fd: writing end of the pipe for heartbeats.
+        make_camera: makes the camera from configuration, clock, and number of borrowable frames.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -303,7 +322,7 @@ def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
 
 
 def main() -> None:
-    """Parse the command line and serve."""
+    """Parse the command line and serve the daemon's commands until the end."""
     parser = argparse.ArgumentParser(
         description="Capture process of the daemon; not meant to be started by hand."
     )

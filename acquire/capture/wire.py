@@ -1,4 +1,7 @@
-"""Protocol of daemon and capture process: length-prefixed packets of a JSON header and bytes. No pickle."""
+"""Protocol of daemon and capture process: length-prefixed packets of a JSON header and bytes.
+
+Nothing is pickled.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,10 @@ class WireClosed(ConnectionError):
 
 
 def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b"") -> None:
-    """Send one packet.
+    """Send one packet of a JSON header and bytes.
 
     Raises:
-        WireClosed: the other side is gone.
+        WireClosed: the other side is gone, or does not read within the connection's timeout.
     """
     text = json.dumps(header, separators=(",", ":")).encode()
     try:
@@ -34,6 +37,9 @@ def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b""
 
 def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
     """Wait for one packet.
+
+    Returns:
+        Its JSON header and its bytes.
 
     Raises:
         WireClosed: the other side closed, or sent something that is no packet.
@@ -53,7 +59,7 @@ def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
 
 
 def small_topics(camera: str) -> dict[str, topics.Topic]:
-    """Topics that the daemon may write, by name: all but images and their meta."""
+    """Topics that the daemon may write, by name: all but the images of `camera` and their meta."""
     known = (
         topics.camera_calibration(camera),
         topics.STRIKER_SAMPLE,
@@ -67,12 +73,18 @@ def small_topics(camera: str) -> dict[str, topics.Topic]:
 
 
 def pack_message(topic: int, log_time_ns: int, data: bytes) -> bytes:
-    """One message in a batch; `topic` is the index in the batch's list of names."""
+    """Bytes of one message in a batch.
+
+    Args:
+        topic: index of the topic's name in the list that travels with the batch.
+        log_time_ns: log time [ns].
+        data: serialised message.
+    """
     return _MESSAGE.pack(topic, log_time_ns, len(data)) + data
 
 
 def unpack_messages(batch: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (topic, log time, data) of each message in a batch.
+    """Yield (index of the topic's name, log time [ns], serialised message) of each message in a batch.
 
     Raises:
         ValueError: the batch ends inside a message.

@@ -1,4 +1,4 @@
-"""The daemon: owns camera, striker and recorder, and serves its clients over the local socket (server.py).
+"""The daemon: owns camera, striker and recorder, and serves clients over a local socket (server.py).
 
 Capture (camera and file) is a process of its own; striker, API and watcher run here and can fail without
 losing a frame. A child process that dies, or hangs and is killed, is started again and reported: as an event,
@@ -67,6 +67,9 @@ class Daemon:
 
     def run(self, on_ready: Any = None, goes_on: Callable[[], bool] = lambda: True) -> None:
         """Start everything, serve until a stop request, release everything.
+
+        Stop requests are the signals SIGTERM, SIGINT and SIGHUP, for which handlers are installed, and a
+        client's `shutdown`.
 
         Args:
             on_ready: called once with the status, when clients are served and all devices are open.
