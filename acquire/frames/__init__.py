@@ -1,1 +1,1 @@
-"""One camera frame and the page-aligned memory that it lies in, shared by camera and recorder."""
+"""One camera frame and the page-aligned memory that holds its pixels, shared by camera and recorder."""

@@ -18,7 +18,11 @@ from acquire.frames.page_memory import page_memory, whole_pages
 
 
 class BufferPool:
-    """Buffers of `payload` bytes, each at the beginning of a page. Any thread borrows and releases."""
+    """Buffers of `payload` bytes, each at the beginning of a page. Any thread borrows and releases.
+
+    A slot is the number of a buffer. A circulating buffer is either with the camera's stream, to be filled,
+    or with the frame received into it; the other buffers are the reserve.
+    """
 
     def __init__(
         self,
@@ -31,7 +35,7 @@ class BufferPool:
 
         Args:
             circulating: buffers that belong to the stream to begin with: slots 0 to circulating - 1.
-            reserve: buffers that replace borrowed ones.
+            reserve: number of buffers that replace borrowed ones.
             payload: size of a buffer in bytes.
             requeue: gives a slot to the stream; not called after `close`.
         """
@@ -54,19 +58,24 @@ class BufferPool:
         return len(self._reserve)
 
     def address(self, slot: int) -> int:
-        """Address of the slot's first byte."""
+        """Memory address of the first byte of buffer number `slot`."""
         return self._memory[slot].ctypes.data
 
     def image(self, slot: int, width: int, height: int) -> NDArray[np.uint8]:
-        """View (height, width) of a slot."""
+        """View of the pixels in buffer number `slot`, shape (height, width), uint8; nothing is copied."""
         return self._memory[slot, : width * height].reshape(height, width)
 
     def buffer(self, slot: int) -> PooledBuffer:
-        """Handle of a circulating slot, for the frame that was received into it."""
+        """Handle of circulating buffer number `slot`, for the frame that was received into it."""
         return PooledBuffer(self, slot)
 
     def copy(self, frame: Frame) -> Frame | None:
-        """Copy a frame's image into a buffer of the reserve. None if the reserve is empty."""
+        """Copy a frame's image into a buffer of the reserve.
+
+        Returns:
+            The frame with the copied image and a borrowed buffer, to be released; None if the reserve is
+            empty.
+        """
         with self._lock:
             if not self._reserve:
                 return None
@@ -77,7 +86,12 @@ class BufferPool:
         return frame._replace(image=image, buffer=PooledBuffer(self, slot, borrowed=True))
 
     def replace(self) -> bool:
-        """Give the stream a buffer of the reserve in place of a borrowed one. False if there is none."""
+        """Give the stream a buffer of the reserve, in place of a buffer that is being borrowed.
+
+        Returns:
+            True if it was given; False if the reserve is empty or the pool is closed: the buffer then cannot
+            be borrowed.
+        """
         with self._lock:
             if not self._reserve or self._requeue is None:
                 return False
@@ -86,7 +100,10 @@ class BufferPool:
             return True
 
     def give_back(self, slot: int, *, borrowed: bool) -> None:
-        """Return a slot: to the reserve if it was borrowed, else to the stream."""
+        """Return buffer number `slot`: to the reserve if it was borrowed, else to the stream.
+
+        After `close` a buffer that was not borrowed goes nowhere.
+        """
         with self._lock:
             if borrowed:
                 self._reserve.append(slot)
@@ -94,13 +111,19 @@ class BufferPool:
                 self._requeue(slot)
 
     def close(self) -> None:
-        """Disconnect from the stream; borrowed buffers stay valid until their release."""
+        """Disconnect from the camera's stream; borrowed buffers stay valid until their release."""
         with self._lock:
             self._requeue = None
 
 
 class PooledBuffer:
-    """FrameBuffer: one use of a slot, by one frame."""
+    """One use of a pool's buffer by one frame (a FrameBuffer).
+
+    Args:
+        pool: owner of the buffer.
+        slot: number of the buffer in the pool.
+        borrowed: True if the buffer was taken from the reserve.
+    """
 
     __slots__ = ("_pool", "borrowed", "slot")
 
@@ -110,10 +133,15 @@ class PooledBuffer:
         self.borrowed = borrowed
 
     def borrow(self) -> bool:
-        """See FrameBuffer."""
+        """Keep the pixels unchanged until `release`; a buffer of the reserve goes to the stream instead.
+
+        Returns:
+            True if the buffer is borrowed; False if the reserve is empty or the pool is closed: the pixels
+            are valid during the current call only.
+        """
         self.borrowed = self._pool.replace()
         return self.borrowed
 
     def release(self) -> None:
-        """See FrameBuffer."""
+        """Give the buffer back: to the reserve if it was borrowed, else to the stream. Call it once."""
         self._pool.give_back(self.slot, borrowed=self.borrowed)

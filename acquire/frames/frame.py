@@ -1,4 +1,4 @@
-"""One frame, from the camera's stream to the file."""
+"""One camera frame with its times and its buffer, from the camera's stream to the file."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 
 
 class FrameBuffer(Protocol):
-    """The buffer that holds the pixels of one frame."""
+    """Interface of the buffer that holds the pixels of one frame."""
 
     @property
     def borrowed(self) -> bool:
-        """True once `borrow` has succeeded; it stays true after the release."""
+        """True once `borrow` has succeeded, and always for a copy; it stays true after the release."""
         ...
 
     def borrow(self) -> bool:
         """Keep the pixels unchanged until `release`.
 
         Returns:
-            False if the pool has no other buffer to take its place: the pixels are valid during the current
-            call only.
+            True if the buffer is borrowed; False if the pool has no other buffer to take its place: the
+            pixels are valid during the current call only.
         """
         ...
 
     def release(self) -> None:
-        """Give the buffer back, once.
+        """Give the buffer back to its pool. Call it once for each frame.
 
         Any thread may release a borrowed buffer, also after its camera closed.
         """
@@ -34,7 +34,7 @@ class FrameBuffer(Protocol):
 
 
 class Frame(NamedTuple):
-    """A complete frame; its pixels are valid until its buffer is released.
+    """A complete frame: pixels, numbers and times. Its pixels are valid until its buffer is released.
 
     A named tuple, because one is made for every frame on the camera's thread: a frozen dataclass takes three
     times as long.
@@ -43,24 +43,27 @@ class Frame(NamedTuple):
     image: NDArray[np.uint8]
     """(height, width) mono8"""
     sequence: int
-    """number of complete frames before this one: since the start, or since the stream began once it is
-    mapped"""
+    """number of complete frames before this one: since the camera started, or since the stream began once its
+    times are mapped (`mid_exposure_ns`)
+    """
     frame_id: int
-    """GVSP block id"""
+    """block id of the GigE Vision stream protocol (GVSP)"""
     device_time_ns: int
-    """camera clock, start of exposure"""
+    """start of exposure on the camera's clock [ns]"""
     host_time_ns: int
-    """host monotonic clock, at arrival"""
+    """arrival on the host's monotonic clock [ns]"""
     exposure_us: float
+    """exposure time [us]"""
     lost_before: int
     """frames lost between the previous complete frame and this one"""
     buffer: FrameBuffer
+    """memory of `image`"""
     mid_exposure_ns: int = 0
-    """host monotonic clock; 0 until the camera's stream maps the device time"""
+    """middle of the exposure, host monotonic clock [ns]; 0 until the stream maps the device time"""
     mapping_sd_ns: int = 0
-    """1 sigma of `mid_exposure_ns`"""
+    """1 sigma of `mid_exposure_ns` [ns]"""
 
     @property
     def pixels(self) -> memoryview:
-        """The image's bytes, row by row."""
+        """View of the image's bytes, row by row, width * height of them; the image is contiguous."""
         return self.image.data.cast("B")

@@ -18,6 +18,9 @@ def page_memory(size: int) -> mmap.mmap:
 
     A page fault in the middle of a strike costs more than copying a frame. Huge pages are used where the
     kernel offers them.
+
+    Returns:
+        The memory; its length is `size` rounded up to whole huge pages (2 MiB).
     """
     # Private: shared memory gets no huge pages in the kernel's usual configuration (shmem_enabled = never).
     memory = mmap.mmap(
@@ -35,5 +38,5 @@ def page_memory(size: int) -> mmap.mmap:
 
 
 def whole_pages(size: int) -> int:
-    """`size` [bytes], rounded up to whole pages."""
+    """`size` [bytes], rounded up to whole pages of PAGE_BYTES."""
     return -(-size // PAGE_BYTES) * PAGE_BYTES
