@@ -1,1 +1,1 @@
-"""Clocks: the host's, and the mapping of a device's clock to it."""
+"""Host clock, and the mapping of a device's clock to it."""

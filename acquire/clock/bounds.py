@@ -1,4 +1,8 @@
-"""All straight lines that satisfy the bounds of clock readings: a convex polygon, its mean and spread."""
+"""All straight lines that satisfy the bounds of clock readings: a convex polygon, its mean and spread.
+
+A reading bounds the device clock between two readings of the host clock. A line maps device time to host time
+by an offset and a rate.
+"""
 
 from __future__ import annotations
 
@@ -21,23 +25,26 @@ by zero"""
 
 @dataclass(frozen=True)
 class LineBounds:
-    """Mean and covariance of all lines host - device = offset + rate * (device - newest device time).
+    """Mean and covariance of all lines that map a device clock to the host clock.
 
-    The offset [ns] counts from `host_before_ns` of the newest reading; the rate is a pure number.
+    A line is (host - host0) - (device - device0) = offset + rate * (device - device0). Here device0 is the
+    newest reading's device time, host0 its `host_before_ns`.
     """
 
     offset_ns: float
+    """mean offset [ns]"""
     rate: float
+    """mean rate of the host clock against the device clock, minus 1; a pure number"""
     covariance: tuple[float, float, float]
     """covariance of (offset, rate): var(offset) [ns^2], cov [ns], var(rate)"""
 
 
 def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBounds | None:
-    """Mean and covariance of the uniform distribution over all lines that satisfy every reading.
+    """Mean and covariance of the uniform distribution over all lines that satisfy every clock reading.
 
     Args:
         readings: at least one, oldest first.
-        rate_limit: greatest |rate|.
+        rate_limit: greatest |rate| of a line, where the rate is host clock against device clock, minus 1.
 
     Returns:
         None if no line satisfies all bounds.
@@ -62,7 +69,11 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
 
 
 def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
-    """Part of a convex polygon where a x + b y + c >= 0 (Sutherland and Hodgman 1974)."""
+    """Part of a convex polygon where a x + b y + c >= 0 (Sutherland and Hodgman 1974).
+
+    Returns:
+        Its corners (x, y) in order; empty if no part is left.
+    """
     distance = [a * x + b * y + c for x, y in polygon]
     if min(distance, default=0.0) >= 0.0:
         return polygon
@@ -79,9 +90,12 @@ def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
 
 
 def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
-    """Mean and covariance (xx, xy, yy) of the uniform distribution over a convex polygon.
+    """Mean and covariance of the uniform distribution over a convex polygon with at least one corner.
 
-    The polygon is summed as a fan of triangles.
+    The polygon is summed as a fan of triangles; one without area counts as the line between its ends.
+
+    Returns:
+        Mean (x, y), and covariance (xx, xy, yy).
     """
     x0, y0 = polygon[0]
     area = sx = sy = sxx = sxy = syy = 0.0
@@ -105,7 +119,7 @@ def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
 
 
 def _line_moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
-    """Mean and covariance (xx, xy, yy) for a polygon without area: uniform between its two ends."""
+    """Mean (x, y) and covariance (xx, xy, yy) for a polygon without area: uniform between its two ends."""
     (ax, ay), (bx, by) = min(polygon), max(polygon)
     dx, dy = bx - ax, by - ay
     return ((ax + bx) / 2.0, (ay + by) / 2.0), (dx * dx / 12.0, dx * dy / 12.0, dy * dy / 12.0)

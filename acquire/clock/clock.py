@@ -1,4 +1,4 @@
-"""Host clock, injected wherever time is read, and the mapping of a device clock to it."""
+"""Host clock, passed in wherever time is read, and the mapping of a device clock to it."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ MAPPING_SD_FLOOR_NS = 2_000.0
 
 
 class Clock(Protocol):
-    """Host clock. Everything that reads time or sleeps takes one, so that tests can inject their own."""
+    """Host clock. Code that reads time or sleeps takes one as an argument, so that tests can replace it."""
 
     def monotonic_ns(self) -> int:
-        """CLOCK_MONOTONIC [ns]."""
+        """Present time of CLOCK_MONOTONIC [ns]."""
         ...
 
     def wall_ns(self) -> int:
-        """CLOCK_REALTIME [ns]; only for the wall anchor and for names."""
+        """Present time of CLOCK_REALTIME [ns]; only for the wall anchor (log time minus monotonic time)."""
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Block the calling thread."""
+        """Block the calling thread for `seconds`."""
         ...
 
 
 class SystemClock:
-    """The operating system's clock."""
+    """Clock of the operating system."""
 
     def monotonic_ns(self) -> int:
-        """CLOCK_MONOTONIC [ns]."""
+        """Present time of CLOCK_MONOTONIC [ns]."""
         return time.monotonic_ns()
 
     def wall_ns(self) -> int:
-        """CLOCK_REALTIME [ns]."""
+        """Present time of CLOCK_REALTIME [ns]."""
         return time.time_ns()
 
     def sleep(self, seconds: float) -> None:
-        """Block the calling thread; negative durations return at once."""
+        """Block the calling thread for `seconds`; zero and negative durations return at once."""
         if seconds > 0:
             time.sleep(seconds)
 
@@ -67,9 +67,9 @@ class _Point:
 
 @dataclass(frozen=True)
 class _Line:
-    """host = host0 + (device - device0) + offset + rate * (device - device0).
+    """Line host = host0 + (device - device0) + offset + rate * (device - device0) between two clocks.
 
-    Only the small terms are floating point.
+    Only the small terms, offset [ns] and rate, are floating point.
     """
 
     device0_ns: int
@@ -101,9 +101,15 @@ class DeviceClockMapper:
     the drift was not steady (the device warmed up, the host clock was slewed) and the oldest readings are
     discarded.
 
-    Where the device cannot latch, `add_arrival` takes the frames themselves: the least delay in each half
-    second represents the bin (queues only add delay), and the result lags by the constant least delay, which
-    is `least_delay_ns` if known. As soon as there are latched readings, only they are used.
+    Where the device cannot latch (store its clock on a command), `add_arrival` takes the frames themselves:
+    the frame of the least delay in each bin of `bin_s` represents the bin (queues only add delay), and the
+    result lags by the constant least delay, unless `least_delay_ns` states it. As soon as there are latched
+    readings, only they are used.
+
+    Args:
+        window_s: length of the sliding window [s].
+        least_delay_ns: least delay between a frame's device time and its arrival [ns]; 0 if unknown.
+        bin_s: length of a bin of arrivals [s].
     """
 
     def __init__(self, window_s: float = 10.0, least_delay_ns: int = 0, bin_s: float = 0.5) -> None:
@@ -118,17 +124,17 @@ class DeviceClockMapper:
 
     @property
     def ready(self) -> bool:
-        """True once times can be mapped."""
+        """True once times can be mapped: a reading or an arrival was added."""
         return self._line is not None
 
     @property
     def latched(self) -> bool:
-        """True if the mapping uses clock readings; False: arrival times only, late by the least delay."""
+        """True if the mapping uses clock readings; False: arrival times only, or nothing yet."""
         return bool(self._readings)
 
     @property
     def span_s(self) -> float:
-        """Time between the oldest and the newest reading in use [s]; 0 if there is none."""
+        """Time between the oldest and the newest clock reading in use [s]; 0 if there is none."""
         return (
             (self._readings[-1].host_after_ns - self._readings[0].host_after_ns) * 1e-9
             if self._readings
@@ -137,30 +143,34 @@ class DeviceClockMapper:
 
     @property
     def shortest_round_trip_ns(self) -> int:
-        """Shortest round trip of the readings in use [ns]; 0 if there is none."""
+        """Shortest time between the two host times of a clock reading in use [ns]; 0 if there is none."""
         return min((_round_trip_ns(reading) for reading in self._readings), default=0)
 
     @property
     def drift(self) -> float:
-        """Rate of the device clock against the host's, minus 1 (37e-6: it gains 37 us per second)."""
+        """Rate of the device clock against the host's, minus 1 (37e-6: it gains 37 us per second).
+
+        0 before the first reading or arrival.
+        """
         return 0.0 if self._line is None else -self._line.rate / (1.0 + self._line.rate)
 
     @property
     def sd_ns(self) -> int:
-        """1 sigma of the mapping at the newest device time [ns]; 0 before the first reading."""
+        """1 sigma of the mapping at the newest device time [ns]; 0 before the first reading or arrival."""
         return self.sd_at(self._newest_device_ns)
 
     def sd_at(self, device_time_ns: int) -> int:
-        """1 sigma of the mapping at a device time [ns]; 0 before the first reading.
+        """1 sigma of the mapping at a device time [ns]; 0 before the first reading or arrival.
 
-        It grows with the time since the last reading.
+        It grows with the time since the last reading, and is at least MAPPING_SD_FLOOR_NS.
         """
         return 0 if self._line is None else round(max(MAPPING_SD_FLOOR_NS, self._line.sd_ns(device_time_ns)))
 
     def add(self, reading: ClockReading) -> None:
-        """Add a reading of the device clock.
+        """Add a reading of the device clock and update the mapping.
 
-        A clock that ran backwards (the device restarted) empties the window.
+        A clock that ran backwards (the device restarted) empties the window. Of readings within BURST_NS only
+        the quickest is kept.
         """
         if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
             self._readings.clear()
@@ -177,7 +187,10 @@ class DeviceClockMapper:
         self._line = _mean_line(lines, reading)
 
     def add_arrival(self, device_time_ns: int, host_time_ns: int) -> None:
-        """Add a frame's device time and arrival time; used only while there is no clock reading."""
+        """Add a frame's device time and its arrival on the host's monotonic clock [ns].
+
+        It is used only while there is no clock reading. A device clock that ran backwards empties the window.
+        """
         if self._readings:
             return
         if self._bins and device_time_ns < self._newest_device_ns:
@@ -201,7 +214,7 @@ class DeviceClockMapper:
         """Host monotonic time [ns] of a device time [ns].
 
         Raises:
-            ValueError: nothing was added yet.
+            ValueError: no reading and no arrival was added yet.
         """
         if self._line is None:
             raise ValueError("the device clock cannot be mapped before its first reading")
@@ -223,7 +236,16 @@ def _mean_line(lines: LineBounds, newest: ClockReading) -> _Line:
 
 
 def _fit(points: list[_Point]) -> _Line:
-    """Weighted least squares of host - device against device, with the drift's prior as one more row."""
+    """Line by weighted least squares of host - device against device, with a prior of the drift.
+
+    The prior, drift 0 with 1 sigma DRIFT_PRIOR_SD, enters as one more row.
+
+    Args:
+        points: at least one, oldest first.
+
+    Returns:
+        Line relative to the first point, with covariance.
+    """
     device0, host0 = points[0].device_ns, points[0].host_ns
     x = np.array([point.device_ns - device0 for point in points], dtype=np.float64)
     y = np.array(

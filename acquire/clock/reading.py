@@ -1,4 +1,4 @@
-"""One reading of a device clock."""
+"""One reading of a device clock, bounded by two readings of the host clock."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ClockReading:
-    """One reading of the device clock, between two readings of the host's monotonic clock."""
+    """One reading of the device clock, taken between two readings of the host's monotonic clock."""
 
     device_time_ns: int
+    """device clock [ns]"""
     host_before_ns: int
+    """host monotonic clock before the device clock was read [ns]"""
     host_after_ns: int
+    """host monotonic clock after the device clock was read [ns]"""
