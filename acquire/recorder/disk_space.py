@@ -28,17 +28,14 @@ def free_bytes(folder: Path) -> int:
 
 @dataclass(frozen=True)
 class DiskSpace:
-    """Check of the free space on the disk of one folder.
-
-    Attributes:
-        folder: existing folder on the disk.
-        reserve_bytes: space that must stay free when a recording or window begins [bytes].
-        probe: function that returns the free space of a folder's disk [bytes].
-    """
+    """Check of the free space on the disk of one folder, before a recording or window begins."""
 
     folder: Path
+    """existing folder on the disk"""
     reserve_bytes: int
+    """space that must stay free [bytes]"""
     probe: Callable[[Path], int] = free_bytes
+    """function that returns the free space of a folder's disk [bytes]"""
 
     def require(self, needed_bytes: int, purpose: str) -> None:
         """Raise RecorderError unless `needed_bytes` can be written without touching the reserve.

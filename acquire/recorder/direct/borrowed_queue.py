@@ -90,8 +90,8 @@ class BorrowedQueue:
         The call does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue closes.
 
         Returns:
-            False if the image was dropped: no buffer was free, or the file failed. Its meta is written all
-            the same.
+            True if the buffer was borrowed. False if the image was dropped because no buffer was free or the
+            file failed; its meta (FrameMeta message) is queued all the same.
         """
         queue = self._queue
         borrowed = self.error is None and frame.buffer.borrow()
@@ -143,7 +143,7 @@ class BorrowedQueue:
         """Write the images and meta of the oldest frames, at most BATCH_FRAMES. Called with the lock held.
 
         Returns:
-            False if there is no room for the images now; the frames then stay in the queue.
+            True if the frames left the queue, or it was empty; False if there is no room for the images now.
         """
         queue = self._queue
         batch = [queue[number] for number in range(min(len(queue), BATCH_FRAMES))]

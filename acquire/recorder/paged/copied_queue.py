@@ -68,7 +68,8 @@ class CopiedQueue:
         """Copy a frame and queue it for writing. Never waits for the disk.
 
         Returns:
-            False if the image was dropped because no buffer was free; its meta is queued all the same.
+            True if the image was copied; False if it was dropped because no buffer was free. The meta
+            (FrameMeta message) is queued in both cases.
         """
         copied = self.copy(frame)
         if copied is None:
@@ -155,7 +156,7 @@ class CopiedQueue:
         """Write images together; after an error count them as dropped.
 
         Returns:
-            False if the file failed, now or earlier; else True, also for an empty list.
+            True if they were written, or the list is empty; False if the file failed, now or earlier.
         """
         try:
             if frames and self.error is None:

@@ -62,17 +62,14 @@ def mapped(path: Path) -> Iterator[memoryview]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Contents of a finished recording, as listed in its summary.
-
-    Attributes:
-        summary: whole records of the summary section.
-        channels: channel records, by channel id.
-        metadata: entries of the metadata records, by name.
-    """
+    """Contents of a finished recording, as listed in its summary: channels, metadata, index records."""
 
     summary: Summary
+    """whole records of the summary section"""
     channels: dict[int, ChannelRecord]
+    """channel records, by channel id"""
     metadata: dict[str, dict[str, str]]
+    """entries of the metadata records, by name"""
     data_end: int
     """offset of the DataEnd record, where further records are appended [bytes]"""
 
