@@ -1,4 +1,4 @@
-"""Conversion between raw pixels, ideal (distortion-free) pixels and points, for pinhole and fisheye lenses.
+"""Conversion between raw pixels, ideal (distortion-free) pixels and points, for pinhole and fisheye.
 
 Integer pixel coordinates are pixel centres. Ideal pixels are those of a pinhole with the same camera matrix
 and no distortion: straight edges are straight in them. Only `undistort` and `distort` depend on the lens; all
@@ -34,7 +34,7 @@ cannot be fitted"""
 
 
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
-    """Camera model from the calibration in a recording."""
+    """Camera model (size, matrix, lens, pose in the world frame) from a recording's calibration."""
     return CameraModel(
         width=spec.width,
         height=spec.height,
@@ -47,7 +47,11 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
 
 
 def undistort(camera: CameraModel, points_px: Array) -> Array:
-    """Ideal pixels (..., 2) of raw image points (..., 2); NaN beyond a fisheye's `MAX_FISHEYE_ANGLE_RAD`."""
+    """Ideal (distortion-free) pixels (..., 2) of raw image points (..., 2).
+
+    NaN beyond `MAX_FISHEYE_ANGLE_RAD` (80 deg) off the axis of a fisheye. A copy of the points if there is no
+    distortion.
+    """
     points = np.ascontiguousarray(points_px, dtype=float)
     if camera.model is LensModel.FISHEYE:
         return _undistort_fisheye(camera, points)
@@ -75,11 +79,11 @@ def fisheye_coefficients(distortion: Array) -> Array:
 
 
 def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
-    """Ideal pixels (..., 2) of raw points (..., 2) of a fisheye, by Newton's method on theta.
+    """Ideal (distortion-free) pixels (..., 2) of raw points (..., 2) of a fisheye, by Newton's method.
 
+    It solves for the angle theta off the axis; NaN where there is no solution below `MAX_FISHEYE_ANGLE_RAD`.
     Not by cv2.fisheye.undistortPoints, which stops at the first stationary point of the polynomial and
-    returns
-    -1000000.
+    returns -1000000.
     """
     k = fisheye_coefficients(camera.distortion)
     drawn = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
@@ -100,7 +104,7 @@ def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
 
 
 def distort(camera: CameraModel, ideal_px: Array) -> Array:
-    """Raw image points (..., 2) of ideal pixels (..., 2)."""
+    """Raw image points (..., 2) of ideal (distortion-free) pixels (..., 2); a copy without distortion."""
     points = np.asarray(ideal_px, dtype=float)
     if camera.model is LensModel.FISHEYE:
         rays = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
@@ -116,19 +120,19 @@ def distort(camera: CameraModel, ideal_px: Array) -> Array:
 
 
 def world_to_camera(camera: CameraModel) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) [m] that map W to C."""
+    """Rotation (3, 3) and translation (3,) [m] that map points from world frame W to camera frame C."""
     R_camera_world = camera.T_world_camera[:3, :3].T
     return R_camera_world, -R_camera_world @ camera.T_world_camera[:3, 3]
 
 
 def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
-    """Ideal pixels (..., 2) of points in C (..., 3) [m]."""
+    """Ideal (distortion-free) pixels (..., 2) of points (..., 3) in the camera frame [m]."""
     image = points_camera @ camera.K.T
     return image[..., :2] / image[..., 2:]
 
 
 def project(camera: CameraModel, points_camera: Array) -> Array:
-    """Raw image points (..., 2) of points in C (..., 3) [m] in front of the camera.
+    """Raw image points (..., 2) of points (..., 3) in the camera frame [m], in front of the camera.
 
     Far outside the image the points are those of a pinhole, because the lens's polynomial may fold back
     there.
@@ -144,7 +148,7 @@ def project(camera: CameraModel, points_camera: Array) -> Array:
 
 
 def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
-    """Derivative (..., 2, 3) [px/m] of the ideal pixel by the point in C (..., 3) [m]."""
+    """Derivative (..., 2, 3) [px/m] of the ideal pixel by the point (..., 3) in the camera frame [m]."""
     K = camera.K
     X, Y, Z = points_camera[..., 0], points_camera[..., 1], points_camera[..., 2]
     zero = np.zeros_like(Z)
@@ -158,9 +162,10 @@ def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
 
 
 class PixelMap:
-    """Look-up table of the ideal coordinates of every pixel centre of one camera."""
+    """Look-up table of the ideal (distortion-free) coordinates of every pixel centre of one camera."""
 
     def __init__(self, camera: CameraModel) -> None:
+        """Compute the table for all pixels of `camera`."""
         columns, rows = np.meshgrid(
             np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float)
         )
@@ -170,6 +175,7 @@ class PixelMap:
 
 @lru_cache(maxsize=4)
 def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: LensModel) -> PixelMap:
+    """Pixel map of a camera with these values, cached by them; K and distortion as bytes of floats."""
     return PixelMap(
         CameraModel(
             width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4), model
@@ -178,7 +184,7 @@ def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: Lens
 
 
 def pixel_map(camera: CameraModel) -> PixelMap:
-    """Pixel map of this camera, cached because it takes 0.1 s to build."""
+    """Pixel map (table of ideal coordinates) of a camera, cached because it takes 0.1 s to build."""
     K = np.asarray(camera.K, dtype=float)
     return _pixel_map(
         camera.width,

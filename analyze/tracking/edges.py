@@ -106,7 +106,7 @@ class Square:
 
 @dataclass(frozen=True)
 class _Band:
-    """Pixels along a square's four edges, with their coordinates."""
+    """Pixels along a square's four edges, with their coordinates; s pixels per edge."""
 
     corners_ideal: Array
     """(4, 2) corners of the square around which the band lies [ideal px]"""
@@ -134,7 +134,7 @@ class _Band:
 
 @dataclass(frozen=True)
 class _EdgeFits:
-    """Fitted lines, blur and contrast of a square's four edges."""
+    """Fitted lines, blur and contrast of a square's four edges, and the equations of the fit."""
 
     shape: Array
     """(4, 3) offset a, tilt b and blur s of each edge [px]; s is that of lens and pixel together"""
@@ -150,10 +150,10 @@ class _EdgeFits:
 
 @dataclass(frozen=True)
 class SquareFit:
-    """Fitted square, with band and shape from which the fit in the next image starts."""
+    """Fitted square, with the band of pixels and the shape from which the next image's fit starts."""
 
     square: Square
-    """the square"""
+    """the fitted square"""
     band: _Band
     """pixels along its edges"""
     shape: Array
@@ -163,13 +163,15 @@ class SquareFit:
 def fit_square(
     image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
 ) -> Square | None:
-    """Square with refined corners, as by `find_square` but without its band; None if there is none.
+    """Square with corners refined to its edges in an image; None if no square is there.
+
+    It is the square that `find_square` gives, without the pixels along its edges.
 
     Args:
         image: (height, width) grey values.
         pixels: ideal coordinates of the pixel centres.
-        corners_ideal: (4, 2) first corners [ideal px].
-        corners_raw: (4, 2) the same [raw px].
+        corners_ideal: (4, 2) first corners, free of lens distortion [ideal px].
+        corners_raw: (4, 2) these corners in the image [raw px].
     """
     found = find_square(image, pixels, corners_ideal, corners_raw)
     return None if found is None else found.square
@@ -183,11 +185,13 @@ def find_square(
     Args:
         image: (height, width) grey values.
         pixels: ideal coordinates of the pixel centres.
-        corners_ideal: (4, 2) first corners [ideal px], within about 2 px, in either sense of rotation.
-        corners_raw: (4, 2) the same [raw px].
+        corners_ideal: (4, 2) first corners, free of lens distortion [ideal px], within about 2 px, in either
+            sense of rotation.
+        corners_raw: (4, 2) these corners in the image [raw px].
 
     Returns:
-        The square, or None if an edge leaves the image, is too short, or does not look like one.
+        The square with the pixels along its edges, or None if an edge leaves the image, is too short or too
+        long, or does not look like one.
     """
     band = _band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
     found = None if band is None else _fit(image, band, _START_SHAPE)
@@ -205,15 +209,17 @@ def find_square(
 def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
     """Fit a square on the band of the previous image, at a third of the cost of `find_square`.
 
-    Only a square that has moved so little that the same pixels show its edges can be fitted so.
+    The band is the set of pixels along the edges. Only a square that has moved so little that the same pixels
+    show its edges can be fitted so.
 
     Args:
-        image: grey values, of the same size.
+        image: grey values, of the same size as the previous image.
         before: the square in the previous image.
         expected_ideal: (4, 2) expected corners [ideal px].
 
     Returns:
-        The square, or None if it has moved too far or is not there; then `find_square` may find it.
+        The square, or None if it has moved too far, its blur has changed, or it is not there; then
+        `find_square` may find it.
     """
     if float(np.abs(expected_ideal - before.band.corners_ideal).max()) > _SAME_BAND_PX:
         return None
@@ -227,7 +233,15 @@ def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Ar
 def _band(
     shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float
 ) -> _Band | None:
-    """Pixels near each edge of a square; None if an edge is too short, too long, or too far outside."""
+    """Pixels near each edge of a square; None if an edge is too short, too long, or too far outside.
+
+    Args:
+        shape: height and width of the image [px].
+        pixels: ideal coordinates of the pixel centres.
+        corners_ideal: (4, 2) corners around which the band lies [ideal px].
+        corners_raw: (4, 2) these corners in the image [raw px].
+        end_margin: stretch left out at each end of an edge [px], limited to an eighth of the shortest edge.
+    """
     taken = _pixels_along(shape, corners_raw)
     if taken is None:
         return None
@@ -254,7 +268,15 @@ def _band(
 
 
 def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | None:
-    """Fit of a square by Gauss-Newton from `start` (4, 3); None if it does not look like one."""
+    """Fit of a square's edges by Gauss-Newton; None if it does not look like a square.
+
+    Sharp edges are fitted again with the breadth of a pixel.
+
+    Args:
+        image: (height, width) grey values.
+        band: pixels along the edges.
+        start: (4, 3) first offset, tilt and blur of each edge [px].
+    """
     grey = image.reshape(-1).take(band.index).astype(float)
     level = _descend(grey, band, start, None)
     if level is not None and float(level.shape[:, 2].sum()) < 4.0 * _SHARP_PX:
@@ -288,9 +310,9 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
     """Fit lines, blur and contrast of the four edges by Gauss-Newton; None if there is no edge.
 
     Args:
-        grey: (4, s) grey values of the band.
-        band: the pixels.
-        start: (4, 3) a, b, s of each edge [px].
+        grey: (4, s) grey values of the band's pixels.
+        band: the pixels along the edges.
+        start: (4, 3) first offset a, tilt b and blur s of each edge [px].
         breadth: (4,) breadth of a pixel across each edge [px]; None for pixels as points.
     """
     shape = start.copy()
@@ -323,7 +345,7 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
 
 
 def _breadth(band: _Band) -> Array:
-    """Breadth (4,) of a pixel across each edge [ideal px], along the longer of its axes.
+    """Breadth (4,) of a pixel across each edge of a band [ideal px], along the longer of its axes.
 
     The contribution of the shorter axis is equivalent to blur.
     """
@@ -334,8 +356,14 @@ def _breadth(band: _Band) -> Array:
 def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
     """Sums of products (4, 6, 6) over the pixels of each edge, and the number of pixels (4,).
 
-    Columns: minus the derivative of the edge's profile (0 inside, 1 outside) by a, b and s; 1 - profile;
-    profile; grey.
+    Columns: minus the derivative of the edge's profile (0 inside, 1 outside) by offset a, tilt b and blur s;
+    1 - profile; profile; grey.
+
+    Args:
+        shape: (4, 3) a, b, s of each edge [px].
+        band: the pixels along the edges, n per edge.
+        grey: (4, n) their grey values.
+        breadth: (4,) breadth of a pixel across each edge [px]; None for pixels as points.
     """
     s = shape[:, 2, None]
     d = shape[:, 1, None] * band.t
@@ -368,7 +396,7 @@ def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> 
 
 
 def _normal(z: Array) -> tuple[Array, Array]:
-    """Normal distribution function and density at `z`, from tables, to 1e-7, for speed."""
+    """Normal distribution function and density at `z` (any shape), from tables, to 1e-7, for speed."""
     place = z * _TABLE_STEPS_PER_SIGMA
     index = np.rint(place).astype(np.intp)
     place -= index
@@ -381,7 +409,15 @@ def _normal(z: Array) -> tuple[Array, Array]:
 
 
 def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
-    """Index (4, s) and validity (4, s) of the raw pixels in a band along each edge."""
+    """Index (4, s) and validity (4, s) of the raw pixels in a band along each edge.
+
+    None if an edge is shorter than 6 px or longer than 2000 px, or more than a tenth of an edge's band lies
+    outside the image.
+
+    Args:
+        shape: height and width of the image [px].
+        corners_raw: (4, 2) corners of the square [raw px].
+    """
     height, width = shape
     start, stop = corners_raw, corners_raw[_NEXT]
     delta = stop - start
@@ -422,15 +458,15 @@ def _within(
 ) -> tuple[IntArray, IntArray]:
     """Clip the bands to the image, and clear `used` for pixels beyond it.
 
-    Returns:
-        `along` and `middle` (4, n), clipped.
-
     Args:
         along: (4, n) pixel along each edge.
         middle: (4, n) pixel across it.
         used: (4, n * band) True for a pixel that is used, changed in place.
         length: (4,) size of the image along each edge [px].
         breadth: (4,) size across it [px].
+
+    Returns:
+        `along` and `middle` (4, n), clipped.
     """
     across = middle[..., None] + _ACROSS
     inside = (
@@ -448,7 +484,7 @@ def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Arra
     """Corners (4, 2) [ideal px], corner i of edges i - 1 and i, and their covariance (4, 2, 2) [px^2].
 
     Args:
-        band: the pixels, with the frame of each edge.
+        band: the pixels, with middle, direction and length of each edge.
         line: (4, 2) offset a and tilt b of each edge [px].
         covariance: (4, 2, 2) covariance of (a, b) [px^2].
     """

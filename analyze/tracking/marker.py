@@ -2,7 +2,7 @@
 
 OpenCV finds the squares and reads their code; its corners serve as a start only. Measured on OpenCV 5.0 with
 rendered tags of known corners: CORNER_REFINE_APRILTAG is biased by +0.45 px in x and y, SUBPIX and CONTOUR
-have no bias but 0.2-0.5 px of noise; the edge fit of `edges` has 0.011 px and none.
+have no bias but 0.2-0.5 px of noise; the edge fit of the module `edges` has 0.011 px of noise and no bias.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 
 @dataclass(frozen=True)
 class Sighting:
-    """Marker as OpenCV detects it, with corners accurate to about half a pixel."""
+    """Marker as OpenCV detects it in an image, with corners accurate to about half a pixel."""
 
     marker_id: int | str
     """name of the marker: see schemas.tags"""
@@ -43,19 +43,19 @@ class Sighting:
 
 
 def families_of(names: Iterable[int | str]) -> tuple[TagFamily, ...]:
-    """Families of the named markers, sorted; the usual family if no marker is named."""
+    """Families (code dictionaries) of the named markers, sorted; the usual one if no marker is named."""
     return tuple(sorted({family_and_id(name)[0] for name in names})) or (USUAL_FAMILY,)
 
 
 @cache
 def _dictionary(family: TagFamily) -> cv2.aruco.Dictionary:
-    """OpenCV's code dictionary of a family."""
+    """Code dictionary of a marker family in OpenCV; cached."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
 
 
 @cache
 def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
-    """OpenCV's detector of the markers of these families."""
+    """Detector of OpenCV for the markers of these families; cached."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     # One wrong bit of 36 (none of 16 or 25) allows for noise without turning random patches into markers.
@@ -75,7 +75,11 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
 
 @cache
 def _cells(name: int | str) -> NDArray[np.bool_]:
-    """Cells (n, n) of a marker with its black border, True for white."""
+    """Cells (n, n) of a marker with its black border, True for white; cached.
+
+    Args:
+        name: name of the marker, from which family and number follow.
+    """
     family, tag_id = family_and_id(name)
     return (
         np.asarray(
@@ -87,7 +91,7 @@ def _cells(name: int | str) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class _CodePattern:
-    """Cells of one marker, for the verification of its code."""
+    """Cells of one marker, prepared for the verification of its code in an image."""
 
     code: NDArray[np.bool_]
     """(n,) True for a white cell"""
@@ -101,7 +105,7 @@ class _CodePattern:
 
 @cache
 def _code_pattern(name: int | str) -> _CodePattern:
-    """Cells of a marker, prepared for the verification of its code."""
+    """Cells of the marker of this name, prepared for the verification of its code; cached."""
     code = _cells(name)
     centre = (np.arange(len(code)) + 0.5) / len(code)
     x, y = np.meshgrid(centre, centre)
@@ -113,7 +117,11 @@ def _code_pattern(name: int | str) -> _CodePattern:
 
 @cache
 def wrong_cells(family: TagFamily) -> int:
-    """Number of cells that may be misread where a known tag is expected: half the family's code distance."""
+    """Number of cells that may be misread where a known tag is expected.
+
+    It is half the family's code distance (least number of cells in which two tags differ in any orientation),
+    rounded up; cached.
+    """
     codes = np.asarray(_dictionary(family).bytesList, dtype=np.uint8)
     many = len(codes)
     # (tag, turn by 90 degrees, byte): OpenCV keeps each code in all four orientations.
@@ -139,8 +147,12 @@ def detect(
 
     Args:
         image: (height, width) grey values, of a whole image or a part of it.
-        families: families that are searched.
+        families: families (code dictionaries) that are searched.
         origin: column and row of the part in the whole image [px], added to the corners.
+
+    Returns:
+        The markers with name and corners [raw px], the largest first; a name occurs more than once if it is
+        in view at several places. Empty if there is none.
     """
     families = tuple(families)
     # Squares are searched once, whatever the number of families; each is then read as every family.
@@ -163,7 +175,10 @@ def detect(
 
 
 def marker_of_other_family(image: NDArray[np.uint8], families: Sequence[TagFamily]) -> int | str | None:
-    """Name of the largest marker of any family but `families`; None if none is found.
+    """Name of the largest marker of a family with other codes than `families`; None if there is none.
+
+    The usual families are tried one after the other, the most reliable first; the first that is found is
+    taken.
 
     Args:
         image: (height, width) grey values.
@@ -177,7 +192,16 @@ def marker_of_other_family(image: NDArray[np.uint8], families: Sequence[TagFamil
 
 
 def is_marker(image: NDArray[np.uint8], corners_px: Array, name: int | str) -> bool:
-    """True if the square with these raw corners (4, 2) shows this marker, in this orientation."""
+    """True if the square with these raw corners (4, 2) shows this marker, in this orientation.
+
+    False if any cell of the marker lies outside the image, or if more cells are misread than the family
+    allows.
+
+    Args:
+        image: (height, width) grey values.
+        corners_px: (4, 2) corners [raw px]: top-left, top-right, bottom-right, bottom-left of the marker.
+        name: name of the marker.
+    """
     read = _code_pattern(name)
     H = cv2.getPerspectiveTransform(_UNIT_SQUARE, corners_px.astype(np.float32))
     points = read.centres @ H.T

@@ -1,4 +1,4 @@
-"""Pose of a square marker from its corners: the two solutions, and the choice between them by the motion.
+"""Pose of a square marker from its corners: two solutions, and the choice of one by the motion.
 
 The first guess is infinitesimal plane-based pose estimation (Collins and Bartoli 2014, "Infinitesimal
 Plane-Based Pose Estimation"), OpenCV's SOLVEPNP_IPPE_SQUARE; both solutions are refined on the reprojection
@@ -32,7 +32,7 @@ _POSE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class PosePair:
-    """Both pose solutions of one view, the better one first."""
+    """Both pose solutions of one view of a square marker, the one that fits the corners better first."""
 
     R_camera_marker: Array
     """(2, 3, 3) rotations from M to C"""
@@ -43,7 +43,13 @@ class PosePair:
 
 
 def marker_corners(size: float) -> Array:
-    """Corners (4, 3) in M [m]: top-left, top-right, bottom-right, bottom-left."""
+    """Corners (4, 3) of a marker in its own frame M [m]: top-left, top-right, bottom-right, bottom-left.
+
+    M has its origin in the marker's centre, x to the right, y up, z towards the viewer.
+
+    Args:
+        size: edge of the marker's black square [m].
+    """
     h = 0.5 * size
     return np.array([[-h, h, 0.0], [h, h, 0.0], [h, -h, 0.0], [-h, -h, 0.0]])
 
@@ -52,9 +58,14 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
     """Both poses of a square marker; None if the four points are not the view of a square.
 
     Args:
-        corners_ideal: (4, 2) distortion-free corners [ideal px].
+        corners_ideal: (4, 2) distortion-free corners [ideal px]: top-left, top-right, bottom-right,
+            bottom-left.
         size: edge of the marker [m].
         K: (3, 3) camera matrix [px].
+
+    Returns:
+        Both solutions, the better first, each refined by Levenberg-Marquardt; twice the same if there is only
+        one. None also if a solution lies behind the camera.
     """
     points = marker_corners(size)
     count, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -85,7 +96,9 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
 
 
 def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | None]:
-    """Both poses of a square marker in each of n views, as by `solve_pose` but in a fifth of the time.
+    """Both poses of a square marker in each of n views, None where the corners are not a square's view.
+
+    The result is that of `solve_pose` for every view, in a fifth of the time.
 
     Args:
         corners_ideal: (n, 4, 2) distortion-free corners [ideal px].
@@ -121,11 +134,11 @@ def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | 
 
 
 def _reprojected(R: Array, p: Array, points: Array, K: Array) -> tuple[Array, Array]:
-    """Ideal pixels (m, 4, 2) and positions in C (m, 4, 3) of marker corners at m poses.
+    """Ideal pixels (m, 4, 2) and positions in the camera frame C (m, 4, 3) [m] of marker corners.
 
     Args:
-        R: (m, 3, 3) rotations from M to C.
-        p: (m, 3) positions in C [m].
+        R: (m, 3, 3) rotations from the marker frame M to C, one per pose.
+        p: (m, 3) positions of the marker in C [m].
         points: (4, 3) corners in M [m].
         K: (3, 3) camera matrix [px].
     """
@@ -135,7 +148,10 @@ def _reprojected(R: Array, p: Array, points: Array, K: Array) -> tuple[Array, Ar
 
 
 def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tuple[Array, Array]:
-    """Poses (m, 3, 3), (m, 3) [m] at the nearest minimum of the reprojection error, by Levenberg-Marquardt.
+    """Poses (m, 3, 3), (m, 3) [m] at the nearest minimum of the reprojection error.
+
+    The minimum is found by Levenberg-Marquardt. Rotation and position map the marker frame M to the camera
+    frame C.
 
     Args:
         R: (m, 3, 3) first rotations.
@@ -180,15 +196,21 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
 
 
 def _by_point(seen: Array, in_camera: Array, K: Array) -> Array:
-    """Derivative (m, 4, 2, 3) [px/m] of the ideal pixel (m, 4, 2) by the point in C."""
+    """Derivative (m, 4, 2, 3) [px/m] of the ideal pixel by the point in the camera frame C.
+
+    Args:
+        seen: (m, 4, 2) ideal pixels of the points.
+        in_camera: (m, 4, 3) points in C [m].
+        K: (3, 3) camera matrix [px].
+    """
     return (K[:2] - seen[..., None] * K[2]) / in_camera[..., 2, None, None]
 
 
 def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K: Array) -> Array:
-    """Covariance (m, 3, 3) [m^2] of marker positions by the noise of the corners.
+    """Covariance (m, 3, 3) [m^2] of marker positions in the camera frame C by the noise of the corners.
 
     Args:
-        R: (m, 3, 3) rotations from M to C.
+        R: (m, 3, 3) rotations from the marker frame to C.
         p: (m, 3) positions in C [m].
         corner_sd_px: (m,) standard deviation of the corners [px].
         size: edge of the marker [m].
@@ -202,15 +224,18 @@ def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K:
 
 
 def choose_by_motion(pairs: list[PosePair], time_ns: Array, corner_sd_px: Array) -> list[int]:
-    """Index (0 or 1) of the pose solution in each frame, on the path that fits the corners and turns least.
+    """Index (0 or 1) of the pose solution in each frame, by fit to the corners and least turn.
 
-    Cost of a frame: (error / sd)^2 summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed
-    frames.
+    The path through all frames of least total cost is chosen (Viterbi). Cost of a frame: (error / sd)^2
+    summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed frames.
 
     Args:
         pairs: both solutions of n frames.
         time_ns: (n,) times [ns].
         corner_sd_px: (n,) standard deviation of the corners [px].
+
+    Returns:
+        n indices; empty if there are no frames.
     """
     if not pairs:
         return []

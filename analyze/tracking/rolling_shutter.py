@@ -42,6 +42,8 @@ _BOW_PASSES = 2
 def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: Array, sd: float) -> Array:
     """Corners (n, 4, 2) of one marker [ideal px], corrected to the common times `frame_s` + `common_s`.
 
+    Ideal pixels are free of lens distortion. A copy of `ideal` if there is only one frame.
+
     Args:
         frame_s: (n,) times of the frames' middle rows [s], ascending.
         ideal: (n, 4, 2) corners as fitted to the images [ideal px].
@@ -65,9 +67,13 @@ def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: A
 
 
 class _CornerPaths:
-    """Paths of the corners around each frame: Newton's cubics through the frames of a stretch."""
+    """Paths of a marker's corners around each frame: Newton's cubics through four neighbouring frames.
+
+    Fewer frames give a polynomial of lower degree.
+    """
 
     def __init__(self, seen_s: Array, corners: Array, sd: float) -> None:
+        """Fit the cubics to corners (n, 4, 2) [px] seen at `seen_s` (n, 4) [s], with noise `sd` [px]."""
         n = len(seen_s)
         width = min(CUBIC_FRAMES, n)
         every = np.arange(n - width + 1)[:, None] + np.arange(width)
@@ -77,7 +83,7 @@ class _CornerPaths:
         self._terms = _divided_differences(self._nodes, corners[index])
 
     def evaluate(self, time_s: Array) -> Array:
-        """Corners (n, 4, 2) [px] at `time_s` (n, 4) [s]."""
+        """Corners (n, 4, 2) [px] at times `time_s` (n, 4) [s], each by its own frame's cubic."""
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):
             place = self._terms[:, i] + (time_s - self._nodes[:, i])[..., None] * place
@@ -85,7 +91,10 @@ class _CornerPaths:
 
 
 def _divided_differences(nodes: Array, values: Array) -> Array:
-    """Divided differences (m, w, 4, 2) of values (m, w, 4, 2) at nodes (m, w, 4)."""
+    """Divided differences (m, w, 4, 2) of values (m, w, 4, 2) at nodes (m, w, 4), for Newton's polynomial.
+
+    Entry i of the second axis is the difference of order i of the first i + 1 values.
+    """
     terms = values.copy()
     width = nodes.shape[1]
     for order in range(1, width):
@@ -95,13 +104,13 @@ def _divided_differences(nodes: Array, values: Array) -> Array:
 
 
 def _starts(cubic: Array, seen_s: Array, n: int, sd: float) -> IntArray:
-    """First frame (n,) of the stretch chosen for each frame.
+    """First frame (n,) of the four-frame stretch chosen for each frame: the one with least cubic term.
 
     Args:
-        cubic: (m, 4, 2) cubic term of each stretch [px/s^3].
+        cubic: (m, 4, 2) cubic term of each stretch [px/s^3]; stretch i begins at frame i.
         seen_s: (n, 4) times of the corners [s].
         n: number of frames.
-        sd: standard deviation of a corner in one frame [px].
+        sd: standard deviation of a corner in one frame [px]; cubic terms below 3 sd count as noise.
     """
     last = len(cubic) - 1
     if last == 0:

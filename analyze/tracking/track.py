@@ -1,4 +1,7 @@
-"""Tracking of markers through the frames of one strike: found in the whole image, then followed."""
+"""Tracking of markers through the frames of one strike: found in the whole image, then followed.
+
+A strike is one impact that tips the object; its frames are the images around it.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ _MAX_READ_OUT_SHARE = 1.05
 
 @dataclass(frozen=True)
 class Gap:
-    """Consecutive frames in which a marker was not found."""
+    """Consecutive frames in which a marker that was found before was not found."""
 
     marker_id: int | str
     """name of the marker"""
@@ -51,10 +54,10 @@ class Gap:
 
 @dataclass(frozen=True)
 class TrackingReport:
-    """Tracks of all markers, with unknown markers and gaps."""
+    """Tracks of all markers of an object, with unknown markers and gaps."""
 
     tracks: tuple[MarkerTrack, ...]
-    """tracks of the object's markers"""
+    """tracks of the object's markers that were found"""
     unknown_ids: tuple[int | str, ...]
     """markers in view, of the object's families, that the object does not carry"""
     gaps: tuple[Gap, ...]
@@ -64,7 +67,7 @@ class TrackingReport:
 
     @property
     def unmarked_ns(self) -> IntArray:
-        """Log times (n,) [ns] of the images in which no marker was found."""
+        """Log times (n,) [ns] of the searched images in which no marker was found."""
         return np.setdiff1d(
             self.image_times_ns,
             np.concatenate([np.zeros(0, dtype=np.int64), *(track.frame_ns for track in self.tracks)]),
@@ -72,18 +75,18 @@ class TrackingReport:
 
     @property
     def images_end_ns(self) -> int:
-        """log_time [ns] of the last image, 0 if there was none."""
+        """Log time [ns] of the last searched image, 0 if there was none."""
         return int(self.image_times_ns[-1]) if len(self.image_times_ns) else 0
 
     @property
     def frames_total(self) -> int:
-        """Number of images that were searched."""
+        """Number of images that were searched for markers."""
         return len(self.image_times_ns)
 
 
 @dataclass(frozen=True)
 class _FoundMarker:
-    """Marker found in one frame."""
+    """Marker found in one frame: its fitted square and raw corners."""
 
     fit: SquareFit
     """the fitted square"""
@@ -93,7 +96,7 @@ class _FoundMarker:
 
 @dataclass
 class _Path:
-    """Observations of one marker so far."""
+    """Observations of one marker in the frames so far."""
 
     marker: Marker
     """the marker"""
@@ -111,7 +114,13 @@ class _Path:
     """the newest fit; None if there is none"""
 
     def predict(self, time_ns: int) -> tuple[Array, Array, float]:
-        """Expected raw and ideal corners (4, 2) and their uncertainty [px], at constant velocity."""
+        """Expected raw and ideal corners (4, 2) [px] and their uncertainty [px], at constant velocity.
+
+        With a single observation the last corners and 4 px. The marker must have been found at least once.
+
+        Args:
+            time_ns: log time of the frame for which the corners are expected [ns].
+        """
         raw, ideal = self.corners_raw[-1], self.corners_ideal[-1]
         if len(self.time_ns) < 2:
             return raw, ideal, 4.0
@@ -140,6 +149,7 @@ class MarkerFollower:
         expected: Sequence[int | str] = (),
         rescan_every: int = _RESCAN_EVERY,
     ) -> None:
+        """Prepare the tracker; no frame is searched yet."""
         self._camera = camera
         self._pixels = pixel_map(camera)
         self._paths = {marker.id: _Path(marker) for marker in markers}
@@ -154,11 +164,16 @@ class MarkerFollower:
 
     @property
     def frames_total(self) -> int:
-        """Number of frames added."""
+        """Number of frames added so far."""
         return len(self._image_times_ns)
 
     def add(self, frame: ImageFrame) -> dict[int | str, Square]:
         """Find the markers in one frame, and return their fitted squares by id.
+
+        The observations are added to the tracks. The result is empty if no marker of the object is found.
+
+        Args:
+            frame: image of the calibration's size, later than those before.
 
         Raises:
             TrackingError: a marker is in the image twice, or the image has another size than the calibration.
@@ -199,7 +214,7 @@ class MarkerFollower:
         return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
-        """Tracks of all markers that were found, with poses.
+        """Tracks of all markers that were found, with poses, and unknown markers and gaps.
 
         Raises:
             TrackingError: only markers that the object does not carry were seen, or the line time is too long
@@ -237,7 +252,15 @@ class MarkerFollower:
         )
 
     def _follow(self, frame: ImageFrame, path: _Path) -> _FoundMarker | None:
-        """Find a marker near its expected position; None if it is not there."""
+        """Find a marker near its expected position; None if it is not there.
+
+        Tried are the edges at the expected corners, if it was found in the last frame, and then a search of
+        the region around them, until the marker has been missing in `_MAX_LOCAL_SEARCHES` frames.
+
+        Args:
+            frame: the image.
+            path: earlier observations of the marker, at least one.
+        """
         expected, expected_ideal, reach = path.predict(frame.time_ns)
         if path.missed == 0:
             fit = None if path.fit is None else refit_square(frame.image, path.fit, expected_ideal)
@@ -259,22 +282,36 @@ class MarkerFollower:
         return None
 
     def _trusted(self, frame: ImageFrame, seen: _FoundMarker, expected: Array, marker_id: int | str) -> bool:
-        """True if a fitted square lies close to its expected corners (4, 2) [raw px] and shows the code."""
+        """True if a fitted square lies close to its expected corners and shows the marker's code.
+
+        Args:
+            frame: the image.
+            seen: the fitted square.
+            expected: (4, 2) expected corners [raw px].
+            marker_id: name of the marker.
+        """
         return float(np.abs(seen.corners_raw - expected).max()) < _MAX_TRUSTED_MOVE_PX and is_marker(
             frame.image, seen.corners_raw, marker_id
         )
 
     def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> _FoundMarker | None:
-        """Detected marker with corners fitted to its edges; None if the fit fails."""
+        """Detected marker with corners fitted to its edges in the frame; None if the fit fails."""
         ideal = undistort(self._camera, sighting.corners_px)
         fit = find_square(frame.image, self._pixels, ideal, sighting.corners_px)
         return None if fit is None else self._with_raw_corners(fit)
 
     def _with_raw_corners(self, fit: SquareFit) -> _FoundMarker:
+        """Found marker of a fitted square, with its corners in raw pixels added."""
         return _FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
-        """Search the whole image for the followed markers, and count unknown ones."""
+        """Search the whole image for the followed markers, and count the unknown ones.
+
+        Returns the detected followed markers.
+
+        Raises:
+            TrackingError: a marker of the object is in the image twice.
+        """
         known: list[Sighting] = []
         seen: set[int | str] = set()
         for sighting in detect(frame.image, self._families):
@@ -291,7 +328,10 @@ class MarkerFollower:
         return known
 
     def _record(self, frame: ImageFrame, found: dict[int | str, _FoundMarker]) -> None:
-        """Append the markers found in a frame to their paths, and extend the gaps of the others."""
+        """Append the markers found in a frame to their paths, and extend the gaps of the others.
+
+        A marker that has never been found has no gap.
+        """
         for marker_id, path in self._paths.items():
             seen = found.get(marker_id)
             if seen is None:
@@ -311,9 +351,13 @@ class MarkerFollower:
             path.sd.append(seen.fit.square.sd)
 
     def _delays_by_frame(self) -> dict[int, float]:
-        """Delay [s] of the middle of the markers in view against the middle row, by frame.
+        """Delay [s] of the middle row of the markers in view against the image's middle row, by frame time.
 
-        Empty for a global shutter.
+        Keys are log times [ns] of the frames. Empty for a global shutter.
+
+        Raises:
+            TrackingError: by the line time, the read-out of an image takes longer than the time between
+                frames.
         """
         if not self._camera.line_time_s:
             return {}
@@ -331,11 +375,23 @@ class MarkerFollower:
         return {time_ns: self._row_delay_s(float(np.mean(found))) for time_ns, found in rows.items()}
 
     def _row_delay_s(self, row: Any) -> Any:
-        """Delay [s] of the read-out of a row against the middle row, which defines a frame's time."""
+        """Delay [s] of the read-out of a row against the middle row, which defines a frame's time.
+
+        Args:
+            row: row [px], or an array of rows; the result has its shape.
+        """
         return self._camera.line_time_s * (row - 0.5 * (self._camera.height - 1))
 
     def _track(self, path: _Path, delays_s: dict[int, float]) -> MarkerTrack | None:
-        """Track of one marker with poses, corrected for a rolling shutter; None if it was never found."""
+        """Track of one marker with poses, corrected for a rolling shutter; None if it was never found.
+
+        None also if its corners are the view of a square in no frame; single such frames are left out.
+
+        Args:
+            path: observations of the marker.
+            delays_s: delay of each frame's common time against its middle row [s], by log time; empty for a
+                global shutter.
+        """
         if not path.time_ns:
             return None
         raw, ideal = np.array(path.corners_raw), np.array(path.corners_ideal)
@@ -386,10 +442,15 @@ def track_markers(
         frames: images in order of time.
         camera: camera that took them.
         markers: all markers of the object.
-        expected: ids of the markers expected in view, as for `MarkerFollower`.
+        expected: ids of the markers expected in view; once one of them is found, the other markers are no
+            longer followed.
+
+    Returns:
+        Tracks of the markers that were found, with unknown markers and gaps.
 
     Raises:
-        TrackingError: a marker is in view twice, or only unknown ones are.
+        TrackingError: a marker is in view twice, only unknown ones are, an image has another size than the
+            calibration, or the line time is too long for the frame rate.
     """
     follower = MarkerFollower(camera, markers, expected)
     for frame in frames:
