@@ -1,1 +1,1 @@
-"""From views of a board to a camera: its lens, how well it is known, and where the camera stands."""
+"""Camera calibration from views of a board: the lens, its uncertainty, and the camera's pose."""

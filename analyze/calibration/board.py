@@ -1,7 +1,7 @@
-"""Geometry of a ChArUco board: positions of its corners and tags in its frame B.
+"""Geometry of a ChArUco board: positions of its corners and tags in the board's frame B.
 
-Its frame B: x right and y up as printed, z out of its face, origin at the lower left corner of the squares,
-where the print has its mark.
+Frame B: x right and y up as printed, z out of the board's face, origin at the lower left corner of the
+squares, where the print has its mark.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ MM = 1e-3
 
 @cache
 def corner_points(board: Board) -> Array:
-    """Inner corners (n, 3) in B [m], row by row from the upper left, with n = (columns - 1)(rows - 1)."""
+    """Inner chessboard corners (n, 3) of a board in its frame B [m], read-only.
+
+    B: x right, y up, origin at the lower left corner of the squares. The corners are ordered row by row from
+    the upper left, n = (columns - 1)(rows - 1).
+    """
     column, row = np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
     squares = np.stack([column.ravel(), board.rows - row.ravel(), np.zeros(column.size)], axis=-1)
     points = np.asarray(squares * (board.square_mm * MM), dtype=np.float64)
@@ -31,7 +35,11 @@ def corner_points(board: Board) -> Array:
 
 @cache
 def tag_squares(columns: int, rows: int) -> IntArray:
-    """Column and row (tags, 2) of the white square that holds each tag, from the upper left, by tag id."""
+    """Column and row (tags, 2) of each tag's white square, in the order of the tags' ids.
+
+    Columns and rows count from 0 at the upper left square; the arguments are the numbers of squares across
+    and down.
+    """
     return np.array(
         [(column, row) for row in range(rows) for column in range(columns) if (row + column) % 2],
         dtype=np.int64,
@@ -39,12 +47,12 @@ def tag_squares(columns: int, rows: int) -> IntArray:
 
 
 def tag_count(board: Board) -> int:
-    """Number of tags on the board; their ids begin at 0."""
+    """Number of tags on a board; the tags' ids begin at 0."""
     return board.columns * board.rows // 2
 
 
 def tag_corners(board: Board) -> Array:
-    """Corners (4, 2) of a tag relative to the middle of its square, in squares, x right and y down.
+    """Corners (4, 2) of a tag relative to the middle of its square, x right and y down [square sides].
 
     Order: top-left, top-right, bottom-right, bottom-left.
     """
@@ -53,5 +61,5 @@ def tag_corners(board: Board) -> Array:
 
 
 def tag_margin(board: Board) -> float:
-    """White margin between a tag and the edge of its square, in squares."""
+    """White margin between a tag and the edge of its square [square sides]."""
     return 0.5 * (1.0 - board.marker_mm / board.square_mm)

@@ -1,4 +1,4 @@
-"""Calibration of a lens from views of a board: solve, refit the corners, reject outliers, and judge."""
+"""Calibrates a lens from views of a board: solves, refits the corners, rejects outliers, and judges."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ class Calibration:
     """Calibrated lens with its uncertainty and diagnostics."""
 
     lens: Lens
-    """the lens"""
+    """best fit of the lens, with p numbers (focal lengths, principal point, distortion)"""
     covariance: Array
-    """(p, p) covariance of its numbers, scaled by the residuals"""
+    """(p, p) covariance of the lens's numbers, scaled by `scatter` squared"""
     bundle: Bundle
-    """lens and poses of the board"""
+    """best fit of the lens and of the board's pose per view, with residuals"""
     shots: tuple[Shot, ...]
     """views that were used, with their refitted corners"""
     dropped: tuple[Dropped, ...]
@@ -75,13 +75,13 @@ class Calibration:
     corners_dropped: int
     """number of single corners that were left out"""
     pixels: PixelMap
-    """standard deviation of a direction's pixel over the image"""
+    """standard deviation of the pixel to which a direction projects, over the image"""
     covered: Coverage
     """coverage of the image by corners"""
     tilts: tuple[float, ...]
-    """tilt of the board per view [rad]"""
+    """angle between the board's normal and the line of sight per view [rad]"""
     scatter: float
-    """factor on the corners' own sd that the residuals require, at least 1"""
+    """factor on the corners' stated sd that the residuals require, at least 1"""
     undetermined: tuple[str, ...]
     """reasons why the lens cannot be used; empty if it can"""
     doubts: tuple[str, ...]
@@ -89,7 +89,7 @@ class Calibration:
 
     @property
     def sd(self) -> Array:
-        """Standard deviations (p,) of the lens's numbers."""
+        """Standard deviations (p,) of the lens's numbers, in the order of `Lens.names`."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -105,13 +105,14 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the lens of the camera that took these images.
 
-    The result must not be used if its `undetermined` is not empty.
+    Corners and views that do not fit are left out. The result must not be used if its `undetermined` is not
+    empty.
 
     Args:
         shots: images with their corners, at least one, all of one size.
         board: the board.
         model: lens model.
-        progress: called with a text, the number of finished steps and of all steps.
+        progress: called with a text, the number of finished steps and of all steps (`STEPS`).
     """
     points = corner_points(board)
     height, width = shots[0].image.shape
@@ -145,12 +146,12 @@ def calibrate(
 def assess(
     shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequence[Dropped], corners_dropped: int
 ) -> Calibration:
-    """Calibration with its uncertainty and diagnostics.
+    """Compute a calibration's uncertainty and diagnostics from a finished fit.
 
     Args:
         shots: views that were used.
         bundle: best fit of lens and poses.
-        points: (n, 3) all corners of the board in B [m].
+        points: (n, 3) all corners of the board in the board's frame [m].
         dropped: views that were left out.
         corners_dropped: number of single corners that were left out.
     """
@@ -180,7 +181,13 @@ def assess(
 def _refitted(
     shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
-    """Shots with refitted corners, the shots that lost too many, and the bundle of the rest."""
+    """Refit all corners on pixels straightened by the fitted lens.
+
+    Returns:
+        The shots with refitted corners, the shots left out because too few of their corners are sharp, and
+        the bundle (lens, poses, residuals) of the shots kept, not fitted anew. If fewer than three shots (or
+        than all) could be refitted, everything is returned unchanged.
+    """
     views = [
         refit(shot.image, board, shot.view, points, bundle.lens, pose)
         for shot, pose in zip(shots, bundle.poses, strict=True)
@@ -202,10 +209,14 @@ def _refitted(
 def _without_bad_views(
     shots: list[Shot], bundle: Bundle, limit: float
 ) -> tuple[list[Shot], list[Dropped], Bundle, bool]:
-    """Shots less those whose corners lie far off (motion blur, a bent board, a misread tag).
+    """Leave out shots whose corners lie far off (motion blur, a bent board, a misread tag).
+
+    A shot is left out if its median residual exceeds `limit` times both `_BAD_VIEW_RATIO` times the median
+    over all shots, and `_BAD_VIEW_PX`; none is if fewer than three would remain.
 
     Returns:
-        The shots kept, those left out, the bundle of the kept ones, and True if any was left out.
+        The shots kept, those left out, the bundle (lens, poses, residuals) of the kept ones, not fitted anew,
+        and True if any was left out.
     """
     size = np.array([float(np.sqrt(np.median(np.sum(residual**2, axis=1)))) for residual in bundle.residuals])
     usual = float(np.median(size))
@@ -231,11 +242,14 @@ def _without_bad_views(
 def _without_outliers(
     shots: Sequence[Shot], bundle: Bundle, limit: float
 ) -> tuple[list[Shot], list[Dropped], Bundle, int]:
-    """Shots less outlying corners, and less views with too many of them.
+    """Leave out outlying corners, and shots with more than `_MAX_OUTLIER_SHARE` of them.
+
+    A corner is an outlier from `limit` times `OUTLIER_RATIO` standard deviations on, scaled up if most
+    corners scatter more than stated. Nothing is left out if fewer than three shots would remain.
 
     Returns:
-        The shots kept, those left out, the bundle of the kept ones, and the number of single corners left
-        out.
+        The shots kept with their remaining corners, the shots left out, the bundle of the kept ones (not
+        fitted anew, its residuals still of all corners), and the number of single corners left out.
     """
     chi = np.concatenate(bundle.sigmas)
     most = limit * OUTLIER_RATIO * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
@@ -261,7 +275,7 @@ def _without_outliers(
 
 
 def _bundle_of(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
-    """Bundle of the views with a True in `kept`."""
+    """Bundle of the views with a True in `kept`; lens, covariance and cost stay those of all views."""
     index = [i for i, keep in enumerate(kept) if keep]
     return Bundle(
         bundle.lens,

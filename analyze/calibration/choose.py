@@ -1,4 +1,4 @@
-"""Choice of calibration images: one per position and tilt of the board, and at most `MOST_VIEWS`."""
+"""Selects calibration images: one per position and tilt of the board, and at most `MOST_VIEWS`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,16 @@ _MIN_TAGS = 3
 
 
 def outline(sight: BoardSighting, board: Board) -> Array | None:
-    """Outer corners (4, 2) [px] of the board to some pixels, from its tags; None if too few are seen."""
+    """Outer corners (4, 2) of the board's squares in an image, predicted from the tags seen, to some pixels.
+
+    Args:
+        sight: tags of the board in the image.
+        board: the board.
+
+    Returns:
+        Corners [px], upper left first, then clockwise as printed; None if fewer than `_MIN_TAGS` tags are
+        seen, or a corner would lie behind the camera.
+    """
     tags = sorted(sight.tags)
     if len(tags) < _MIN_TAGS:
         return None
@@ -42,13 +51,15 @@ def outline(sight: BoardSighting, board: Board) -> Array | None:
 
 
 def _affine(squares: Array, pixels: Array) -> Array:
-    """Affine transform (3, 3) of points (n, 2) on the board to pixels (n, 2), by least squares."""
+    """Affine transform (3, 3) of points (n, 2) on the board [squares] to pixels (n, 2), by least squares."""
     rows = np.column_stack([squares, np.ones(len(squares))])
     return np.vstack([np.linalg.lstsq(rows, pixels, rcond=None)[0].T, [0.0, 0.0, 1.0]])
 
 
 def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
-    """Indices of at most `MOST_VIEWS` views that differ; of similar views, the one with the most tags.
+    """Indices of at most `MOST_VIEWS` views that differ, in increasing order.
+
+    Of similar views (`MIN_VIEW_DISTANCE`) the one with the most tags is taken.
 
     Args:
         outlines: outer corners (4, 2) of each view [px].
@@ -69,7 +80,15 @@ def _distance(first: Array, second: Array) -> float:
 
 
 def _farthest_first(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
-    """`MOST_VIEWS` of the views `kept`, each the farthest from those chosen before it."""
+    """Select `MOST_VIEWS` of the views `kept`: the first, then always the one farthest from those selected.
+
+    Args:
+        kept: indices of at least `MOST_VIEWS` views.
+        outlines: outer corners (4, 2) of all views [px].
+
+    Returns:
+        Indices of the selected views, in the order of selection.
+    """
     points = np.array([outlines[i].ravel() for i in kept])
     taken = [0]
     nearest = np.linalg.norm(points - points[0], axis=1)

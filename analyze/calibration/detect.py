@@ -1,7 +1,7 @@
-"""Detection of a calibration board in an image.
+"""Detects a calibration board in an image.
 
-Each tag predicts the corners beside it, predictions of neighbouring tags must agree, and `saddle` refines the
-corners.
+Each tag predicts the board corners beside it, predictions of neighbouring tags must agree, and the module
+`saddle` refines the corners to subpixel accuracy.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ class View:
     index: IntArray
     """(n,) indices of the corners in `board.corner_points`"""
     place: Array
-    """(n, 2) positions [raw px]"""
+    """(n, 2) positions in the image, not undistorted [px]"""
     covariance: Array
-    """(n, 2, 2) covariance [px^2]"""
+    """(n, 2, 2) covariance of the positions [px^2]"""
     per_square: Array
-    """(n, 2, 2) image of one square along the board's x and y, in columns [px]"""
+    """(n, 2, 2) shift in the image for one square along the board's x and y, in columns [px]"""
     blur: float
-    """median blur [px]"""
+    """median standard deviation of the edges' blur [px]"""
 
     def only(self, kept: NDArray[np.bool_]) -> View:
-        """View of the corners with a True in `kept` (n,)."""
+        """View with the corners that have a True in `kept` (n,); the median blur stays."""
         return View(
             self.index[kept], self.place[kept], self.covariance[kept], self.per_square[kept], self.blur
         )
@@ -63,22 +63,22 @@ class BoardSighting:
     """Tags of a board in one image, and the board corners that they predict."""
 
     tags: Mapping[int, Array]
-    """corners (4, 2) [px] by id, of the board's tags"""
+    """corners (4, 2) of each of the board's tags [px], by tag id"""
     read: Mapping[int, Array]
-    """the same by id, of all tags in the image, including tags that the board does not have"""
+    """corners (4, 2) of all tags in the image [px] by tag id, including tags that the board does not have"""
     foreign_ids: tuple[int, ...]
-    """ids of tags in the image that the board does not have"""
+    """ids of tags in the image that the board does not have, increasing"""
     pairs: int
-    """number of pairs of neighbouring tags"""
+    """number of board corners that two tags predict"""
     agreeing: int
-    """number of those pairs that agree with the board"""
+    """number of those corners for which the two predictions agree"""
     start: Mapping[int, tuple[Array, Array]]
-    """by corner index: predicted position (2,) [px], accurate to about a pixel, and image (2, 2) of one
-    square along the board's x and y [px]"""
+    """by corner index: predicted position (2,) [px], accurate to about a pixel, and the shift in the image
+    (2, 2) for one square along the board's x and y, in columns [px]"""
 
     @property
     def another_layout(self) -> bool:
-        """True if the tags are arranged differently from the named board's."""
+        """True if the tags are arranged unlike the board's: of three or more pairs less than half agree."""
         return self.pairs >= 3 and self.agreeing < 0.5 * self.pairs
 
 
@@ -97,7 +97,12 @@ def _detector(family: str) -> cv2.aruco.ArucoDetector:
 
 
 def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
-    """Corners (4, 2) [px] of a family's tags in an image, by id, accurate to about half a pixel."""
+    """Find a family's tags in an image (height, width).
+
+    Returns:
+        Corners (4, 2) of each tag [px] by tag id, accurate to about half a pixel; empty if there is none. Of
+        several tags with one id the last one found is kept.
+    """
     corners, ids, _ = _detector(family).detectMarkers(np.ascontiguousarray(image))
     if len(corners) == 0:
         return {}
@@ -117,7 +122,7 @@ def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
 
 
 def read_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
-    """Read the board's tags and predict the corners beside them.
+    """Find the board's tags in an image and predict the board corners beside them.
 
     Args:
         image: (height, width) grey values.
@@ -127,10 +132,13 @@ def read_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
 
 
 def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
-    """Predict the corners beside tags that were read before.
+    """Predict the board corners beside tags that were read before.
+
+    A corner between two tags gets the mean prediction, or none if the two disagree by more than
+    `_MAX_DISAGREEMENT` squares plus 2 px.
 
     Args:
-        tags: corners (4, 2) by id [px].
+        tags: corners (4, 2) of each tag [px], by tag id.
         board: the board.
     """
     known = {tag: quad for tag, quad in tags.items() if tag < tag_count(board)}
@@ -162,13 +170,14 @@ def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
 
 
 def _through(H: Array, at: Array) -> tuple[Array, Array]:
-    """Pixel (2,) of a point given in squares from a tag's middle, and its derivative (2, 2) [px].
-
-    The point has y down; the derivative is by the board's x and y (up).
+    """Project a point near a tag to the image, with the derivative.
 
     Args:
-        H: (3, 3) homography from squares to pixels.
-        at: (2,) the point.
+        H: (3, 3) homography from squares (relative to the tag's middle, x right, y down) to pixels.
+        at: (2,) the point [squares].
+
+    Returns:
+        Pixel (2,), and its derivative (2, 2) by the board's x and y (up), in columns [px per square].
     """
     x = H @ np.array([at[0], at[1], 1.0])
     place = x[:2] / x[2]
@@ -177,12 +186,17 @@ def _through(H: Array, at: Array) -> tuple[Array, Array]:
 
 
 def find_corners(image: NDArray[np.uint8], board: Board, sight: BoardSighting) -> View | None:
-    """Fit the board's corners in an image; None if there are too few, or all lie on a line.
+    """Fit the board's corners in an image from the predictions of its tags.
+
+    Corners whose square is smaller than `_MIN_SQUARE_PX` in the image are not used.
 
     Args:
         image: (height, width) grey values.
         board: the board.
-        sight: its tags in the image.
+        sight: tags of the board in the image.
+
+    Returns:
+        The corners; None if fewer than `_MIN_CORNERS` are good, or all lie in one row or column of the board.
     """
     if len(sight.start) < _MIN_CORNERS:
         return None
@@ -201,15 +215,20 @@ def refine(
     per_square: Array,
     straight: Array | None,
 ) -> View | None:
-    """Fit the corners from `start` (n, 2) [px]; None if too few are good.
+    """Fit n corners of the board to the grey values around their first positions.
 
     Args:
         image: (height, width) grey values.
         board: the board.
-        index: (n,) indices of the corners.
+        index: (n,) indices of the corners in `board.corner_points`.
         start: (n, 2) first positions [px].
-        per_square: (n, 2, 2) image of one square along the board's x and y, in columns [px].
-        straight: undistorted pixels as for `saddle.fit_saddles`; None for the pixels as they are.
+        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        straight: (n, m, 2) undistorted positions of the m pixels around each corner (`saddle.patches`),
+            relative to `start` [px]; None for the pixels as they are.
+
+    Returns:
+        The corners that could be fitted; None if they are fewer than `_MIN_CORNERS`, or all in one row or
+        column of the board.
     """
     height, width = image.shape
     patch = patches(start, per_square, width, height)
@@ -230,11 +249,14 @@ def refine(
 
 
 def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[int, int] | None:
-    """Columns and rows of a board that explains the tags' layout in these images; None if none does.
+    """Columns and rows of a board that explains the tags' layout in these images best.
 
     Args:
-        tags: for each image, corners (4, 2) by id [px].
-        board: the named board, whose tags and sizes are used.
+        tags: for each image, corners (4, 2) of each tag [px], by tag id.
+        board: the board that the user named; its tag family and sizes are used.
+
+    Returns:
+        Numbers of squares across and down; None if no board explains 70 % of the pairs of neighbouring tags.
     """
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None

@@ -1,4 +1,4 @@
-"""Lens with its numbers fx, fy, cx, cy and distortion: projection with derivatives, and weak priors."""
+"""Lens of a calibration with its numbers (fx, fy, cx, cy, distortion), projection and weak priors."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FOCAL_SD_SHARE, _MIDDLE_SD_SHARE = 1.0, 0.25
 
 @dataclass(frozen=True)
 class Lens:
-    """Lens model with its numbers and image size."""
+    """Lens model with its p numbers (focal lengths, principal point, distortion) and image size."""
 
     model: LensModel
     """pinhole with distortion, or fisheye"""
@@ -38,11 +38,11 @@ class Lens:
     height: int
     """image height [px]"""
     numbers: Array
-    """(9,) as PINHOLE_NAMES, or (8,) as FISHEYE_NAMES"""
+    """(p,) fx, fy, cx, cy [px], then k1, k2, p1, p2, k3 (pinhole, p = 9) or k1 to k4 (fisheye, p = 8)"""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the numbers."""
+        """Names of the lens's numbers, in their order: fx, fy, cx, cy and the distortion coefficients."""
         return FISHEYE_NAMES if self.model is LensModel.FISHEYE else PINHOLE_NAMES
 
     @property
@@ -53,7 +53,7 @@ class Lens:
 
     @property
     def distortion(self) -> Array:
-        """Distortion (5,) k1, k2, p1, p2, k3, or for a fisheye (4,) k1, k2, k3, k4."""
+        """Distortion coefficients (5,) k1, k2, p1, p2, k3, or for a fisheye (4,) k1, k2, k3, k4."""
         return self.numbers[4:]
 
     def moved(self, step: Array) -> Lens:
@@ -61,13 +61,24 @@ class Lens:
         return replace(self, numbers=self.numbers + step)
 
     def camera(self, T_world_camera: Array | None = None) -> CameraModel:
-        """Camera model with this lens; its pose is the identity if `T_world_camera` (4, 4) is None."""
+        """Camera model with this lens and a pose.
+
+        Args:
+            T_world_camera: (4, 4) pose of the camera in the world frame; None for the identity.
+        """
         place = np.eye(4) if T_world_camera is None else T_world_camera
         return CameraModel(self.width, self.height, self.camera_matrix, self.distortion, place, self.model)
 
 
 def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Lens:
-    """Lens without distortion, centred on the image, with a focal length [px]."""
+    """Lens without distortion, its principal point in the image's middle, with equal focal lengths.
+
+    Args:
+        model: lens model.
+        width: image width [px].
+        height: image height [px].
+        focal_px: focal length [px].
+    """
     many = FISHEYE_COEFFICIENTS if model is LensModel.FISHEYE else 5
     return Lens(
         model, width, height, np.array([focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, *[0.0] * many])
@@ -75,9 +86,10 @@ def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Le
 
 
 def prior_sd(lens: Lens) -> Array:
-    """Prior standard deviation (p,) of each number, so wide that views that determine a number override it.
+    """Prior standard deviation (p,) of each of the lens's numbers, in their order and units.
 
-    It keeps undetermined numbers finite, so that their uncertainty can be reported.
+    It is so wide that views that determine a number override it, and it keeps undetermined numbers finite, so
+    that their uncertainty can be reported.
     """
     focal = float(lens.numbers[:2].mean())
     radius = 0.5 * math.hypot(lens.width, lens.height) / focal
@@ -88,13 +100,17 @@ def prior_sd(lens: Lens) -> Array:
 
 
 def project(lens: Lens, points: Array, rotation: Array, translation: Array) -> tuple[Array, Array, Array]:
-    """Pixels (n, 2) of points, and derivatives by pose (n, 2, 6) and by the lens's numbers (n, 2, p).
+    """Project points to the image: x_camera = R x + translation, then the lens.
 
     Args:
         lens: the lens.
         points: (n, 3) points [m].
-        rotation: (3,) rotation vector from the points' frame to C.
+        rotation: (3,) rotation vector of R, from the points' frame to the camera's [rad].
         translation: (3,) translation [m].
+
+    Returns:
+        Pixels (n, 2), their derivatives (n, 2, 6) by rotation vector and translation [px/rad, px/m], and
+        their derivatives (n, 2, p) by the lens's numbers.
     """
     shaped = np.ascontiguousarray(points, dtype=float).reshape(-1, 1, 3)
     if lens.model is LensModel.FISHEYE:

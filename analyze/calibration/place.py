@@ -1,4 +1,4 @@
-"""Pose of the camera in W, from one view of a board that lies or stands on the table."""
+"""Pose of the camera in the world frame W, from one view of a board that lies or stands on the table."""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false
@@ -33,10 +33,10 @@ STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """Pose of the camera in W with its uncertainty."""
+    """Pose of the camera in the world frame W (z up, table at z = 0) with its uncertainty."""
 
     T_world_camera: Array
-    """(4, 4) pose of C in W"""
+    """(4, 4) pose of the camera's frame in W, translation in m"""
     turn_sd: Array
     """(3,) standard deviation of the rotation about W's axes [rad]"""
     position_sd: Array
@@ -44,7 +44,7 @@ class CameraPlace:
     corners: int
     """number of corners of the board that were used"""
     rms_px: float
-    """root mean square distance of its corners from their predictions [px]"""
+    """root mean square distance of the board's corners from their predictions [px]"""
 
 
 def place_camera(
@@ -57,16 +57,19 @@ def place_camera(
     R_world_board: Array,
     p_world_board: Array,
 ) -> CameraPlace:
-    """Pose of the camera in W; its sd includes the errors of corners and lens, not of the board's placement.
+    """Compute the camera's pose in the world frame W from a view of the board at a known place.
+
+    The standard deviations include the errors of corners and lens, not of the board's placement. The corners
+    are refitted with the lens before, if enough of them stay sharp.
 
     Args:
-        image: image of the board.
-        view: its corners.
+        image: (height, width) grey values with the board.
+        view: corners of the board in the image.
         board: the board.
         lens: lens of the camera.
-        lens_covariance: (p, p) covariance of its numbers.
-        scatter: factor on the corners' own sd.
-        R_world_board: (3, 3) rotation from B to W: LYING or STANDING.
+        lens_covariance: (p, p) covariance of the lens's numbers.
+        scatter: factor on the corners' stated sd, from the calibration; included in `lens_covariance`.
+        R_world_board: (3, 3) rotation from the board's frame B to W: LYING or STANDING.
         p_world_board: (3,) origin of B in W [m].
     """
     points = corner_points(board)
@@ -94,14 +97,28 @@ def place_camera(
 
 
 def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
-    """Rms distance [px] of corners `place` (n, 2) from the projections of `points` (n, 3) in B."""
+    """Rms distance [px] of observed corners from the projections of the board's corners.
+
+    Args:
+        points: (n, 3) corners in the board's frame [m].
+        place: (n, 2) observed corners [px].
+        lens: lens of the camera.
+        pose: pose of the board in the camera's frame.
+    """
     image, _, _ = project(lens, points, pose.rotation, pose.translation)
     squared: Array = np.asarray(np.sum((place - image) ** 2, axis=1), dtype=np.float64)
     return math.sqrt(float(np.mean(squared)))
 
 
 def implausibilities(T_world_camera: Array) -> list[str]:
-    """Reasons why a camera's pose T_world_camera (4, 4) is implausible for a rig; empty if there are none."""
+    """Reasons why a camera's pose is implausible for a rig: below the table, or not looking along W's y.
+
+    Args:
+        T_world_camera: (4, 4) pose of the camera in the world frame W.
+
+    Returns:
+        At most one sentence with the remedy; empty if the pose is plausible.
+    """
     sight, position = T_world_camera[:3, 2], T_world_camera[:3, 3]
     found: list[str] = []
     if position[2] < 0:
@@ -119,7 +136,13 @@ def implausibilities(T_world_camera: Array) -> list[str]:
 
 
 def _world_camera(pose: Pose, R_world_board: Array, p_world_board: Array) -> Array:
-    """Pose (4, 4) of C in W from the board's pose in C and in W."""
+    """Pose (4, 4) of the camera in the world frame W, from the board's pose in the camera and in W.
+
+    Args:
+        pose: pose of the board in the camera's frame.
+        R_world_board: (3, 3) rotation from the board's frame to W.
+        p_world_board: (3,) origin of the board's frame in W [m].
+    """
     R_board_camera = pose.matrix.T
     T = np.eye(4)
     T[:3, :3] = R_world_board @ R_board_camera

@@ -1,4 +1,4 @@
-"""Direction of gravity from plumb lines in view of the camera.
+"""Determines the direction of gravity from plumb lines (strings with a weight) in view of the camera.
 
 The image of a string and the camera's centre span a plane that contains the vertical. One string determines
 the lean of the vertical across the line of sight, not along it; strings at different places in the image
@@ -58,32 +58,36 @@ MAX_SD_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PlumbLine:
-    """Image of one string."""
+    """Image of one string, as a straight line in undistorted pixels."""
 
     bottom: Array
-    """(2,) lowest point seen [ideal px]"""
+    """(2,) lowest point seen [undistorted px]"""
     top: Array
-    """(2,) highest point seen [ideal px]"""
+    """(2,) highest point seen [undistorted px]"""
     end_sd: float
     """standard deviation of either end across the line [px]"""
     rows: int
     """number of rows in which it was found"""
     dark: bool
-    """True if darker than the background"""
+    """True if the string is darker than the background"""
     scatter: float
-    """rms residual of its rows [px]"""
+    """rms distance of the rows' points from the line [px]"""
 
 
 @dataclass(frozen=True)
 class TableLean:
-    """Table tilt from plumb lines: lean of the vertical towards W's x and y, where the table is higher."""
+    """Table tilt from plumb lines: lean of the vertical from the table's normal.
+
+    In the world frame W (z normal to the table) the vertical is (lean_x, lean_y, 1): a positive lean means
+    that the table is higher towards that axis.
+    """
 
     lean: Array
-    """(2,) lean [rad]"""
+    """(2,) lean towards W's x and y [rad]"""
     covariance: Array
-    """(2, 2) covariance, prior included [rad^2]"""
+    """(2, 2) covariance of the lean, prior included [rad^2]"""
     prior_sd: float
-    """prior standard deviation [rad]"""
+    """prior standard deviation of either lean [rad]"""
     scatter: float
     """scatter of the lines about the result over their own sd, at least 1"""
     residual: Array
@@ -95,23 +99,30 @@ class TableLean:
 
     @property
     def contradicts_prior(self) -> bool:
-        """True if the lines contradict the prior: one of them is wrong, and the result lies between them."""
+        """True if the lines' lean exceeds `MAX_PRIOR_SIGMAS` prior sd; then lines or prior are wrong."""
         return bool(np.max(np.abs(self.lean_by_lines)) > MAX_PRIOR_SIGMAS * self.lines_prior_sd)
 
     @property
     def sd(self) -> Array:
-        """Standard deviation (2,) of the lean [rad]."""
+        """Standard deviation (2,) of the lean towards W's x and y [rad]."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def determined(self) -> tuple[bool, bool]:
-        """For x and y, True if the lines determine the lean clearly better than the prior."""
+        """For W's x and y, True if the lean's sd is below `MAX_SD_SHARE` of the prior's."""
         x, y = (bool(sd < MAX_SD_SHARE * self.prior_sd) for sd in self.sd)
         return x, y
 
 
 def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[PlumbLine]:
-    """Long, straight, upright lines in an image (height, width), the longest first."""
+    """Find long, straight lines near the image's vertical, the longest first, at most `MOST_LINES`.
+
+    Lines nearer together than `MIN_SEPARATION_PX` count as one string.
+
+    Args:
+        image: (height, width) grey values.
+        camera: camera with its lens, for the undistortion.
+    """
     ideal = pixel_map(camera).ideal
     found: list[PlumbLine] = []
     for dark in (True, False):
@@ -132,7 +143,12 @@ def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[Plum
 
 
 def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
-    """Lines that may be plumb lines: within `MAX_OFF_PLUMB_RAD` of W's z."""
+    """Select lines that may be plumb lines: their plane is within `MAX_OFF_PLUMB_RAD` of W's z.
+
+    Args:
+        lines: lines in the image.
+        camera: camera with its pose in the world frame W.
+    """
     return [
         line
         for line in lines
@@ -141,7 +157,12 @@ def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
 
 
 def merged_line(lines: Sequence[PlumbLine]) -> PlumbLine:
-    """Mean line of one string in several images; its sd grows with their disagreement (a swinging string)."""
+    """Mean line of one string in several images; its sd grows with their disagreement (a swinging string).
+
+    Args:
+        lines: at least one line; a single one is returned unchanged. Rows, brightness and scatter of the
+            result are those of the longest.
+    """
     if len(lines) == 1:
         return lines[0]
     heights = np.array(
@@ -163,7 +184,7 @@ def merged_line(lines: Sequence[PlumbLine]) -> PlumbLine:
 
 
 def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
-    """Unit normal (3,) in W of the plane through the camera's centre and the string."""
+    """Unit normal (3,), in the world frame, of the plane through the camera's centre and the string."""
     rays = np.column_stack([np.array([line.bottom, line.top]), np.ones(2)]) @ np.linalg.inv(camera.K).T
     normal = camera.T_world_camera[:3, :3] @ np.cross(rays[0], rays[1])
     return np.asarray(normal / np.linalg.norm(normal), dtype=np.float64)
@@ -172,9 +193,9 @@ def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
 def table_lean(
     lines: Sequence[PlumbLine], camera: CameraModel, prior_sd: float, camera_turn_sd: float
 ) -> TableLean:
-    """Lean of the vertical from plumb lines, by least squares with a prior.
+    """Lean of the vertical from the table's normal by plumb lines, by least squares with a prior.
 
-    For the unit normal n of every line's plane, n_x lean_x + n_y lean_y + n_z = 0.
+    For the unit normal n of every line's plane in the world frame W, n_x lean_x + n_y lean_y + n_z = 0.
 
     Args:
         lines: plumb lines of one camera; several images of a fixed camera are merged before (`merged_line`).
@@ -209,12 +230,19 @@ def table_lean(
 
 
 def _turn_sd(line: PlumbLine) -> float:
-    """Standard deviation of the line's direction in the image [rad]."""
+    """Standard deviation of a line's direction in the image [rad], from that of its ends."""
     return math.sqrt(2.0) * line.end_sd / float(np.linalg.norm(line.top - line.bottom))
 
 
 def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bool) -> Array:
-    """Middles of the ridges (n, 3) in all rows: x and y [ideal px], and row number."""
+    """Middles of the ridges (strings) in all rows, (n, 3): x and y [undistorted px], and row number.
+
+    Args:
+        image: (height, width) grey values.
+        ideal: (height, width, 2) undistorted position of every pixel [px].
+        scale: width of the ridge filter [px].
+        dark: True for ridges darker than their surroundings, False for brighter ones.
+    """
     grey = image.astype(np.float64)
     first = gaussian_filter1d(grey, scale, axis=1, order=1)
     second = gaussian_filter1d(grey, scale, axis=1, order=2) * (1.0 if dark else -1.0)
@@ -231,9 +259,16 @@ def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bo
 
 
 def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
-    """Straight line through the most rows of `points` (n, 3); None if too short.
+    """Straight line through the most points, found by votes and refined by least squares.
 
-    It is found by votes and refined by least squares.
+    Args:
+        points: (n, 3) x and y [undistorted px], and row number.
+        height: height of the image [px].
+        dark: True if the points are of dark ridges.
+
+    Returns:
+        The line; None if it covers less than `MIN_ROWS_SHARE` of the rows, or bends by more than
+        `MAX_SAGITTA_PX`.
     """
     if len(points) < MIN_ROWS_SHARE * height:
         return None
@@ -283,7 +318,10 @@ def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
 
 
 def _correlated_rows(off: Array) -> float:
-    """Number of neighbouring rows that count as one, from the autocorrelation of the residuals (n,)."""
+    """Number of neighbouring rows that count as one, from the autocorrelation of the residuals (n,).
+
+    It is 1 for fewer than 20 rows or without residuals.
+    """
     centred = off - off.mean()
     power = float(centred @ centred)
     if power <= 0 or len(off) < 20:
@@ -298,12 +336,12 @@ def _correlated_rows(off: Array) -> float:
 
 
 def _across(points: Array, line: PlumbLine) -> Array:
-    """Signed distance (n,) [px] of points from a line."""
+    """Signed distance (n,) [px] of points (n, 3), x and y first, from an unbounded line."""
     along = (line.top - line.bottom) / np.linalg.norm(line.top - line.bottom)
     return (points[:, 0] - line.bottom[0]) * along[1] - (points[:, 1] - line.bottom[1]) * along[0]
 
 
 def _separation(line: PlumbLine, other: PlumbLine) -> float:
-    """Mean distance of a line's ends and middle from another line [px]."""
+    """Mean distance of `line`'s ends and middle from the line `other` [px]."""
     ends = np.column_stack([np.array([line.bottom, line.top, (line.bottom + line.top) / 2]), np.zeros(3)])
     return float(np.abs(_across(ends, other)).mean())

@@ -1,4 +1,4 @@
-"""Uncertainty of a lens over its image: sd of the pixel of a given direction, also where no board was seen.
+"""Uncertainty of a lens over its image: sd of a direction's pixel, also where no board was seen.
 
 A lens error that a rotation of the camera compensates does no harm, because the camera's pose is found with
 the same lens. So the best rotation over the whole image is removed before the sd is computed.
@@ -24,7 +24,7 @@ COLUMNS, ROWS = 41, 31
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Standard deviation of a direction's pixel, on an even grid over the image, its borders included."""
+    """Standard deviation of the pixel to which a direction projects, on a grid over the whole image."""
 
     column: Array
     """(COLUMNS,) columns [px]"""
@@ -35,33 +35,38 @@ class PixelMap:
 
     @property
     def worst(self) -> float:
-        """Largest value [px]."""
+        """Largest standard deviation in the image [px]."""
         return float(np.nanmax(self.value))
 
     @property
     def worst_at(self) -> tuple[float, float]:
-        """Column and row of the largest value [px]."""
+        """Column and row [px] of the grid point with the largest standard deviation."""
         row, column = np.unravel_index(int(np.nanargmax(self.value)), self.value.shape)
         return float(self.column[column]), float(self.row[row])
 
     @property
     def median(self) -> float:
-        """Median over the image [px]."""
+        """Median of the standard deviation over the image [px]."""
         return float(np.nanmedian(self.value))
 
 
 def grid(lens: Lens) -> tuple[Array, Array, Array]:
-    """Columns (COLUMNS,), rows (ROWS,), and all points (ROWS COLUMNS, 2) [px] of the grid."""
+    """Grid over a lens's image: columns (COLUMNS,), rows (ROWS,), and all points (ROWS COLUMNS, 2) [px].
+
+    The points are column and row, row by row.
+    """
     column, row = np.linspace(0.0, lens.width - 1.0, COLUMNS), np.linspace(0.0, lens.height - 1.0, ROWS)
     return column, row, np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2)
 
 
 def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
-    """Standard deviation of a direction's pixel over the image.
+    """Standard deviation of the pixel to which a direction projects, over the image.
+
+    The camera rotation that compensates a lens error best is removed before.
 
     Args:
         lens: the lens.
-        covariance: (p, p) covariance of its numbers.
+        covariance: (p, p) covariance of the lens's numbers.
     """
     column, row, points = grid(lens)
     rays = (undistort(lens.camera(), points) - lens.numbers[2:4]) / lens.numbers[:2]
@@ -76,10 +81,10 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 
 
 def without_turn(moves: Array, by_turn: Array) -> Array:
-    """Pixel shifts (2n, p), each less its best camera rotation.
+    """Pixel shifts (2n, p), each column less the shift of the camera rotation that fits it best.
 
     Args:
-        moves: (2n, p) pixel shifts.
+        moves: (2n, p) shifts of n pixels by each of the lens's p numbers.
         by_turn: (2n, 3) derivatives of the pixels by the camera's rotation [px/rad].
     """
     return moves - by_turn @ np.linalg.lstsq(by_turn, moves, rcond=None)[0]

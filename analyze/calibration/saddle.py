@@ -1,4 +1,4 @@
-"""Corners of a chessboard to a few thousandths of a pixel, by a fit of two crossing blurred edges.
+"""Fits corners of a chessboard to a few thousandths of a pixel, as two crossing blurred edges.
 
 Model: I = m + g.u + a erf(d1 / (sqrt(2) s)) erf(d2 / (sqrt(2) s)), with d1, d2 the signed distances of a
 pixel from the two lines through the corner, s the blur. Nine numbers per corner (its position, two
@@ -63,36 +63,36 @@ _PARAMETERS = 9
 
 @dataclass(frozen=True)
 class Saddles:
-    """Corners fitted from n starts."""
+    """Corners fitted from n first positions."""
 
     place: Array
-    """(n, 2) position [raw px]"""
+    """(n, 2) position: the first one plus the fitted shift [px]"""
     covariance: Array
-    """(n, 2, 2) covariance [px^2]"""
+    """(n, 2, 2) covariance of the position, from the residuals [px^2]"""
     blur: Array
-    """(n,) blur [px]"""
+    """(n,) standard deviation of the edges' blur [px]"""
     good: NDArray[np.bool_]
     """(n,) True for an accepted corner"""
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels around n corners, m each."""
+    """Pixels of the squares around n corners, m each."""
 
     column: NDArray[np.int64]
-    """(n, m) column"""
+    """(n, m) column, clipped to the image"""
     row: NDArray[np.int64]
-    """(n, m) row"""
+    """(n, m) row, clipped to the image"""
     inside: NDArray[np.bool_]
-    """(n, m) True for a pixel inside the image"""
+    """(n, m) True for a pixel that was inside the image before clipping"""
 
 
 def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
-    """Pixels that `fit_saddles` may use.
+    """Pixels around n corners that the fit (`fit_saddles`) may use.
 
     Args:
         start: (n, 2) first positions, good to about a pixel [px].
-        per_square: (n, 2, 2) image of one square along the board's x and y, in columns [px].
+        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
         width: image width [px].
         height: image height [px].
     """
@@ -109,15 +109,18 @@ def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
 def fit_saddles(
     image: NDArray[np.uint8], start: Array, per_square: Array, rim: float, patch: Patch, straight: Array
 ) -> Saddles:
-    """Refine corners by Gauss-Newton.
+    """Fit n chessboard corners to the grey values around them, by Gauss-Newton.
 
     Args:
         image: (height, width) grey values.
         start: (n, 2) first positions [px].
-        per_square: (n, 2, 2) image of one square along the board's x and y, in columns [px].
-        rim: white margin between a tag and the edge of its square, in squares.
-        patch: pixels from `patches`.
-        straight: (n, m, 2) undistorted pixels of the patch relative to the start [px].
+        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        rim: white margin between a tag and the edge of its square [square sides].
+        patch: pixels around the corners, from `patches`.
+        straight: (n, m, 2) undistorted positions of the patch's pixels relative to `start` [px].
+
+    Returns:
+        All n corners; those that could not be fitted have `good` False.
     """
     n = len(start)
     x = np.zeros((n, _PARAMETERS))
@@ -174,14 +177,19 @@ def fit_saddles(
 
 @dataclass(frozen=True)
 class _Pixels:
-    """Undistorted pixels relative to the start, (n, m) each."""
+    """Undistorted positions of m pixels around each of n corners, relative to the first positions."""
 
     x: Array
+    """(n, m) to the right [px]"""
     y: Array
+    """(n, m) down [px]"""
 
 
 def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
-    """Pixels nearer to this corner than to the next along the lines; none where the lens is undefined."""
+    """True (n, m) for pixels within `_EXTENT` squares of their corner along the board's x and y.
+
+    False where the lens is undefined (NaN). `per_square` (n, 2, 2) is the shift in the image for one square.
+    """
     to_squares = np.linalg.inv(per_square)[:, :, :, None]
     across = to_squares[:, 0, 0] * at.x + to_squares[:, 0, 1] * at.y
     along = to_squares[:, 1, 0] * at.x + to_squares[:, 1, 1] * at.y
@@ -189,16 +197,24 @@ def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
 
 
 def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
-    """Signed distances (n, m) from either line [px]."""
+    """Signed distances, (n, m) each, of the pixels from the two lines through each corner [px].
+
+    `x` (n, 9) has the fit's parameters: position, two line directions, ... (`_PARAMETERS`).
+    """
     cos, sin = np.cos(x[:, 2:4]), np.sin(x[:, 2:4])
     ux, uy = at.x - x[:, :1], at.y - x[:, 1:2]
     return uy * cos[:, :1] - ux * sin[:, :1], uy * cos[:, 1:] - ux * sin[:, 1:]
 
 
 def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bool_]:
-    """True (n, m) for pixels near a line and clear of the tags.
+    """True (n, m) for pixels near a line through their corner and clear of the tags.
 
-    `rim` is the white margin of a tag [squares]; it is foreshortened like its square.
+    Args:
+        x: (n, 9) parameters of the fit.
+        at: positions of the pixels.
+        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        rim: white margin between a tag and the edge of its square [square sides], foreshortened like the
+            square.
     """
     area = np.abs(np.linalg.det(per_square))
     across = area[:, None] / np.linalg.norm(per_square, axis=1)
@@ -208,7 +224,7 @@ def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bo
 
 
 def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -> None:
-    """Set level, slope and contrast, which are linear, to their least-squares values."""
+    """Set level, slope and contrast in the parameters `x` (n, 9) by linear least squares, in place."""
     first, second = _distances(x, at)
     shape = (2.0 * ndtr(first / x[:, 8:9]) - 1.0) * (2.0 * ndtr(second / x[:, 8:9]) - 1.0)
     rows = np.stack([np.ones_like(shape), at.x, at.y, shape], axis=1) * used[:, None, :]
@@ -218,7 +234,14 @@ def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -
 def _normal_equations(
     x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Normal matrices (n, 9, 9), gradients (n, 9) and sums of squared residuals (n,) of n corners."""
+    """Normal matrices (n, 9, 9), right-hand sides (n, 9) and sums of squared residuals (n,) of n fits.
+
+    Args:
+        x: (n, 9) parameters of the fits.
+        at: positions of the pixels.
+        grey: (n, m) grey values of the pixels.
+        used: (n, m) True for pixels that enter the fit.
+    """
     d1, d2 = _distances(x, at)
     s, a = x[:, 8:9], x[:, 7:8]
     z1, z2 = d1 / s, d2 / s
@@ -246,12 +269,12 @@ def _normal_equations(
 
 
 def _solve(normal: Array, gradient: Array) -> Array:
-    """Gauss-Newton step (n, 9) of each corner; 0 in undetermined directions."""
+    """Solutions (n, p) of n normal equations, matrices (n, p, p); 0 in undetermined directions."""
     return (_inverse(normal) @ gradient[..., None])[..., 0]
 
 
 def _inverse(normal: Array) -> Array:
-    """Pseudo-inverse of normal matrices (n, p, p), scaled to unit diagonals."""
+    """Pseudo-inverses (n, p, p) of normal matrices, computed on the matrices scaled to unit diagonals."""
     scale = np.sqrt(np.maximum(np.einsum("npp->np", normal), 1e-12))
     even = normal / scale[:, :, None] / scale[:, None, :]
     inverse: Array = np.asarray(np.linalg.pinv(even, hermitian=True, rcond=1e-10), dtype=np.float64)

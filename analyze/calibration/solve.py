@@ -44,7 +44,7 @@ _STEP_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of the board: x_camera = R x_board + translation."""
+    """Pose of the board in the camera's frame: x_camera = R x_board + translation."""
 
     rotation: Array
     """(3,) rotation vector [rad]"""
@@ -53,7 +53,7 @@ class Pose:
 
     @property
     def matrix(self) -> Array:
-        """Rotation (3, 3) from the board's frame B to the camera's frame C."""
+        """Rotation matrix (3, 3) from the board's frame B to the camera's frame C."""
         return np.asarray(cv2.Rodrigues(self.rotation)[0], dtype=float)
 
 
@@ -62,43 +62,46 @@ class ObservedView:
     """Corners of one view with their weights."""
 
     points: Array
-    """(n, 3) corners in B [m]"""
+    """(n, 3) corners in the board's frame B [m]"""
     place: Array
-    """(n, 2) positions [px]"""
+    """(n, 2) observed positions of the corners [px]"""
     root: Array
-    """(n, 2, 2) matrices that whiten a residual [1/px]"""
+    """(n, 2, 2) matrices that whiten a residual, with root^T root the inverse covariance [1/px]"""
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """Best fit of lens and poses."""
+    """Best fit of the lens and of the board's poses, with residuals."""
 
     lens: Lens
-    """the lens"""
+    """best fit of the lens, with p numbers"""
     poses: tuple[Pose, ...]
     """pose of the board per view"""
     residuals: tuple[Array, ...]
-    """per view (n, 2) residuals [px]"""
+    """per view (n, 2) residuals, observed less predicted position [px]"""
     sigmas: tuple[Array, ...]
     """per view (n,) distance of each corner from its prediction over its sd: chi with 2 degrees of freedom"""
     covariance: Array
-    """(p, p) covariance of the lens's numbers, from the corners' own sd"""
+    """(p, p) covariance of the lens's numbers, from the corners' stated sd and the priors"""
     cost: float
-    """Huber loss with priors"""
+    """least value of Huber's loss with priors, before a refit with a wider threshold"""
 
     def scatter(self) -> float:
-        """Factor, at least 1, by which residuals exceed the corners' stated standard deviation."""
+        """Factor, at least 1, by which residuals exceed the corners' stated standard deviation.
+
+        It is the root of chi squared over the degrees of freedom.
+        """
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
         return float(np.sqrt(max(1.0, chi2.sum() / max(freedom, 1))))
 
 
 def weighted_corners(view: View, points: Array) -> ObservedView:
-    """Corners of a view with the weights of the fit, from their covariance and `MODEL_PX`.
+    """Corners of a view with the weights of the fit, from their covariance plus `MODEL_PX` squared.
 
     Args:
-        view: the view.
-        points: (n, 3) all corners of the board in B [m].
+        view: corners of the board in one image.
+        points: (n, 3) all corners of the board in the board's frame [m].
     """
     covariance = view.covariance + MODEL_PX**2 * np.eye(2)
     return ObservedView(
@@ -109,7 +112,17 @@ def weighted_corners(view: View, points: Array) -> ObservedView:
 
 
 def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: int) -> Bundle:
-    """Fit lens and poses without a first guess, starting from the best of several focal lengths."""
+    """Fit lens and board poses without a first guess.
+
+    Several focal lengths (`_START_FOCALS`) are tried on some of the views; the fit starts from each of the
+    two best, and the better result is returned.
+
+    Args:
+        views: corners of each view, at least one view.
+        model: lens model.
+        width: image width [px].
+        height: image height [px].
+    """
     some = views[:: -(-len(views) // _START_VIEWS)]
     found: list[tuple[float, Lens]] = []
     for share in _START_FOCALS:
@@ -124,9 +137,15 @@ def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: i
 
 
 def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose]) -> Bundle:
-    """Refine lens and poses from a good first guess.
+    """Refine lens and board poses from a good first guess.
 
-    A board seen nearly face-on has a second pose that fits nearly as well: both are tried.
+    A board seen nearly face-on has a second pose that fits nearly as well: both are tried. If the corners
+    scatter more than stated, Huber's threshold is widened accordingly.
+
+    Args:
+        views: corners of each view.
+        lens: first guess of the lens.
+        poses: first guess of the board's pose per view.
     """
     lens, settled, cost = _minimise(views, lens, list(poses), _MAX_STEPS, _HUBER_SIGMAS)
     turned = [_better_pose(view, lens, pose) for view, pose in zip(views, settled, strict=True)]
@@ -155,12 +174,12 @@ def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pos
 
 
 def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance: Array) -> Array:
-    """Covariance (6, 6) of rotation vector and translation, the lens's error included.
+    """Covariance (6, 6) of a board pose's rotation vector and translation [rad, m], lens error included.
 
     Args:
-        view: the view.
+        view: corners of the view, whose stated covariance is used.
         lens: the lens.
-        pose: pose of the board.
+        pose: best fit of the board's pose.
         lens_covariance: (p, p) covariance of the lens's numbers.
     """
     _, by_pose, by_lens = _whitened(view, lens, pose, _NO_HUBER)
@@ -170,12 +189,15 @@ def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance:
 
 
 def fit_pose(view: ObservedView, lens: Lens) -> Pose:
-    """Pose of the board in one view, for a known lens."""
+    """Fit the pose of the board in one view, for a known lens, by Huber's loss on the corners."""
     return _refined_pose(view, lens, _first_pose(view, lens), 30, 1e-10)
 
 
 def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
-    """Pose at the minimum of Huber's loss near `start`, by Gauss-Newton; `tolerance` [rad, m] ends it."""
+    """Pose at the minimum of Huber's loss near `start`, by Gauss-Newton.
+
+    The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
+    """
 
     def linearise(pose: Pose) -> Linearised:
         residual, by_pose, _ = _whitened(view, lens, pose, _HUBER_SIGMAS)
@@ -186,22 +208,22 @@ def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, t
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations with the poses eliminated."""
+    """Normal equations of the lens's p numbers, poses eliminated, and the parts that give the poses."""
 
     reduced: Array
-    """(p, p) reduced normal matrix"""
+    """(p, p) normal matrix of the lens after elimination of the poses"""
     gradient: Array
-    """(p,) reduced gradient"""
+    """(p,) right-hand side of the lens after elimination of the poses"""
     pose_information: list[Array]
-    """per view (6, 6)"""
+    """per view (6, 6) normal matrix of the pose"""
     cross: list[Array]
-    """per view (p, 6)"""
+    """per view (p, 6) block of the normal matrix that couples lens and pose"""
     pose_gradient: list[Array]
-    """per view (6,)"""
+    """per view (6,) right-hand side of the pose"""
 
 
 def _inverse(matrix: Array) -> Array:
-    """Pseudo-inverse of a normal matrix (p, p), scaled to a unit diagonal."""
+    """Pseudo-inverse (p, p) of a normal matrix, computed on the matrix scaled to a unit diagonal."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True, rcond=1e-15) / np.outer(
         scale, scale
@@ -209,7 +231,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
-    """Distance (n,) of each corner from its prediction, in its standard deviations."""
+    """Distance (n,) of each corner from its prediction, over the corner's standard deviation."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return np.asarray(
         np.linalg.norm(np.einsum("nij,nj->ni", view.root, view.place - image), axis=1), dtype=np.float64
@@ -217,7 +239,17 @@ def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
 
 
 def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple[Array, Array, Array]:
-    """Residuals (2n,), derivatives by pose (2n, 6) and lens (2n, p), over the corners' sd, Huber-weighted."""
+    """Whitened, Huber-weighted residuals of a view's n corners, and derivatives of the predicted pixels.
+
+    Args:
+        view: corners of the view.
+        lens: the lens, with p numbers.
+        pose: pose of the board.
+        huber: threshold of Huber's loss, in standard deviations.
+
+    Returns:
+        Residuals (2n,), derivatives by the pose (2n, 6) and by the lens's numbers (2n, p).
+    """
     image, by_pose, by_lens = project(lens, view.points, pose.rotation, pose.translation)
     residual = np.einsum("nij,nj->ni", view.root, view.place - image)
     weight = np.sqrt(huber_weights(np.linalg.norm(residual, axis=1), huber))
@@ -237,7 +269,16 @@ def _normal(
     huber: float,
     damping: float = 0.0,
 ) -> _Normal:
-    """Normal equations of lens and poses, with `damping` on their diagonals."""
+    """Normal equations of lens and poses, poses eliminated, with `damping` times their diagonals added.
+
+    Args:
+        views: corners of each view.
+        lens: present lens.
+        poses: present pose of the board per view.
+        prior: (p,) prior standard deviations of the lens's numbers about the undistorted lens.
+        huber: threshold of Huber's loss, in standard deviations.
+        damping: factor of Levenberg and Marquardt.
+    """
     start = plain_lens(lens.model, lens.width, lens.height, float(lens.numbers[:2].mean()))
     information = np.diag(1.0 / prior**2)
     gradient = (start.numbers - lens.numbers) / prior**2
@@ -265,7 +306,15 @@ def _normal(
 def _cost(
     views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose], prior: Array, huber: float
 ) -> float:
-    """Huber loss with priors; infinite for a board behind the camera."""
+    """Huber's loss over all corners plus the priors' squares; infinite for a board behind the camera.
+
+    Args:
+        views: corners of each view.
+        lens: the lens.
+        poses: pose of the board per view.
+        prior: (p,) prior standard deviations of the lens's numbers about the undistorted lens.
+        huber: threshold of Huber's loss, in standard deviations.
+    """
     start = plain_lens(lens.model, lens.width, lens.height, float(lens.numbers[:2].mean()))
     total = float(np.sum(((lens.numbers - start.numbers) / prior) ** 2))
     for view, pose in zip(views, poses, strict=True):
@@ -279,7 +328,18 @@ def _cost(
 def _minimise(
     views: Sequence[ObservedView], lens: Lens, poses: list[Pose], max_steps: int, huber: float
 ) -> tuple[Lens, list[Pose], float]:
-    """Lens, poses and cost at the minimum, by Levenberg-Marquardt."""
+    """Minimise Huber's loss with priors over lens and poses by Levenberg-Marquardt.
+
+    Args:
+        views: corners of each view.
+        lens: first guess of the lens, whose focal length also sets the priors.
+        poses: first guess of the board's pose per view.
+        max_steps: largest number of iterations.
+        huber: threshold of Huber's loss, in standard deviations.
+
+    Returns:
+        Lens, poses and loss at the end of the iteration.
+    """
     prior = prior_sd(lens)
     cost, damping = _cost(views, lens, poses, prior, huber), 1e-3
     for _ in range(max_steps):
@@ -312,18 +372,21 @@ def _minimise(
 
 
 def _stepped(pose: Pose, step: Array) -> Pose:
-    """Pose after a step (6,) [rad, m]."""
+    """Pose with a step (6,) added to rotation vector and translation [rad, m]."""
     return Pose(pose.rotation + step[:3], pose.translation + step[3:])
 
 
 def _rays(lens: Lens, place: Array) -> Array:
-    """Directions X/Z, Y/Z (n, 2) of pixels (n, 2); pixels beyond the lens's range are put at its rim."""
+    """Directions X/Z, Y/Z (n, 2) of pixels `place` (n, 2) in the camera's frame.
+
+    Pixels beyond the lens's range, which have no direction, get one far outside the image (5 image widths).
+    """
     ideal = np.nan_to_num(undistort(lens.camera(), place), nan=5.0 * lens.width)
     return (ideal - lens.numbers[2:4]) / lens.numbers[:2]
 
 
 def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
-    """Up to two poses of the plane board that fit the corners, in front of the camera."""
+    """Poses of the plane board in front of the camera that fit a view's corners: none, one or two."""
     rays = _rays(lens, view.place)
     middle = view.points.mean(axis=0)
     count, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -339,13 +402,16 @@ def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
 
 
 def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
-    """Sum of squared residuals [px^2]."""
+    """Sum of squared residuals of a view's corners [px^2]."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return float(np.sum((view.place - image) ** 2))
 
 
 def _first_pose(view: ObservedView, lens: Lens) -> Pose:
-    """First guess of the board's pose: the better of the two of a plane, or a rough one if there is none."""
+    """First guess of the board's pose in a view: of the poses that fit a plane, the one that fits best.
+
+    If none is found, the board faces the camera at the distance that follows from its size in the image.
+    """
     found = _planar(view, lens)
     if not found:
         depth = float(np.ptp(view.points[:, :2])) * lens.numbers[0] / max(float(np.ptp(view.place)), 1.0)
@@ -354,7 +420,11 @@ def _first_pose(view: ObservedView, lens: Lens) -> Pose:
 
 
 def _better_pose(view: ObservedView, lens: Lens, pose: Pose) -> Pose:
-    """The other of a plane's two poses if it fits clearly better, otherwise `pose` itself."""
+    """Replace a board's pose by a plane's other pose if that fits clearly better (2 % less squared error).
+
+    Returns:
+        The other pose, refined, or the object `pose` itself.
+    """
     best, least = pose, _misfit(view, lens, pose)
     for other in _planar(view, lens):
         refined = _refined_pose(view, lens, other, 8, 1e-7)

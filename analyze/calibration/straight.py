@@ -1,4 +1,4 @@
-"""Refit of a view's corners on pixels straightened by an approximate lens and pose."""
+"""Refits a view's corners on pixels straightened by an approximate lens and pose."""
 
 from __future__ import annotations
 
@@ -23,15 +23,18 @@ if TYPE_CHECKING:
 def refit(
     image: NDArray[np.uint8], board: Board, view: View, points: Array, lens: Lens, pose: Pose
 ) -> View | None:
-    """Refit a view's corners on pixels undistorted by a lens; None if too few are sharp.
+    """Refit a view's corners on pixels in which lens and perspective are undone; `view` is not changed.
 
     Args:
         image: (height, width) grey values.
         board: the board.
-        view: its corners so far.
-        points: (n, 3) all corners of the board in B [m].
+        view: corners of the board as found so far.
+        points: (n, 3) all corners of the board in the board's frame [m].
         lens: lens as estimated so far.
         pose: pose of the board as estimated with that lens.
+
+    Returns:
+        The refitted corners, without those that fail; None if too few are left or all are in one row.
     """
     seen = points[view.index]
     start, by_pose, _ = project(lens, seen, pose.rotation, pose.translation)

@@ -1,4 +1,4 @@
-"""Verdict on a calibration: reasons why the views do not determine the lens, and which views to add."""
+"""Judges a calibration: reasons why the views do not determine the lens, and which views to add."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ _MIN_TILT_RAD = math.radians(12.0)
 
 @dataclass(frozen=True)
 class Coverage:
-    """Number of corners over the image."""
+    """Number of the board's corners in each cell of the image, all views together."""
 
     count: Array
-    """(rows, columns) corners in each cell, all views"""
+    """(rows, columns) number of corners in each cell; `CELLS` gives columns and rows"""
 
     @property
     def share(self) -> float:
-        """Share of cells with at least one corner."""
+        """Share of the image's cells with at least one corner, 0 to 1."""
         return float(np.mean(self.count > 0))
 
 
@@ -61,7 +61,12 @@ def coverage(places: Sequence[Array], width: int, height: int) -> Coverage:
 
 
 def tilt(pose: Pose, middle: Array) -> float:
-    """Angle [rad] between the board's normal and the line of sight to its middle (3,) in B [m]."""
+    """Angle between the board's normal and the line of sight to its middle, 0 to pi/2 [rad].
+
+    Args:
+        pose: pose of the board in the camera's frame.
+        middle: (3,) middle of the board in the board's frame [m].
+    """
     R = pose.matrix
     sight = R @ middle + pose.translation
     return math.acos(min(1.0, abs(float(R[:, 2] @ sight)) / float(np.linalg.norm(sight))))
@@ -72,12 +77,15 @@ def undetermined(
 ) -> list[str]:
     """Reasons why the views do not determine the lens, each with its number and the remedy; empty if they do.
 
+    The number of views and the focal length are always judged, the principal point and the distortion only if
+    nothing was found before.
+
     Args:
         lens: the lens.
-        sd: (p,) standard deviations of its numbers.
-        pixels: standard deviation of a direction's pixel.
+        sd: (p,) standard deviations of the lens's numbers.
+        pixels: standard deviation of the pixel to which a direction projects.
         tilts: tilt of the board per view [rad].
-        covered: coverage of the image.
+        covered: coverage of the image by corners.
     """
     found: list[str] = []
     if len(tilts) < MIN_VIEWS:
@@ -108,14 +116,14 @@ def undetermined(
 
 
 def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Coverage) -> list[str]:
-    """Warnings about a usable lens, each with its number and the remedy.
+    """Warnings about a usable lens, each with its number and the remedy or cause; empty if there are none.
 
     Args:
         lens: the lens.
-        sd: (p,) standard deviations of its numbers.
-        pixels: standard deviation of a direction's pixel.
-        scatter: factor on the corners' own sd by the residuals.
-        covered: coverage of the image.
+        sd: (p,) standard deviations of the lens's numbers.
+        pixels: standard deviation of the pixel to which a direction projects.
+        scatter: factor on the corners' stated sd that the residuals require.
+        covered: coverage of the image by corners.
     """
     found: list[str] = []
     fx, fy = lens.numbers[:2]
@@ -149,7 +157,13 @@ def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Cov
 
 
 def place_in_image(lens: Lens, column: float, row: float) -> str:
-    """Position in the image, in words."""
+    """Position in the image in words, by thirds, such as "upper left corner", "top" or "middle".
+
+    Args:
+        lens: lens with the image size.
+        column: column [px].
+        row: row [px].
+    """
     across = "left" if column < lens.width / 3 else "right" if column > 2 * lens.width / 3 else ""
     down = "upper" if row < lens.height / 3 else "lower" if row > 2 * lens.height / 3 else ""
     if across and down:
@@ -158,7 +172,7 @@ def place_in_image(lens: Lens, column: float, row: float) -> str:
 
 
 def _tilt_advice(tilts: Sequence[float]) -> str:
-    """Views to add, by the tilts of the present ones."""
+    """Advice which views to add, as part of a sentence, by the tilts of the present views [rad]."""
     most = max(tilts)
     if most < _MIN_TILT_RAD:
         return (
@@ -173,7 +187,10 @@ def _tilt_advice(tilts: Sequence[float]) -> str:
 
 
 def _empty_parts(covered: Coverage) -> str:
-    """Outer parts of the image without corners, in words."""
+    """Sides of the image with corners in less than half of their cells, as part of a sentence.
+
+    If that is no side or all four: "all four corners of the image".
+    """
     seen = covered.count > 0
     parts = {"left": seen[:, :2], "right": seen[:, -2:], "top": seen[:2], "bottom": seen[-2:]}
     bare = [name for name, part in parts.items() if float(np.mean(part)) < 0.5]
