@@ -1,4 +1,4 @@
-"""H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B): unit types, start codes.
+"""Inspects H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B): unit types, start codes.
 
 In MP4 and Matroska files each NAL unit has its length before it in place of a start code (ISO/IEC 14496-15).
 """
@@ -28,7 +28,10 @@ class VideoFormat(Enum):
 
 
 def is_keyframe(video: VideoFormat, data: Buffer) -> bool:
-    """True if a decoder can begin with this access unit."""
+    """True if a decoder can begin with this access unit (one coded picture): its first slice is a key one.
+
+    H.264: a slice of an IDR picture; H.265: a slice of NAL unit type 16 to 23.
+    """
     for kind in _unit_types(video, data):
         if video is VideoFormat.H264 and kind in {1, 5}:  # a slice; of an IDR picture
             return kind == 5
@@ -38,12 +41,12 @@ def is_keyframe(video: VideoFormat, data: Buffer) -> bool:
 
 
 def holds_parameter_sets(video: VideoFormat, data: Buffer) -> bool:
-    """True if the access unit holds a sequence parameter set, which a decoder needs first."""
+    """True if the access unit's first 64 KiB hold a sequence parameter set, which a decoder needs first."""
     return (7 if video is VideoFormat.H264 else 33) in _unit_types(video, data)
 
 
 def slice_starts(video: VideoFormat, data: Buffer) -> list[bool]:
-    """For each slice in the data, True if a picture begins with it."""
+    """For each slice (part of a picture) in the data, True if it is the first of a picture."""
     whole = bytes(data)
     found: list[bool] = []
     at = whole.find(_START_CODE)
@@ -59,12 +62,17 @@ def slice_starts(video: VideoFormat, data: Buffer) -> list[bool]:
 
 
 def is_annex_b(data: Buffer) -> bool:
-    """True if the data begin with a start code, not with a NAL unit's length."""
+    """True if the data begin with a start code of three or four bytes (Annex B)."""
     return bytes(data[:4]) == b"\x00" + _START_CODE or bytes(data[:3]) == _START_CODE
 
 
 def has_four_byte_lengths(video: VideoFormat, head: Buffer) -> bool:
-    """True if this codec configuration (avcC or hvcC) has NAL unit lengths of four bytes, as nearly all."""
+    """True if a codec configuration (avcC or hvcC) states NAL unit lengths of four bytes, as most do.
+
+    Args:
+        video: codec.
+        head: codec configuration, the stream's extradata.
+    """
     at = 4 if video is VideoFormat.H264 else 21
     return len(head) > at and head[at] & 3 == 3
 
@@ -84,8 +92,8 @@ def write_start_codes(
         ends: (n,) offset after each access unit.
 
     Returns:
-        (n,) False if the lengths do not add up, or if the unit is a key picture, which needs parameter sets
-        before it.
+        (n,) True if the access unit was converted; False if the lengths do not add up, or if the unit is a
+        key picture, which needs parameter sets before it.
     """
     lengths = np.ndarray(max(0, len(data) - 3), ">u4", data, strides=(1,))  # the four bytes from each byte on
     at = starts.copy()

@@ -1,7 +1,7 @@
 """Decodes H.264 and H.265 to grey images with FFmpeg (PyAV).
 
 A video is stored in decoding order. Where a later picture was coded first (B-frames) this is not the order of
-times; the decoder gives each picture the time of the message it came in, and returns the pictures by time.
+times; each picture gets the time of the message that contained it, and the pictures are returned by time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ _NANOSECONDS = Fraction(1, 10**9)
 
 
 def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
-    """Grey values (height, width) uint8 of a decoded frame; a view of its luma plane if that has 8 bits."""
+    """Grey values (height, width) uint8 of a decoded frame.
+
+    They are a view of the frame's luma plane if it has one of 8 bits, otherwise converted.
+    """
     if not _has_luma(frame.format.name):
         frame = frame.reformat(format="gray")
     plane = frame.planes[0]
@@ -56,7 +59,7 @@ def _has_luma(name: str) -> bool:
 
 
 def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
-    """Parse a foxglove.CompressedVideo message into format and data.
+    """Parse a foxglove.CompressedVideo message to its codec and coded data.
 
     Raises:
         ContainerError: the message is of another type, or its format is unknown.
@@ -70,7 +73,7 @@ def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
 
 
 def video_format(name: str) -> VideoFormat:
-    """Video format of this name.
+    """Codec by its name in foxglove.CompressedVideo, "h264" or "h265".
 
     Raises:
         ContainerError: the format is unknown.
@@ -83,16 +86,16 @@ def video_format(name: str) -> VideoFormat:
 
 
 def is_decoding_start(message: RecordedMessage) -> bool:
-    """True if a decoder can begin with this message.
+    """True if a decoder can begin with this video message.
 
     Raises:
-        ContainerError: the message is no video.
+        ContainerError: the message is no video, or of an unknown format.
     """
     return is_keyframe(*parse_video(message.data))
 
 
 def decode_video(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
-    """Images of a video, by time.
+    """Decode a video; yields its images by time, without those that are damaged.
 
     Args:
         messages: the video's messages in file order, beginning with one where a decoder can begin.

@@ -1,4 +1,4 @@
-"""The files of one recording: a series NAME.mcap, NAME-0002.mcap, ..., each readable by itself.
+"""Finds the files of one recording: a series NAME.mcap, NAME-0002.mcap, ..., each readable by itself.
 
 A recording has several files if it is continuous, or if the process that wrote it died and another continued.
 Any of its files can be given for all of them. A file belongs to the series if its manifest has the same
@@ -24,24 +24,29 @@ class SeriesFiles:
     """Files of one recording in one folder."""
 
     files: tuple[Path, ...]
-    """files in their order; `.part` if one is unfinished"""
+    """files in their order; an unfinished one ends in `.part`"""
     missing: tuple[int, ...] = ()
-    """numbers below the last file's for which no file exists"""
+    """numbers below the last file's for which no file was found"""
 
 
 def final_path(path: Path) -> Path:
-    """Path of a `.part` file once it is finished."""
+    """Path that a `.part` file (being written) will have when it is finished; other paths unchanged."""
     return path.with_suffix("") if path.suffix == PART_SUFFIX else path
 
 
 def missing_files_text(numbers: Sequence[int]) -> str:
-    """Missing files of a recording, as part of a sentence."""
+    """Name a recording's missing files by their numbers, such as "files 2, 3 of this recording"."""
     names = ", ".join(str(number) for number in numbers)
     return f"file {names} of this recording" if len(numbers) == 1 else f"files {names} of this recording"
 
 
 def find_series_files(path: Path) -> SeriesFiles:
-    """Files of the recording that `path` belongs to; a file without a manifest is a series of its own."""
+    """Find the files of the recording that `path` belongs to, in the same folder.
+
+    A file without a readable manifest (description of the session) is a series of its own; so is a renamed
+    file, with all lower numbers missing. Of a finished and an unfinished file of one number the finished one
+    counts.
+    """
     ours = _manifest(path)
     if ours is None:
         return SeriesFiles((path,))
@@ -60,7 +65,13 @@ def find_series_files(path: Path) -> SeriesFiles:
 
 
 def _candidates(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]:
-    """(number, file) of every file, finished or not, that has a name of the series `stem`."""
+    """List number and path of every file, finished or not, with a name of a series; empty if not listable.
+
+    Args:
+        folder: folder of the series.
+        stem: name of the series' first file, without suffix.
+        suffix: suffix of the series' finished files.
+    """
     pattern = re.compile(
         rf"{re.escape(stem)}(?:-(\d{{4,}}))?{re.escape(suffix)}(?:{re.escape(PART_SUFFIX)})?"
     )

@@ -1,4 +1,4 @@
-"""Follows a recording that is being written: whole records as they arrive, images as views of the file."""
+"""Follows a recording that is being written: reads whole records as they arrive, images as views."""
 
 from __future__ import annotations
 
@@ -26,11 +26,10 @@ PART_SUFFIX = ".part"
 
 
 class FollowedRecording:
-    """A `.part` file that another process is writing.
+    """Reader of a `.part` file that another process is writing.
 
-    It need not exist yet, and may be finished and renamed meanwhile.
-
-    Only whole records are read: on a full disk the writer truncates its last, unfinished record.
+    The file need not exist yet, and may be finished and renamed meanwhile. Only whole records are read: on a
+    full disk the writer truncates its last, unfinished record.
     """
 
     def __init__(self, path: Path) -> None:
@@ -48,24 +47,28 @@ class FollowedRecording:
 
     @property
     def plan(self) -> StrikePlan | None:
-        """Strike plan, None until it is written.
+        """Strike plan attached to the recording; None until it is read.
 
         Raises:
-            RecordingError: it cannot be read.
+            RecordingVersion: the plan is of another major schema version.
+            RecordingError: the plan cannot be parsed.
         """
         data = self.attachments.get(PLAN_ATTACHMENT)
         return None if data is None else parse_plan(data.decode(errors="replace"), str(self.path))
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive and until it is written."""
+        """Content of the object's shape file; None for a primitive, and until it is read."""
         return next(
             (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
             None,
         )
 
     def poll(self) -> list[RecordedMessage]:
-        """Messages written since the last call, in the file's order, without ground truth; does not wait.
+        """Read the messages written since the last call, in the file's order, without ground truth.
+
+        It does not wait; the list is empty if nothing was written or the file does not exist yet. Manifest,
+        attachments and `finished` are updated.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
@@ -92,9 +95,13 @@ class FollowedRecording:
         return found
 
     def read_manifest(self) -> SessionManifest | None:
-        """Read the manifest only, so that `poll` still returns everything; None if it is not written yet.
+        """Read the manifest (description of the session) only, so that `poll` still returns all messages.
+
+        Returns:
+            The manifest; None if the file does not exist, or has none before its first chunk.
 
         Raises:
+            RecordingVersion: the recording is of another major schema version.
             RecordingError: the file is not a recording, or is damaged.
         """
         if not self._open():
@@ -114,10 +121,10 @@ class FollowedRecording:
         return None
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """Decode the image in a message of an image topic.
+        """Decode the image in a message of an image topic to grey values.
 
         Raises:
-            RecordingError: the message holds no image.
+            RecordingError: the message holds no image, or is of an imported video.
         """
         if self._schema_of.get(message.topic) == VIDEO:
             raise RecordingError(
@@ -133,7 +140,11 @@ class FollowedRecording:
         return ImageFrame(message.log_time_ns, message.sequence, image)
 
     def refuse_missing(self) -> None:
-        """Raise RecordingError if the file has not appeared."""
+        """Check that the file has appeared, after a call of `poll`.
+
+        Raises:
+            RecordingError: the file has not been opened yet.
+        """
         if self._fd is None and not self.finished:
             raise RecordingError(f"{self.path}: no such recording: check the path")
 
@@ -152,7 +163,14 @@ class FollowedRecording:
         self.close()
 
     def _open(self) -> bool:
-        """Open the file, under its present or its final name; False until it exists and has its magic."""
+        """Open the file, under its present or its final name, unless it is open.
+
+        Returns:
+            False until the file exists and has the first bytes (magic) of an MCAP file.
+
+        Raises:
+            RecordingError: the file cannot be read, or does not begin like an MCAP file.
+        """
         if self._fd is None:
             names = [self.path]
             if self.path.suffix == PART_SUFFIX:

@@ -14,7 +14,10 @@ from schemas.strike_plan import StrikePlan
 
 
 def next_part_path(path: Path) -> Path:
-    """`.part` path of the file after `path` in the series NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..."""
+    """Path of the file after `path` in the series NAME.mcap, NAME-0002.mcap, ..., while it is written.
+
+    `path` may be finished or end in `.part`; the result ends in `.part`.
+    """
     whole = path.with_suffix("") if path.suffix == PART_SUFFIX else path
     head, _, number = whole.stem.rpartition("-")
     if head and len(number) == 4 and number.isdecimal():
@@ -25,8 +28,8 @@ def next_part_path(path: Path) -> Path:
 class FollowedSeries:
     """A series of files that another process is writing, from `path` on, as one recording.
 
-    A file belongs to the series if it has the same `recording_id` and the next `part`; an older file of that
-    name does not.
+    A file belongs to the series if its manifest (description of the session) has the same `recording_id` and
+    the next `part` number; an older file of that name does not.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,12 +47,16 @@ class FollowedSeries:
 
     @property
     def plan(self) -> StrikePlan | None:
-        """Strike plan, None until it is written."""
+        """Strike plan attached to the present file; None until it is written.
+
+        Raises:
+            RecordingError: the plan cannot be read.
+        """
         return self._present.plan
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive and until it is written."""
+        """Content of the object's shape file; None for a primitive, and until it is written."""
         return self._present.shape_bytes
 
     @property
@@ -58,7 +65,15 @@ class FollowedSeries:
         return self._present.finished
 
     def poll(self) -> list[RecordedMessage]:
-        """Messages written since the last call, in the order of the files; see FollowedRecording.poll."""
+        """Read the messages written since the last call, in the files' order, without ground truth.
+
+        It does not wait; the list is empty if nothing was written. When a file is finished and the next one
+        has its manifest, the next becomes the present file.
+
+        Raises:
+            RecordingVersion: the recording is of another major schema version.
+            RecordingError: the present file is not a recording, or is damaged.
+        """
         found = self._present.poll()
         while self._present.finished and (following := self._following_file()) is not None:
             self._present.close()
@@ -67,19 +82,27 @@ class FollowedSeries:
         return found
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """Decode the image in a message of an image topic, from any file of the series."""
+        """Decode the image in a message of an image topic, from any file of the series.
+
+        Raises:
+            RecordingError: the message holds no image, or is of an imported video.
+        """
         return self._present.image(message)
 
     def refuse_missing(self) -> None:
-        """Raise RecordingError if the file has not appeared."""
+        """Check that the file to follow has appeared.
+
+        Raises:
+            RecordingError: no `poll` has found it yet.
+        """
         self._present.refuse_missing()
 
     def close(self) -> None:
-        """Close the file; messages already returned stay valid."""
+        """Close the present file; messages already returned stay valid."""
         self._present.close()
 
     def _following_file(self) -> FollowedRecording | None:
-        """Next file of the same recording, once it has its manifest."""
+        """Open the next file of the same recording; None until it exists and has its manifest."""
         ours, path = self._present.manifest, next_part_path(self._present.path)
         head = None
         with (

@@ -19,8 +19,12 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
 
     A raw image is a view of `data`.
 
+    Args:
+        schema: full name of the message type.
+        data: the message.
+
     Raises:
-        ContainerError: the message is of another type or damaged.
+        ContainerError: the message is of another type, damaged, or of a pixel format other than mono8.
     """
     if schema == "foxglove.RawImage":
         return _raw_image(data)
@@ -30,9 +34,9 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
 
 
 def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
-    """Decode an image file's bytes to (height, width) uint8 grey values; None if they are no image.
+    """Decode an image file's bytes to (height, width) uint8 grey values; None if they cannot be decoded.
 
-    An orientation tag is ignored.
+    Any format of OpenCV is read. An orientation tag is ignored.
     """
     import cv2
 

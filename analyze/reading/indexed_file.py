@@ -1,7 +1,8 @@
-"""A mapped recording file with an index of its messages; messages are views of the file, never copies.
+"""Maps a recording file into memory and indexes its messages, which are views of the file or its chunks.
 
 A finished file is opened by the summary at its end, a file that ends early by walking it from its start. A
-chunk's CRC is checked once, when it is first read. Damaged bytes raise RecordingError and nothing else.
+chunk's CRC is checked when it is first read. Damaged bytes raise RecordingError and nothing else, except in
+`chunk_messages`.
 """
 
 from __future__ import annotations
@@ -27,12 +28,16 @@ from schemas.mcap.walk import index_entries_at, record_at, walk, walk_messages
 
 @dataclass(frozen=True)
 class RecordedMessage:
-    """One message of a recording; `data` is a view that stays valid."""
+    """One message of a recording."""
 
     topic: str
+    """name of the topic"""
     log_time_ns: int
+    """log time [ns]"""
     sequence: int
+    """sequence number on the topic"""
     data: memoryview
+    """encoded message, a view that stays valid"""
 
 
 @dataclass(frozen=True)
@@ -50,22 +55,29 @@ class TopicIndex:
 class _ChunkPlace(NamedTuple):
     offset: int
     index_offsets: dict[int, int] | None
-    """channel id -> offset of its message index record; None if unknown: the chunk itself is read"""
+    """offset of the message index record by channel id; None if unknown: the chunk itself is read"""
 
 
 @dataclass
 class IndexedFile:
-    """A mapped recording file. Views of it stay valid after `close`."""
+    """A memory-mapped recording file. Views of it stay valid after `close`."""
 
     path: Path
+    """path of the file"""
     data: memoryview
+    """bytes of the file"""
     schemas: dict[int, str] = field(default_factory=dict)
+    """names of the message types by schema id"""
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
+    """channels (topic, type, encoding) by id"""
     chunks: list[_ChunkPlace] = field(default_factory=list)
+    """offsets of the chunks and of their message indexes, in the order in which they were found"""
     attachments: dict[str, AttachmentRecord] = field(default_factory=dict)
+    """attached files by name"""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    """entries of each metadata record, by its name"""
     damaged_chunks: int = 0
-    """chunks left out of a file that was walked"""
+    """number of damaged records, mostly chunks, left out of a file opened by `open_cut`"""
     _indexes: dict[str, TopicIndex] = field(default_factory=dict)
     _checked_chunks: dict[int, memoryview] = field(default_factory=dict)
 
@@ -85,7 +97,7 @@ class IndexedFile:
                 mapping.close()
 
     def topic_names(self) -> tuple[str, ...]:
-        """Topics in the order of their channels."""
+        """Names of all topics, in the order of their channels, each once."""
         return tuple(dict.fromkeys(channel.topic for channel in self.channels.values()))
 
     def schema_of(self, topic: str) -> str:
@@ -94,7 +106,7 @@ class IndexedFile:
         return next((self.schemas.get(channel.schema_id, "") for channel in channels), "")
 
     def index(self, topic: str) -> TopicIndex:
-        """Positions of the topic's messages; read from the file once.
+        """Positions of the topic's messages; read from the file once. Empty for an unknown topic.
 
         Raises:
             RecordingError: the file is damaged.
@@ -106,7 +118,11 @@ class IndexedFile:
         return self._indexes[topic]
 
     def message(self, index: TopicIndex, number: int) -> MessageRecord:
-        """Message `number` of an index; its data is a view of the file.
+        """Read a message; its data is a view of the file or of the decompressed chunk.
+
+        Args:
+            index: index of a topic of this file.
+            number: number of the message in the index.
 
         Raises:
             RecordingError: the file is damaged.
@@ -116,7 +132,12 @@ class IndexedFile:
             return container.parse_message(record_at(messages, int(index.offset[number]), container.MESSAGE))
 
     def chunk_messages(self, number: int) -> memoryview:
-        """Message records of one chunk; its CRC is checked the first time.
+        """Records of one chunk, decompressed; its CRC is checked when it is read, then it is kept.
+
+        Of decompressed chunks only the latest is kept.
+
+        Args:
+            number: number of the chunk in the file.
 
         Raises:
             ContainerError: the chunk is damaged.
@@ -134,12 +155,16 @@ class IndexedFile:
         return messages
 
     def release_chunk(self, number: int) -> None:
-        """Drop a chunk's messages; the chunk is checked again when it is next read."""
+        """Drop the kept records of a chunk; the chunk is checked again when it is next read."""
         self._checked_chunks.pop(number, None)
 
     @contextlib.contextmanager
     def damage_as_error(self) -> Iterator[None]:
-        """Raise RecordingError, in one line, for damage found in the block."""
+        """Convert errors of damaged bytes within the `with` block to RecordingError.
+
+        Raises:
+            RecordingError: the block raised ContainerError or struct.error.
+        """
         try:
             yield
         except (ContainerError, struct.error) as error:
@@ -167,7 +192,13 @@ class IndexedFile:
     def _chunk_index(
         self, number: int, index_offsets: dict[int, int] | None, channel_id: int
     ) -> NDArray[np.uint64]:
-        """(n, 2) log time and offset of one channel's messages in one chunk."""
+        """Log time [ns] and offset in the chunk (n, 2) of one channel's messages in one chunk.
+
+        Args:
+            number: number of the chunk.
+            index_offsets: offsets of the chunk's message index records by channel; None to walk the chunk.
+            channel_id: id of the channel.
+        """
         if index_offsets is None:
             messages = walk_messages(self.chunk_messages(number))
             found = [
@@ -181,11 +212,12 @@ class IndexedFile:
 
 
 def map_recording(path: Path) -> memoryview:
-    """Map a file's bytes, read-only.
+    """Map an MCAP file's bytes into memory, read-only.
 
     Raises:
-        RecordingCut: it is empty.
-        RecordingError: it is missing, cannot be read, or is no MCAP file.
+        RecordingCut: the file is empty.
+        RecordingForeign: the file does not begin like an MCAP file.
+        RecordingError: the file is missing or cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -210,11 +242,11 @@ def map_recording(path: Path) -> memoryview:
 
 
 def open_finished(path: Path) -> IndexedFile:
-    """Map a finished recording; only its summary is read.
+    """Map a finished recording file; only its summary, attachments and metadata are read.
 
     Raises:
-        RecordingCut: it ends early.
-        RecordingError: it is missing, not MCAP, or damaged.
+        RecordingCut: the file ends early.
+        RecordingError: the file is missing, not MCAP, or damaged.
     """
     file = IndexedFile(path, map_recording(path))
     try:
@@ -228,10 +260,10 @@ def open_finished(path: Path) -> IndexedFile:
 
 
 def open_cut(path: Path) -> IndexedFile:
-    """Map a recording that ends anywhere and walk it; only whole, undamaged chunks are used.
+    """Map a recording file that ends anywhere and walk it; only whole, undamaged chunks are used.
 
     Raises:
-        RecordingError: it is missing or not MCAP.
+        RecordingError: the file is missing, empty, or not MCAP.
     """
     file = IndexedFile(path, map_recording(path))
     for opcode, at, body in walk(file.data, len(container.MAGIC)):

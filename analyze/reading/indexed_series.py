@@ -1,4 +1,4 @@
-"""Messages of a recording that is a series of files, by topic and time over all files."""
+"""Reads messages of a recording that is a series of files, by topic and time over all files."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ class SeriesIndex:
     time_ns: NDArray[np.int64]
     """(n,) log times [ns]"""
     file: NDArray[np.int64]
-    """(n,) number of the file in the series"""
+    """(n,) number of the file among the series' files, from 0"""
     number: NDArray[np.int64]
-    """(n,) number of the message in its file's index"""
+    """(n,) number of the message in the topic's index of that file"""
 
 
 class IndexedSeries:
-    """Mapped files of one recording, in their order. Views of them stay valid after `close`."""
+    """Memory-mapped files of one recording, in their order. Views of them stay valid after `close`."""
 
     def __init__(self, files: Sequence[IndexedFile]) -> None:
         self.files = tuple(files)
         self._indexes: dict[str, SeriesIndex] = {}
 
     def release_memory(self) -> None:
-        """Return cached pages of the files to the system."""
+        """Return cached pages of the mapped files to the system; views read them again when used."""
         for file in self.files:
             file.release_memory()
 
@@ -49,15 +49,15 @@ class IndexedSeries:
             file.close()
 
     def topic_names(self) -> tuple[str, ...]:
-        """Topics in the order of their channels."""
+        """Names of all topics, in the order of files and channels, each once."""
         return tuple(dict.fromkeys(name for file in self.files for name in file.topic_names()))
 
     def schema_of(self, topic: str) -> str:
-        """Full name of the topic's message type."""
+        """Full name of the topic's message type, "" if unknown."""
         return next((schema for file in self.files if (schema := file.schema_of(topic))), "")
 
     def index(self, topic: str) -> SeriesIndex:
-        """Positions of the topic's messages; read from the files once.
+        """Positions of the topic's messages over all files; read once and kept. Empty for an unknown topic.
 
         Raises:
             RecordingError: a file is damaged.
@@ -74,7 +74,12 @@ class IndexedSeries:
     def messages(
         self, topic: str, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """A topic's messages by time; the range includes both ends.
+        """Yield a topic's messages by log time.
+
+        Args:
+            topic: name of the topic.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
 
         Raises:
             RecordingError: a file is damaged.
@@ -92,14 +97,16 @@ class IndexedSeries:
         end_ns: int | None,
         is_start: Callable[[RecordedMessage], bool],
     ) -> Iterator[RecordedMessage]:
-        """Messages needed to decode a range of a video, in file order: their times need not rise.
+        """Yield the messages needed to decode a range of a video, in file order.
+
+        Their times need not rise; messages outside the range may be among them.
 
         Args:
-            topic: the video.
+            topic: topic of the video.
             start_ns: start of the range; None for the first message.
             end_ns: end of the range, included; None for the last message.
-            is_start: returns True if a decoder can begin with a message. The latest such message before the
-                range comes first.
+            is_start: returns True if a decoder can begin with a message. The first message yielded is the
+                latest such message not after the range's start, else the file's first.
 
         Raises:
             RecordingError: a file is damaged.
@@ -125,7 +132,7 @@ class IndexedSeries:
         return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
 
     def _file_order(self, topic: str, index: SeriesIndex) -> NDArray[np.intp]:
-        """(n,) numbers of the index's messages in file order."""
+        """Positions (n,) in a topic's index of its messages, in the order of files, chunks and offsets."""
         chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
         for number, file in enumerate(self.files):
             own = index.file == number
@@ -134,12 +141,17 @@ class IndexedSeries:
         return np.lexsort((offset, chunk, index.file))
 
     def first_times(self, topic: str) -> list[int]:
-        """Log time [ns] of the topic's first message in each file that has one."""
+        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order."""
         return [int(times[0]) for file in self.files if len(times := file.index(topic).time_ns)]
 
 
 def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], IndexedFile]) -> IndexedSeries:
-    """Open every file of the recording that `path` belongs to.
+    """Open every file of a recording.
+
+    Args:
+        path: the file that the user named, for messages.
+        series: files of the recording that `path` belongs to.
+        open_file: opens one file; `open_finished` or `open_cut`.
 
     Raises:
         RecordingCut: a file ends early; the message names the file and how to recover it.
@@ -166,9 +178,13 @@ def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], Ind
 
 
 def series_content_id(content_ids: Sequence[str | None]) -> str | None:
-    """content_id of a series: that of its only file, or BLAKE2b-256 over those of its files in order.
+    """Content id (hash of all messages) of a series, from those in its files' seals.
 
-    None if a file has none. The hash is over the hexadecimal texts.
+    Args:
+        content_ids: hexadecimal content id of each file, in order; None for a file without one.
+
+    Returns:
+        The id of the only file, or BLAKE2b-256 over the files' hexadecimal texts; None if a file has none.
     """
     known = [each for each in content_ids if each is not None]
     if len(known) < len(content_ids):

@@ -30,8 +30,11 @@ class Compression:
     """Number and size of the chunks with one kind of compression."""
 
     chunks: int = 0
+    """number of chunks"""
     stored_bytes: int = 0
+    """size of their records as stored, compressed"""
     unpacked_bytes: int = 0
+    """size of their records when decompressed, as the chunks state it"""
 
 
 @dataclass
@@ -39,38 +42,47 @@ class McapContents:
     """Contents of one MCAP file. Times are log times [ns], in the file's order."""
 
     path: Path
+    """path of the file"""
     size: int
+    """size of the file [bytes]"""
     profile: str = ""
+    """profile that the file's header states"""
     library: str = ""
+    """program that wrote the file, by its header"""
     schemas: dict[int, SchemaRecord] = field(default_factory=dict)
+    """message types by id"""
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
+    """channels (topic, type, encoding) by id"""
     attachments: dict[str, int] = field(default_factory=dict)
     """size in bytes by name"""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    """entries of each metadata record, by its name"""
     compression: dict[str, Compression] = field(default_factory=dict)
+    """chunks by kind of compression; "none" if uncompressed"""
     finished: bool = False
-    """True if it ends with a footer"""
+    """True if the file ends with a footer and the closing magic bytes"""
     indexed: bool = False
-    """True if its summary lists the chunks"""
+    """True if the file's summary lists the chunks"""
     stated_messages: int | None = None
-    """number of messages by the summary's statistics, None if it has none"""
+    """number of messages by the summary's statistics, None if there are none"""
     unread_bytes: int = 0
-    """bytes after the last whole record"""
+    """bytes after the last whole record; 0 for a finished file"""
     damage: list[str] = field(default_factory=list)
+    """descriptions of the damage found"""
     delays_ns: list[int] = field(default_factory=list)
     """log time minus publish time of the messages that were parsed: at least those of the first chunk"""
     _times: dict[int, list[NDArray[np.uint64]]] = field(default_factory=dict)
 
     def topics(self) -> tuple[str, ...]:
-        """Topics in the order of their channels."""
+        """Names of all topics, in the order of their channels, each once."""
         return tuple(dict.fromkeys(channel.topic for channel in self.channels.values()))
 
     def channels_of(self, topic: str) -> list[ChannelRecord]:
-        """Channels of a topic: in some files one for each publisher."""
+        """Channels of a topic: in some files one for each publisher; empty for an unknown topic."""
         return [channel for channel in self.channels.values() if channel.topic == topic]
 
     def times(self, topic: str) -> NDArray[np.int64]:
-        """(n,) log times of a topic [ns], channel by channel if it has several."""
+        """Log times (n,) of a topic's messages [ns], in file order, channel by channel if it has several."""
         found = [part for channel in self.channels_of(topic) for part in self._times.get(channel.id, [])]
         return np.concatenate(found).astype(np.int64) if found else np.empty(0, dtype=np.int64)
 
@@ -90,19 +102,19 @@ class McapContents:
         )
 
     def add(self, channel_id: int, times: NDArray[np.uint64]) -> None:
-        """Add the log times of a channel's messages."""
+        """Add the log times [ns] of further messages of a channel."""
         self._times.setdefault(channel_id, []).append(times)
 
 
 def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
-    """Contents of an MCAP file, read from its beginning up to the last whole record.
+    """Inspect an MCAP file from its beginning up to the last whole record; damage is reported in the result.
 
     Args:
         path: the file.
         progress: called with (text, bytes read, bytes in all).
 
     Raises:
-        RecordingError: it is missing, empty, or not MCAP.
+        RecordingError: the file is missing, empty, or not MCAP.
     """
     data = map_recording(path)
     try:
@@ -114,7 +126,7 @@ def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
 
 
 class _Inspection:
-    """One pass over a file, which fills its contents."""
+    """One pass over an MCAP file, which fills a `McapContents`."""
 
     def __init__(self, contents: McapContents, data: memoryview, progress: Progress) -> None:
         self._found, self._data, self._progress = contents, data, progress
@@ -188,7 +200,11 @@ class _Inspection:
             self._found.channels[channel.id] = channel
 
     def _close_chunk(self, *, trust_indexes: bool) -> None:
-        """Count the last chunk's messages, by its indexes or by the messages themselves."""
+        """Add the last chunk's messages to the contents, from its message indexes or the messages themselves.
+
+        Args:
+            trust_indexes: False to read the messages even if there are indexes.
+        """
         chunk, indexes = self._chunk, self._indexes
         self._chunk, self._indexes = None, {}
         if chunk is None:
@@ -211,7 +227,7 @@ class _Inspection:
             self._found.add(channel_id, np.array(found, dtype=np.uint64))
 
     def _parsed_messages(self, records: memoryview) -> Iterator[MessageRecord]:
-        """Messages of a chunk; schemas and channels among them are added to the contents."""
+        """Yield the messages of a chunk; its schemas, channels and delays are added to the contents."""
         for opcode, _, body in walk(records):
             if opcode == container.MESSAGE:
                 message = container.parse_message(body)
@@ -221,7 +237,7 @@ class _Inspection:
                 self._describe(opcode, body)
 
     def _describe_channels(self) -> None:
-        """Parse the first chunk for publish times, and further ones for undescribed channels."""
+        """Parse chunks until delays are known and no message's channel is undescribed, or none is left."""
         for start in self._chunk_offsets:
             if self._found.delays_ns and not self._found.undescribed_messages:
                 return

@@ -15,15 +15,17 @@ class ObjectFiles:
     """Specification and shape file of an object."""
 
     spec: ObjectSpec
+    """object specification: mass, shape, markers"""
     shape_bytes: bytes | None
     """content of the shape file, None for a primitive"""
     shape_name: str
+    """file name of the shape file, for a primitive that of the specification"""
     sha256: str
-    """identity of the object: see schemas.object_spec.object_sha256"""
+    """identity of the object: hash of specification and shape (schemas.object_spec.object_sha256)"""
 
 
 def read_spec(spec_path: Path) -> ObjectSpec:
-    """Read an ObjectSpec (TOML) without its shape file, which need not exist yet.
+    """Read an object specification (TOML) without its shape file, which need not exist yet.
 
     Raises:
         ShapeError: the specification is missing, cannot be read, or holds an entry that cannot be used.
@@ -35,7 +37,7 @@ def read_spec(spec_path: Path) -> ObjectSpec:
 
 
 def read_object_files(spec_path: Path) -> ObjectFiles:
-    """Read an ObjectSpec (TOML) and the shape file beside it.
+    """Read an object specification (TOML) and the shape file that it names, in the same folder.
 
     Raises:
         ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot

@@ -1,4 +1,4 @@
-"""Planned strikes of a recording, and which of them are missing.
+"""Compares a recording's strikes with its plan.
 
 An interrupted session leaves a complete file with too few strikes.
 """
@@ -19,10 +19,12 @@ class PlannedStrikes:
     """Ids of the planned strikes and of the missing ones, both in the plan's order."""
 
     planned: tuple[str, ...]
+    """ids of all strikes of the plan"""
     missing: tuple[str, ...]
+    """ids of the strikes of the plan that were not struck"""
 
     def text(self) -> str:
-        """Planned and missing strikes in one line."""
+        """Number of planned strikes that were struck, and ids of the missing ones, in one line."""
         named = ", ".join(self.missing[:MAX_NAMED_STRIKES])
         more = (
             f" and {len(self.missing) - MAX_NAMED_STRIKES} more"

@@ -58,10 +58,15 @@ class TopicInfo:
     """Count and time span of a topic's messages."""
 
     name: str
+    """name of the topic"""
     schema: str
+    """full name of the message type, "" if unknown"""
     count: int
+    """number of messages"""
     first_ns: int | None
+    """earliest log time [ns]; None without messages"""
     last_ns: int | None
+    """latest log time [ns]; None without messages"""
 
 
 @dataclass(frozen=True)
@@ -69,9 +74,11 @@ class FilePart:
     """One file of a recording."""
 
     path: Path
+    """path of the file"""
     content_id: str | None
-    """content_id in the file's seal; None if the file is cut"""
+    """hash of the messages in the file's seal (checksum record at its end); None if the file is cut"""
     damaged_chunks: int
+    """number of chunks left out of a cut file because they are damaged"""
 
 
 class Recording:
@@ -83,6 +90,11 @@ class Recording:
         path: the file that was opened.
         series: all files of the recording, in their order.
         missing: numbers of the series' files that do not exist.
+
+    Raises:
+        RecordingForeign: a file has no manifest (JSON description of the session).
+        RecordingVersion: a file was written by another major schema version.
+        RecordingError: the manifest or an attachment of a file is damaged.
     """
 
     def __init__(self, path: Path, series: IndexedSeries, missing: tuple[int, ...] = ()) -> None:
@@ -102,15 +114,16 @@ class Recording:
 
     @property
     def attachments(self) -> dict[str, bytes]:
-        """Attached files by name."""
+        """Contents of the files attached to the recording (plan, object, shape, camera), by name."""
         return {name: attachment.data for name, attachment in self._series.files[0].attachments.items()}
 
     @property
     def plan(self) -> StrikePlan:
-        """Strike plan that was carried out.
+        """Strike plan that was carried out: resting poses, struck faces and energies of all strikes.
 
         Raises:
-            RecordingError: the recording holds none.
+            RecordingError: the recording holds no plan, or it is damaged.
+            RecordingVersion: the plan was written by another major schema version.
         """
         return self._plan
 
@@ -125,12 +138,12 @@ class Recording:
 
     @property
     def object_spec(self) -> ObjectSpec:
-        """Object specification as the user wrote it."""
+        """Object specification (mass, shape, markers) as the user wrote it."""
         return self.manifest.object
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive."""
+        """Content of the object's shape file; None for a primitive (box, cylinder)."""
         return next(
             (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
             None,
@@ -144,7 +157,11 @@ class Recording:
     # --- messages
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Topics with count and time span of their messages."""
+        """All topics with count and time span of their messages, in the order of their channels.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
         found: list[TopicInfo] = []
         for name in self._series.topic_names():
             times = self._series.index(name).time_ns
@@ -153,20 +170,31 @@ class Recording:
         return tuple(found)
 
     def times(self, topic: str) -> np.ndarray:
-        """Log times of a topic's messages [ns], (n,) int64, sorted; no message is read."""
+        """Log times of a topic's messages [ns], (n,) int64, sorted; empty for an unknown topic.
+
+        Of a finished file only the message index is read.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
         return self._series.index(topic).time_ns
 
     def first_times(self, topic: str) -> list[int]:
-        """Log time of the topic's first message in each file that has one [ns]."""
+        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order."""
         return self._series.first_times(topic)
 
     def messages(
         self, topic: str, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """A topic's messages by time.
+        """Yield a topic's messages by log time.
+
+        Args:
+            topic: name of the topic.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
 
         Raises:
-            RecordingError: the file is damaged, or the topic is ground truth.
+            RecordingError: a file is damaged, or the topic is ground truth of a simulation.
         """
         if topic.startswith(topics.TRUTH_PREFIX):
             raise RecordingError(
@@ -178,30 +206,50 @@ class Recording:
     def decoded(
         self, topic: str, kind: type[M], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[RecordedMessage, M]]:
-        """A topic's messages by time, each with its parsed content.
+        """Yield a topic's messages by log time, each with its parsed content.
+
+        Args:
+            topic: name of the topic.
+            kind: class of the topic's messages.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
 
         Raises:
-            RecordingError: as from `messages`, or a message is of another type.
+            RecordingError: a file is damaged, the topic is ground truth, or a message is of another type.
         """
         for message in self.messages(topic, start_ns, end_ns):
             yield message, decode_message(self.path, message, kind)
 
     @cached_property
     def strikes(self) -> tuple[pb.StrikeRecord, ...]:
-        """Records of the strikes that were carried out, in order."""
+        """Records (time window, id, resting pose) of the strikes that were carried out, by log time."""
         return tuple(record for _, record in self.decoded(topics.SESSION_STRIKE.name, pb.StrikeRecord))
 
     def frame_meta(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[pb.FrameMeta]:
-        """FrameMeta of every frame that arrived, of `camera` or the first camera."""
+        """Yield the metadata (FrameMeta) of every frame that arrived, by time.
+
+        Args:
+            camera: name of the camera; None for the first.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+        """
         for _, meta in self.timed_frame_meta(camera, start_ns, end_ns):
             yield meta
 
     def timed_frame_meta(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[int, pb.FrameMeta]]:
-        """Log time and FrameMeta of every frame that arrived, of `camera` or the first camera."""
+        """Yield log time [ns] and metadata (FrameMeta) of every frame that arrived, by time.
+
+        An imported video stores few FrameMeta; the others are derived from those.
+
+        Args:
+            camera: name of the camera; None for the first.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+        """
         name = camera or self.camera
         image_topic, meta_topic = topics.raw_image(name).name, topics.frame_meta(name).name
         if self._series.schema_of(image_topic) == compressed_video.SCHEMA:
@@ -216,13 +264,18 @@ class Recording:
     def images(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[ImageFrame]:
-        """Images by time, of `camera` or the first camera.
+        """Yield a camera's images as grey values, by time.
 
         Uncompressed images are read-only views of the file. A range of a video is decoded from the last
         keyframe before it.
 
+        Args:
+            camera: name of the camera; None for the first.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+
         Raises:
-            RecordingError: the file is damaged, or an image has an unknown format.
+            RecordingError: a file is damaged, or an image has an unknown format or cannot be decoded.
         """
         topic = topics.raw_image(camera or self.camera).name
         schema = self._series.schema_of(topic)
@@ -252,9 +305,9 @@ class Recording:
             raise RecordingError(f"{self.path}: {topic}: {error}") from None
 
     def release_memory(self) -> None:
-        """Return cached pages of the files to the system.
+        """Return cached pages of the mapped files to the system.
 
-        Views stay valid and read them again when they are used.
+        Views of the files stay valid; the pages are read again when the views are used.
         """
         self._series.release_memory()
 
@@ -271,7 +324,11 @@ class Recording:
         self.close()
 
     def refuse_unmapped_times(self) -> None:
-        """Raise RecordingError if frame times are mapped from a clock without samples."""
+        """Check that each camera with images has samples of the clock that its frame times are mapped from.
+
+        Raises:
+            RecordingError: a camera's clock has no samples, so that its times cannot be trusted.
+        """
         if self.manifest.time_source is not TimeSource.DEVICE_MAPPED:
             return
         for camera in self.manifest.cameras:
@@ -288,10 +345,13 @@ class Recording:
 def open_recording(path: Path) -> Recording:
     """Open a finished recording with all its files.
 
+    Args:
+        path: any of the recording's files.
+
     Raises:
-        RecordingCut: one of its files ends early; `open_partial` reads what is there.
-        RecordingVersion: it has another major schema version.
-        RecordingError: it is missing, not a recording, damaged, or its times cannot be trusted.
+        RecordingCut: a file of the recording ends early; `open_partial` reads what is there.
+        RecordingVersion: the recording has another major schema version.
+        RecordingError: a file is missing, not a recording, damaged, or its times cannot be trusted.
     """
     recording = _open(path, indexed_file.open_finished)
     try:
@@ -305,9 +365,12 @@ def open_recording(path: Path) -> Recording:
 def open_partial(path: Path) -> Recording:
     """Open a recording that was cut short or is damaged: whole chunks of all its files can be read.
 
+    Args:
+        path: any of the recording's files.
+
     Raises:
-        RecordingVersion: it has another major schema version.
-        RecordingError: it is missing, not a recording, or its manifest is lost.
+        RecordingVersion: the recording has another major schema version.
+        RecordingError: a file is missing, not a recording, or its manifest is lost or damaged.
     """
     return _open(path, indexed_file.open_cut)
 
@@ -323,11 +386,12 @@ def _open(path: Path, open_file: Callable[[Path], IndexedFile]) -> Recording:
 
 
 def _checked_manifest(file: IndexedFile) -> SessionManifest:
-    """Manifest of a file.
+    """Manifest (description of the session) of a file, checked against the hashes that the file states.
 
     Raises:
-        RecordingForeign: the file has none.
-        RecordingError: the manifest or an attachment differs from what was sealed.
+        RecordingForeign: the file has no manifest.
+        RecordingVersion: the manifest has another major schema version.
+        RecordingError: the manifest cannot be read, or it or an attachment differs from its stated hash.
     """
     entries = file.metadata.get(MANIFEST_NAME)
     if entries is None or "json" not in entries:
@@ -352,10 +416,15 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
 
 
 def decode_message(path: Path, message: RecordedMessage, kind: type[M]) -> M:
-    """Parse a message of the recording `path`.
+    """Parse a message's data.
+
+    Args:
+        path: path of the recording, for the error's text.
+        message: the message.
+        kind: class of the content.
 
     Raises:
-        RecordingError: it is of another type.
+        RecordingError: the data are not of this type.
     """
     decoded = kind()
     try:

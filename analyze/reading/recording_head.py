@@ -16,20 +16,28 @@ T = TypeVar("T", bound=BaseModel)
 
 
 def parse_manifest(text: str, name: str) -> SessionManifest:
-    """Parse the manifest of the recording `name`.
+    """Parse the manifest (description of a session) of a recording; unknown keys of newer minors are ignored.
+
+    Args:
+        text: manifest as JSON.
+        name: name of the recording, for messages.
 
     Raises:
-        RecordingVersion: it has another major schema version.
+        RecordingVersion: the manifest has another major schema version.
         RecordingError: the text is not a manifest.
     """
     return _parse(SessionManifest, text, name, "manifest")
 
 
 def parse_plan(text: str, name: str) -> StrikePlan:
-    """Parse the strike plan attached to the recording `name`.
+    """Parse the strike plan attached to a recording; unknown keys of newer minor versions are ignored.
+
+    Args:
+        text: plan as JSON.
+        name: name of the recording, for messages.
 
     Raises:
-        RecordingVersion: it has another major schema version.
+        RecordingVersion: the plan has another major schema version.
         RecordingError: the text is not a plan.
     """
     return _parse(StrikePlan, text, name, "plan")
@@ -58,7 +66,10 @@ def _parse(model: type[T], text: str, name: str, kind: str) -> T:
 
 
 def _without_unknown(model: type[BaseModel], data: Any) -> Any:
-    """Remove keys that a newer minor version added: by definition a reader may ignore them."""
+    """Remove keys that the model does not know from `data`, in place, and return `data`.
+
+    A newer minor version may add keys; by definition a reader may ignore them.
+    """
     try:
         model.model_validate(data)
     except ValidationError as error:

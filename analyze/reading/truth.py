@@ -23,17 +23,21 @@ class Truth:
     pose_time_ns: np.ndarray
     """(n,) int64 log times of the poses"""
     poses: tuple[pb.TruthPose, ...]
+    """n true poses of the object, by log time"""
     contacts: tuple[pb.TruthContact, ...]
+    """m true contacts of striker and object, by log time"""
     contact_time_ns: np.ndarray
     """(m,) int64 log times of the contacts"""
     body: pb.TruthBody
+    """true mass properties of the object, friction, table tilt and camera pose"""
 
 
 def read_truth(path: Path) -> Truth:
-    """Read the ground truth of a virtual recording.
+    """Read the ground truth of a finished virtual recording, from all its files.
 
     Raises:
-        RecordingError: the recording holds none, or is damaged.
+        RecordingCut: a file ends early.
+        RecordingError: the recording holds no ground truth, is missing or damaged.
     """
     series = open_series(path, find_series_files(path), indexed_file.open_finished)
     try:

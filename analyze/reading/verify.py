@@ -1,4 +1,4 @@
-"""Verifies a recording's content: reads every message and compares their hash with the seal."""
+"""Verifies a recording: compares the hash of all messages with the seal (checksum record) of each file."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from schemas.session_manifest import SEAL_NAME
 
 
 def refuse_changed_content(path: Path) -> None:
-    """Compare the content of all files of a recording with their seals.
+    """Read all messages of all files of a recording, and compare their hashes with the files' seals.
 
     Raises:
-        RecordingError: it is damaged, or its content differs from what was sealed.
+        RecordingCut: a file ends early.
+        RecordingError: a file has no seal, is damaged, or its content differs from what was sealed.
     """
     for name in find_series_files(path).files:
         file = indexed_file.open_finished(name)

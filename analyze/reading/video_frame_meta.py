@@ -1,6 +1,6 @@
-"""Expands the few FrameMeta stored with an imported video to one per frame.
+"""Expands the few FrameMeta (frame metadata) stored with an imported video to one per frame.
 
-A frame without a stored FrameMeta continues the frame before it.
+A frame without a stored FrameMeta continues the last stored one before it: number and times advance.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ def expand_frame_meta(
     start_ns: int | None,
     end_ns: int | None,
 ) -> Iterator[tuple[int, pb.FrameMeta]]:
-    """Log time and FrameMeta of every image in a range, both ends included (schemas/README.md, "A file").
+    """Yield log time [ns] and FrameMeta of every image in a range, both ends included.
+
+    Derived FrameMeta report no lost frames. Images before the first stored FrameMeta are left out. The rule
+    is in schemas/README.md, "A file".
 
     Args:
         written: FrameMeta in the file with their log times [ns], by time.
