@@ -97,7 +97,7 @@ class StrikerEstimate:
     swing_ratio_sd: float
 
     def text(self) -> str:
-        """Restitution, effective mass and reached speed as one line for the terminal."""
+        """Line for the terminal with restitution, effective mass and reached speed, each with its sd."""
         mass, mass_sd = 1000 * self.effective_mass_kg, 1000 * self.effective_mass_sd_kg
         reached, reached_sd = 100 * self.swing_ratio, 100 * self.swing_ratio_sd
         return (
@@ -312,9 +312,10 @@ class EnergyLearner:
         self._mode = z
 
     def _residuals(self, z: Array) -> Array:
-        """Residuals (k, n) of the observations, then of the prior, for states z (k, d).
+        """Residuals (k, n) of the observations, then of the prior, for k states z (k, d) of the model.
 
-        They are in standard deviations. Those of the prior are z itself.
+        They are in standard deviations. Those of the prior are z itself; without observations there are no
+        others.
         """
         if not self._observations:
             return z

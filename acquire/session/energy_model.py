@@ -75,22 +75,22 @@ class EnergyModel:
         ]
 
     def log_striker_mass(self, z: Array) -> Array:
-        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg] for states z (k, d)."""
+        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg] for k states z (k, d)."""
         return self._log_mass + self._log_mass_sd * z[:, 4]
 
     def log_rebound(self, z: Array) -> Array:
-        """Logarithm ln (1 + e) (k,) with the restitution e, for states z (k, d)."""
+        """Logarithm ln (1 + e) (k,), e the restitution of tip and object, for k states z (k, d)."""
         return self._log_rebound + self._log_rebound_sd * z[:, 5]
 
     def log_swing_ratio(self, z: Array) -> Array:
-        """Logarithm of reached over commanded tip speed (k,) for states z (k, d)."""
+        """Logarithm (k,) of reached over commanded tip speed, for k states z (k, d) of the model."""
         return SWING_RATIO_SD * z[:, 6]
 
     def log_energy_and_phi(self, z: Array, axis: int) -> tuple[Array, Array]:
-        """Logarithm ln E of the energy ratio and balance angle phi [rad] on one axis, for states z (k, d).
+        """Logarithm ln E of the energy ratio and balance angle phi [rad] of strikes on one pivot axis.
 
         Args:
-            z: states.
+            z: (k, d) k states of the model, each with d entries of prior N(0, 1).
             axis: number of the pivot axis.
 
         Returns:

@@ -297,16 +297,28 @@ class SessionMachine:
         return reaction(self, event)
 
     def on_stop_requested(self, event: StopRequested) -> list[Action]:
-        """End the session from any state: actions that announce the reason and close the recording."""
+        """End the session from any state: actions that announce the reason and close the recording.
+
+        Returns:
+            Actions to execute, in order.
+        """
         self.state = State.ABORTED
         return [self._announce(event.text), CloseRecording(aborted=True, text=event.text)]
 
     def on_started(self, _event: Started) -> list[Action]:
-        """Begin with the first planned strike: actions that ask for the object's placement."""
+        """Begin with the first planned strike: actions that ask for the object's placement.
+
+        Returns:
+            Actions to execute, in order.
+        """
         return self._place()
 
     def on_placed(self, _event: Placed) -> list[Action]:
-        """React to the placed object with actions that check its pose."""
+        """React to the placed object with actions that check its pose.
+
+        Returns:
+            Actions to execute, in order.
+        """
         self.state = State.CHECKING_POSE
         return [self._announce(), CheckPose(self.strike)]
 
@@ -314,6 +326,9 @@ class SessionMachine:
         """React to the checked pose: arm the striker, or ask for a better placement.
 
         After `max_placements` rejected placements the planned strike is skipped.
+
+        Returns:
+            Actions to execute, in order.
         """
         if event.good:
             self.state = State.ARMING
@@ -324,7 +339,11 @@ class SessionMachine:
         return self._place(event.text)
 
     def on_ready(self, _event: Ready) -> list[Action]:
-        """React to the armed striker: strike with the tip speed that all strikes so far suggest."""
+        """React to the armed striker: strike with the tip speed that all strikes so far suggest.
+
+        Returns:
+            Actions to execute, in order.
+        """
         self.state = State.STRIKING
         self._command = self.learner.tip_speed(self.strike)
         return [self._announce(), Strike(self.strike, self.strike_id, self._command)]
@@ -333,6 +352,9 @@ class SessionMachine:
         """React to a striker fault: clear it and place the object again, or end the session.
 
         More than `max_faults` device faults end the session.
+
+        Returns:
+            Actions to execute, in order.
         """
         return self._after_fault(event.text, [ClearFault()], "the striker was reset")
 
@@ -341,19 +363,30 @@ class SessionMachine:
 
         More than `max_faults` device faults, lost images included, end the session. While placing or
         finished, the attempt to repeat is the one judged last: its record could not be written.
+
+        Returns:
+            Actions to execute, in order.
         """
         if self.state in {State.PLACING, State.FINISHED}:
             self._index, self._attempt = self._last_judged
         return self._after_fault(event.text, [], "again: its images were lost")
 
     def on_struck(self, event: Struck) -> list[Action]:
-        """React to the completed strike: record until the object is at rest."""
+        """React to the completed strike: record until the object is at rest.
+
+        Returns:
+            Actions to execute, in order.
+        """
         self.state = State.RECORDING
         self._struck = event
         return [self._announce(), RecordUntilRest()]
 
     def on_recorded(self, event: Recorded) -> list[Action]:
-        """React to the closed recording window: ask for the verdict on the strike."""
+        """React to the closed recording window: ask for the verdict on the strike.
+
+        Returns:
+            Actions to execute, in order.
+        """
         self.state = State.JUDGING
         self._recorded = event
         assert self._struck is not None  # noqa: S101 - set on the way into RECORDING
@@ -386,6 +419,9 @@ class SessionMachine:
         A strike is repeated if its verdict is not good or its energy ratio is outside `energy_accepted`,
         until it was attempted `max_attempts` times. Without a verdict it is not repeated. A swing that met
         nothing is not learned from.
+
+        Returns:
+            Actions to execute, in order.
         """
         verdict, struck, recorded = event.verdict, self._struck, self._recorded
         assert struck is not None  # noqa: S101 - set on the way into JUDGING
