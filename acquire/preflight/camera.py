@@ -92,6 +92,9 @@ def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
     """Check that no frame of the test video is lost and that the frame rate is as set.
 
     The rate may differ from the one set by RATE_TOLERANCE.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
     """
     rate = (video.frames - 1) / video.seconds if video.seconds > 0 else 0.0
     rates = f"{rate:.2f} Hz of {config.frame_rate_hz:g} Hz set"
@@ -113,6 +116,9 @@ def check_clock(video: CheckVideo) -> Check:
     """Check that frame times are mapped to the host's clock within MAPPING_SD_LIMIT_NS (1 sigma).
 
     A camera whose clock cannot be read passes: its frames get arrival times.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
     """
     sd_us = video.content.mapping_sd_ns * 1e-3
     if not video.content.clock_samples:
@@ -131,6 +137,9 @@ def check_light(video: CheckVideo) -> Check:
     """Check that the last image of the test video is neither saturated nor dark.
 
     At most SATURATED_LIMIT of the pixels may be saturated, and the brightest percent must reach BRIGHT_LIMIT.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
     """
     saturated = float(np.mean(video.content.image >= SATURATED))
     bright = float(np.percentile(video.content.image, 99))

@@ -230,7 +230,11 @@ def _has_flock(path: str) -> bool:
 
 
 def check_port(computer: Computer, port: str) -> Check:
-    """Check that this user may read and write the servo's serial port."""
+    """Check that this user may read and write the servo's serial port.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
+    """
     state = computer.port(port)
     if not state.exists:
         remedy = "check the adapter's cable, and `port` in the rig file (`ls -l /dev/serial/by-id`)"
@@ -254,6 +258,9 @@ def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
         computer: the operating system.
         port: path of the serial port.
         daemon_pid: process id of the rig's daemon; None if none runs.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
     """
     state = computer.port(port)
     if not state.usable:
@@ -267,7 +274,11 @@ def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
 
 
 def check_socket(computer: Computer, path: Path) -> Check:
-    """Check that the daemon's socket can be created at `path`, where only this user has access."""
+    """Check that the daemon's socket can be created at `path`, where only this user has access.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
+    """
     name = "daemon socket"
     size = len(str(path).encode())
     if size > MAX_SOCKET_PATH_BYTES:
@@ -298,7 +309,11 @@ def _check_socket_folder(state: FolderState, path: Path) -> Check:
 
 
 def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
-    """Check that the camera stream's UDP socket gets the buffer size that the rig file requests [bytes]."""
+    """Check that the camera stream's UDP socket gets the buffer size that the rig file requests [bytes].
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
+    """
     buffer = computer.receive_buffer(asked_bytes)
     limit = "unknown" if buffer.rmem_max_bytes is None else f"{buffer.rmem_max_bytes} B"
     found = f"{buffer.got_bytes} B of {asked_bytes} B requested (net.core.rmem_max {limit})"
@@ -321,6 +336,9 @@ def check_packet_size(computer: Computer, address: str, packet_size: int) -> Che
         computer: the operating system.
         address: IPv4 address of the camera; with a device id in its place the check is not made.
         packet_size: size of the camera's packets [bytes].
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
     """
     name = "packet size"
     try:
@@ -353,6 +371,9 @@ def check_latency_timer(computer: Computer, port: str) -> Check:
 
     FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed. The check is
     not made if the port does not exist.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
     """
     if not computer.port(port).exists:
         return skipped_check("USB latency", "the serial port must exist first")

@@ -34,7 +34,7 @@ SERVO_LINES = ("servo", "servo supply", "servo temperature", "servo health")
 
 @dataclass(frozen=True)
 class ServoState:
-    """Model number, supply voltage, temperature and hardware error read from the servo."""
+    """Model number, supply voltage [V], temperature [°C] and hardware error read from the servo."""
 
     model: int
     voltage_v: float

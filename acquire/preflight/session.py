@@ -168,7 +168,11 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
 
 
 def check_level(rig: RigConfig) -> Check:
-    """Report the assumed tilt of the table against gravity, a level's reading or the prior; always passes."""
+    """Report the assumed tilt of the table against gravity, a level's reading or the prior; always passes.
+
+    Returns:
+        Result of the check: outcome, finding, and a remedy if it failed.
+    """
     degrees = math.degrees(rig.gravity_tilt_sd_rad)
     if rig.level is not None:
         rise, sd = math.degrees(rig.level.towards_x_rad), math.degrees(rig.level.towards_x_sd_rad)
