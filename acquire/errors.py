@@ -42,11 +42,11 @@ class CameraNotFound(CameraError):
 
 
 class CameraLost(CameraError):
-    """The camera answered before and does not answer now."""
+    """A camera that answered before does not answer now."""
 
 
 class CameraSettingError(CameraError):
-    """A setting reads back differently from what was written."""
+    """A setting of the camera reads back differently from what was written."""
 
 
 class StrikerError(AcquireError):
@@ -70,7 +70,7 @@ class StrikerRefused(StrikerError):
 
 
 class StrikerStopped(StrikerRefused):
-    """The striker was stopped on request; nothing moves until a person starts it again.
+    """The striker was stopped on request; nothing moves until it is homed again.
 
     Args:
         text: message; the default advises to home the striker.
@@ -113,7 +113,7 @@ class SessionError(AcquireError):
 
 
 def by_name(name: str, otherwise: type[AcquireError] = AcquireError) -> type[AcquireError]:
-    """Error class of this module with the given name; `otherwise` for an unknown name.
+    """Error class of this module called `name`; `otherwise` if there is no such class.
 
     Processes send each other errors as the class's name and the message.
     """
