@@ -54,7 +54,7 @@ _INDEX_ENTRY_BYTES: Final = 16
 
 
 class ContainerError(ValueError):
-    """Bytes that violate the MCAP format; the message names the record and the violation."""
+    """Bytes that violate the MCAP format; the message states the violation."""
 
 
 # --- packing
