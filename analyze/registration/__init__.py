@@ -1,1 +1,1 @@
-"""Where an object's markers are glued: found from how it rested and over which edges it tipped."""
+"""Poses of an object's glued-on markers, found from how it rested and over which edges it tipped."""

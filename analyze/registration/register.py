@@ -1,6 +1,7 @@
 """Registration: marker poses on an object, estimated from its strikes.
 
-Each strike is solved alone first, to find wrong placements, then all together.
+A strike is one impact that tips the object about a known edge. Each strike is solved alone first, to find
+wrong placements, then all together.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ MAX_TURN_SD, MAX_PLACE_SD = math.radians(0.5), 1e-3
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Strike that was not used, with the reason."""
+    """Strike that was not used for the registration, with the reason."""
 
     strike_id: str
     """id of the strike"""
@@ -46,7 +47,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class MarkerPlace:
-    """Estimated pose of one marker on the object."""
+    """Estimated pose of one marker (frame M) on the object (frame O), with its errors."""
 
     marker_id: int | str
     """name of the marker"""
@@ -78,7 +79,7 @@ class MarkerPlace:
 
 @dataclass(frozen=True)
 class TablePlace:
-    """Pose of the table relative to the recorded T_world_camera, in one recording."""
+    """Pose of the table in one recording, relative to the recorded pose of the camera."""
 
     setup: int
     """number of the recording"""
@@ -94,7 +95,7 @@ class TablePlace:
 
 @dataclass(frozen=True)
 class Registration:
-    """Result of a registration: markers, placements and tables."""
+    """Result of a registration: marker poses, strikes left out, joint fit and tables."""
 
     markers: tuple[MarkerPlace, ...]
     """pose of each marker"""
@@ -113,18 +114,24 @@ def register(
     model: ObjectModel,
     table: TablePrior = LAID_BOARD,
 ) -> Registration:
-    """Estimate the poses of all markers that the strikes show.
+    """Estimate the poses of all markers that the strikes show, on the object.
+
+    Strikes that contradict the others are left out, with the reason.
 
     Args:
-        views: views of the strikes.
+        views: views of the strikes: marker corners at rest and while the object tips.
         sizes: edge of each marker's black square [m].
         thickness: thickness of each marker's card [m].
         model: the object's exterior.
         table: prior of the table against the recorded T_world_camera; UNKNOWN_TABLE to estimate its tilts and
             height.
 
+    Returns:
+        Pose of each marker, strikes left out, the joint fit, and the table's pose in each recording.
+
     Raises:
-        EstimationError: no strike shows a marker, or strikes contradict each other without a majority.
+        EstimationError: no strike shows a marker or can be used, strikes contradict each other without a
+            majority, two markers come out at one place, or the strikes do not determine the markers' places.
     """
     if not views:
         raise EstimationError(
@@ -177,7 +184,14 @@ def register(
 def _solve_each(
     views: Sequence[StrikeView], sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> tuple[dict[str, Solution], list[LeftOut]]:
-    """Solution of each strike alone, by strike id, and the strikes without one."""
+    """Solution of each strike alone, by strike id, and the strikes without one, with the reason.
+
+    Args:
+        views: views of the strikes.
+        sizes: edge of each marker's black square [m].
+        model: the object's exterior.
+        table: prior of the table's pose.
+    """
     single: dict[str, Solution] = {}
     left_out: list[LeftOut] = []
     for view in views:
@@ -191,7 +205,18 @@ def _solve_each(
 def _starts(
     views: Sequence[StrikeView], single: Mapping[str, Solution]
 ) -> tuple[dict[int | str, Array], set[str], list[LeftOut]]:
-    """First pose T_object_marker (4, 4) of each marker, the strikes that agree on them, and the others."""
+    """First pose of each marker, the ids of the strikes that agree on them, and the other strikes.
+
+    The pose T_object_marker (4, 4) is that of the agreeing strike with the smallest covariance. A strike that
+    disagrees on one marker is not used for the others.
+
+    Args:
+        views: views of the strikes.
+        single: solution of each strike alone, by strike id.
+
+    Raises:
+        EstimationError: two equally large sets of strikes disagree on a marker.
+    """
     start: dict[int | str, Array] = {}
     good = set(single)
     left_out: list[LeftOut] = []
@@ -212,7 +237,19 @@ def _starts(
 def _solve_alone(
     view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> Solution:
-    """Solution of one strike alone."""
+    """Solution of one strike alone, for the markers it shows.
+
+    It starts from the planned orientation, with the marker turned parallel to a surface that is nearly so.
+
+    Args:
+        view: view of the strike.
+        sizes: edge of each marker's black square [m].
+        model: the object's exterior.
+        table: prior of the table's pose.
+
+    Raises:
+        EstimationError: the iteration diverges.
+    """
     camera = view.camera
     R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
     start: dict[int | str, Array] = {}
@@ -228,9 +265,13 @@ def _solve_alone(
 
 
 def _flattened_pose(T: Array, model: ObjectModel) -> Array:
-    """Pose T_object_marker (4, 4) turned so that its normal is the surface's, if they are nearly parallel.
+    """Pose of a marker turned so that its normal is the surface's, if they are nearly parallel.
 
-    A square seen face-on hardly shows its tilt.
+    Otherwise (more than 30 deg apart) the pose as it is. A square seen face-on hardly shows its tilt.
+
+    Args:
+        T: (4, 4) pose T_object_marker.
+        model: the object's exterior.
     """
     _, normal = height_over(model, T[:3, 3])
     axis = np.cross(T[:3, 2], normal)
@@ -245,7 +286,12 @@ def _flattened_pose(T: Array, model: ObjectModel) -> Array:
 def _agreeing(
     views: Sequence[StrikeView], single: Mapping[str, Solution], name: int | str
 ) -> list[StrikeView]:
-    """Largest set of strikes that agree on a marker's pose, those with the smallest covariance first.
+    """Largest set of strikes that agree on a marker's pose, the most accurate strike first.
+
+    Args:
+        views: views of the strikes that show the marker.
+        single: solution of each strike alone, by strike id.
+        name: name of the marker.
 
     Raises:
         EstimationError: two sets are equally large, so that neither can be preferred.
@@ -275,7 +321,13 @@ def _agreeing(
 
 
 def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
-    """True if two solutions agree on a marker's pose within their errors and the allowed difference."""
+    """True if two solutions agree on a marker's pose within their errors and the allowed difference.
+
+    Args:
+        one: solution of one strike alone.
+        two: solution of another strike alone.
+        name: name of the marker, which both contain.
+    """
     a, b = one.T_object_marker[name], two.T_object_marker[name]
     covariance = one.covariance[name] + two.covariance[name]
     difference = np.concatenate([vector_from_matrix(a[:3, :3] @ b[:3, :3].T), a[:3, 3] - b[:3, 3]])
@@ -284,7 +336,13 @@ def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
 
 
 def _placement_difference(view: StrikeView, found: Array, expected: Array) -> str:
-    """Difference between a strike's placement and the plan, in words."""
+    """Difference between a strike's placement and the plan, in words.
+
+    Args:
+        view: view of the strike.
+        found: (4, 4) pose T_object_marker of a marker, estimated from this strike as if placed as planned.
+        expected: (4, 4) its pose by the other strikes.
+    """
     turn = view.R_world_object @ found[:3, :3] @ expected[:3, :3].T @ view.R_world_object.T
     vector = vector_from_matrix(turn.T)
     angle = math.degrees(float(np.linalg.norm(vector)))
@@ -297,7 +355,7 @@ def _placement_difference(view: StrikeView, found: Array, expected: Array) -> st
 
 
 def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
-    """Ids of the strikes whose misfit exceeds `times` the median one."""
+    """Ids of the strikes whose misfit exceeds `times` the median one; the median counts as at least 0.1."""
     usual = max(float(np.median(list(solution.misfit.values()))), MIN_USUAL_MISFIT)
     return {name for name, misfit in solution.misfit.items() if misfit > times * usual}
 
@@ -305,7 +363,18 @@ def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
 def _refuse_overlapping_markers(
     used: Sequence[StrikeView], solution: Solution, sizes: Mapping[int | str, float]
 ) -> None:
-    """Raise an error if two markers come out at one place: one of them was struck in a wrong placement."""
+    """Raise an error if two markers come out at one place.
+
+    One of them was then struck in a wrong placement. Otherwise nothing is done.
+
+    Args:
+        used: views of the strikes that were used.
+        solution: the joint fit.
+        sizes: edge of each marker's black square [m].
+
+    Raises:
+        EstimationError: two markers that face the same way are closer than the mean of their edges.
+    """
     names = list(solution.T_object_marker)
     for i, one in enumerate(names):
         for two in names[i + 1 :]:
@@ -326,6 +395,14 @@ def _refuse_overlapping_markers(
 def _marker_place(
     name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool
 ) -> MarkerPlace:
+    """Estimated pose of one marker, with its undetermined directions in words and their remedy.
+
+    Args:
+        name: name of the marker.
+        solution: the joint fit.
+        used: views of the strikes that were used.
+        on_surface: True if the marker was constrained to the body's surface.
+    """
     covariance = solution.covariance[name]
     mine = [view for view in used if name in view.marker_ids]
     words = [
@@ -345,7 +422,11 @@ def _marker_place(
 
 
 def _remedy(mine: Sequence[StrikeView]) -> str:
-    """Action that would determine a marker's undetermined directions."""
+    """Action, in words, that would determine a marker's undetermined directions.
+
+    Args:
+        mine: views of the strikes that show the marker.
+    """
     tipped = [view for view in mine if len(view.theta) > 1]
     if any(view.rolls for view in mine):
         return "the body is round there: its turn about its axis is unknown: measure T_object_marker by hand"
@@ -362,13 +443,18 @@ def _remedy(mine: Sequence[StrikeView]) -> str:
 
 
 def _undetermined_directions(covariance: Array, limit: float) -> list[Array]:
-    """Unit vectors (3,) along which the standard deviation exceeds `limit`, of a covariance (3, 3)."""
+    """Unit vectors (3,) along which the standard deviation exceeds `limit`; empty if there are none.
+
+    Args:
+        covariance: (3, 3) covariance of a turn [rad^2] or a place [m^2].
+        limit: standard deviation [rad or m].
+    """
     values, vectors = np.linalg.eigh(covariance)
     return [vectors[:, i] for i in range(3) if math.sqrt(max(float(values[i]), 0.0)) > limit]
 
 
 def _axis(vector: Array) -> str:
-    """Name of a direction in O, regardless of its sign."""
+    """Name of a direction (3,) in the object frame O, regardless of its sign: an axis, or its components."""
     v = vector if vector[np.argmax(np.abs(vector))] > 0 else -vector
     largest = int(np.argmax(v))
     if v[largest] > 0.99:
@@ -377,6 +463,13 @@ def _axis(vector: Array) -> str:
 
 
 def _table_place(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
+    """Pose of the table in one recording, with its undetermined components in words.
+
+    Args:
+        setup: number of the recording.
+        solution: the joint fit.
+        camera: camera of the recording with its recorded pose.
+    """
     offset, sd = solution.table[setup], np.sqrt(np.diag(solution.table_covariance[setup]))
     names = ("tilt about W's x", "tilt about W's y", "height")
     limits = (MAX_TURN_SD, MAX_TURN_SD, MAX_PLACE_SD)

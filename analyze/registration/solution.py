@@ -1,4 +1,7 @@
-"""Result of the registration's least-squares problem: marker poses, placements and tables."""
+"""Result of the registration's least-squares problem: marker poses, placements and tables.
+
+Registration estimates where an object's markers are glued on.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solution:
-    """Best fit of all markers, placements and tables.
+    """Best fit of all marker poses, placements of the object and table poses, with covariances.
 
-    Rotations of a marker are small turns in O, applied before its position.
+    O is the object frame, M a marker's, W the world frame (z up). In covariances, the rotation of a marker is
+    a small turn in O, applied before its position.
     """
 
     T_object_marker: Mapping[int | str, Array]
@@ -27,9 +31,9 @@ class Solution:
     placement_sd: Mapping[str, Array]
     """per strike (3,) standard deviations of the placement"""
     table: Mapping[int, Array]
-    """per recording (3,) E: tilts about W's x and y [rad], and the height [m]"""
+    """per recording (3,) pose of the table: tilts about W's x and y [rad], and the height [m]"""
     table_covariance: Mapping[int, Array]
-    """per recording (3, 3)"""
+    """per recording (3, 3) covariance of that pose [rad, m]"""
     misfit: Mapping[str, float]
     """per strike: chi^2 per degree of freedom"""
     rms_px: Mapping[int | str, float]
@@ -37,4 +41,4 @@ class Solution:
     scale: float
     """factor on all standard deviations, by the residuals"""
     converged: bool
-    """False if it still moved along a direction that is hardly determined"""
+    """False if the iteration still moved, along a direction that is hardly determined"""

@@ -1,19 +1,21 @@
-"""Registration's least squares; one file, as model, derivatives and elimination share the unknowns' layout.
+"""Registration's least squares; one file, as model, derivatives and elimination share a layout.
 
 Marker poses, placements and the table's plane are solved together from the markers' corners.
 
-A corner q of a marker (in M) is carried by the body's motion to
+A corner q of a marker (in the marker frame M) is carried by the body's motion to the object frame O, the
+world frame W and the camera frame C::
 
     x_O = R_m q + t_m
     x_W = Rz(psi + kappa + tau theta + d_psi) Ry(theta) R_s (x_O - p_e - U d_e)
           + (x + d_x, y + d_y, rho + d_z)
     x_C = T_camera_world E x_W
 
-m: marker, s: strike, e: edge. kappa is the turn about the vertical by the impact, tau that while it tips per
-rad of theta, d_e the error of the edge's position across itself (U spans those directions). Of a placement,
-R_s is known except for its heading psi, and the centre line p_e of the edge's rounding is at the height of
-its radius rho over the table; psi, x and y are as the hand left them. While the body tips over the edge,
-theta and the edge's position along the table (it may slide) are free in every frame; its height d_z is known
+m: marker, s: strike, e: edge. R_m and t_m are the marker's pose on the object, theta is the tipping angle.
+kappa is the turn about the vertical by the impact, tau that while it tips per rad of theta, d_e the error of
+the edge's position across itself (U spans those directions). Of a placement, R_s is known except for its
+heading psi, and the centre line p_e of the edge's rounding is at the height of its radius rho over the table;
+psi, x and y are as the hand left them. While the body tips over the edge, theta, a small heading d_psi and
+the edge's position (d_x, d_y) along the table (it may slide) are free in every frame; its height d_z is known
 to be 0 to within FRAME_SD. E is the pose of the table relative to the recorded T_world_camera: two tilts and
 a height. Frames are eliminated one by one (Schur complement): docs/decisions/0028 gives the reason why this
 solver is not the dense one.
@@ -66,10 +68,10 @@ _OUTLIER_CHI2_RATIO = 25.0
 
 
 class Problem:
-    """Least-squares problem of markers, placements and tables in some strikes.
+    """Least-squares problem of marker poses, placements and tables in some strikes.
 
     Args:
-        views: views of the strikes.
+        views: views of the strikes: marker corners at rest and while the object tips.
         sizes: edge of each marker's black square [m].
         table: prior of the table against the recorded T_world_camera.
         surface: the body's surface, with the markers constrained to it.
@@ -84,6 +86,7 @@ class Problem:
         surface: Surface,
         twisted: Collection[str] = (),
     ) -> None:
+        """Lay out the unknowns: markers, strikes, edges and tables, in this order."""
         self._impact_turn_sd = [TWISTED_SD if view.strike_id in twisted else IMPACT_TURN_SD for view in views]
         self._views = list(views)
         self._surface, self._has_converged = surface, True
@@ -106,7 +109,12 @@ class Problem:
         self._many = self._table_at + PER_TABLE * len(self.setups)
 
     def solve(self, start: Mapping[int | str, Array]) -> Solution:
-        """Best fit, from first poses T_object_marker (4, 4) per marker that are near the truth.
+        """Best fit of marker poses, placements and tables, from first marker poses near the truth.
+
+        Single misread frames are left out, and the fit is then repeated.
+
+        Args:
+            start: first pose T_object_marker (4, 4) per marker.
 
         Raises:
             EstimationError: the iteration diverges.
@@ -118,7 +126,7 @@ class Problem:
         return self._solution(unknowns, normal)
 
     def _first(self, start: Mapping[int | str, Array]) -> Unknowns:
-        """Unknowns at the first poses, with placements and tables as recorded."""
+        """Unknowns at the first poses `start`, with placements and tables as recorded."""
         frames: list[Array] = []
         for view in self._views:
             some = np.zeros((len(view.theta) - 1, PER_FRAME))
@@ -134,7 +142,17 @@ class Problem:
         )
 
     def _converged(self, unknowns: Unknowns) -> tuple[Unknowns, Array]:
-        """Minimum by Levenberg-Marquardt, and the normal matrix of the shared unknowns there."""
+        """Minimum by Levenberg-Marquardt, and the normal matrix of the shared unknowns there.
+
+        Shared are all unknowns but the frames' own. If the iteration ends without convergence, this is noted
+        in the problem.
+
+        Args:
+            unknowns: values from which the iteration starts.
+
+        Raises:
+            EstimationError: the cost is not finite.
+        """
         damping, cost = 1e-4, self._cost(unknowns)
         for _ in range(_MAX_STEPS):
             normal, gradient, back = self._normal(unknowns)
@@ -161,7 +179,15 @@ class Problem:
         return unknowns, self._normal(unknowns)[0]
 
     def _model(self, s: int, u: Unknowns) -> tuple[Array, Array, Array, Array]:
-        """Corners (f, m, 4, 3) of strike s: in C; arms turned by theta; also by the heading; and in W [m]."""
+        """Corners of strike s: in the camera frame, arms turned by theta, also by the heading, and in W.
+
+        Each is (f, m, 4, 3) [m] for f frames and m markers; the arms are relative to the pivot point, theta
+        is the tipping angle, W the recorded world frame without the table's height.
+
+        Args:
+            s: index of the strike.
+            u: values of the unknowns.
+        """
         view = self._views[s]
         e = self._edges.index(view.axis_id)
         _, x, y, *_ = u.strike[s]
@@ -183,20 +209,29 @@ class Problem:
         return (world + np.array([0, 0, table[2]])) @ R_camera_world.T + t_camera_world, B, C, world
 
     def _numbers(self, view: StrikeView) -> list[int]:
-        """Indices of a view's markers among all markers."""
+        """Indices of a view's markers among all markers of the problem."""
         return [self.markers.index(name) for name in view.marker_ids]
 
     def _weight(self, s: int) -> Array:
-        """Weights (f, m) [1/px], 0 where nothing was seen."""
+        """Weights (f, m) [1/px] of a strike's corners, per frame and marker; 0 where none was seen."""
         return np.where(self._seen[s], 1.0 / self._views[s].sd, 0.0)
 
     def _residual(self, s: int, in_camera: Array) -> Array:
-        """Weighted residuals (f, m, 4, 2) of strike s for corners in C, over their sd."""
+        """Residuals (f, m, 4, 2) of strike s in standard deviations, for corners in the camera frame.
+
+        Args:
+            s: index of the strike.
+            in_camera: (f, m, 4, 3) modelled corners in the camera frame [m].
+        """
         off = self._views[s].ideal - project_ideal(self._views[s].camera, in_camera)
         return np.clip(off * self._weight(s)[:, :, None, None], -1e6, 1e6)
 
     def _prior(self, u: Unknowns) -> tuple[Array, Array]:
-        """Deviation and weight (n,) of the shared unknowns from their priors."""
+        """Deviation (n,) and weight (n,) of the shared unknowns from their priors.
+
+        Weights are reciprocal standard deviations. The deviation of a marker's pose is always 0: its prior
+        only keeps undetermined directions finite.
+        """
         value = np.concatenate(
             [np.zeros(6 * len(self.markers)), u.strike.ravel(), u.edge.ravel(), u.table.ravel()]
         )
@@ -213,7 +248,11 @@ class Problem:
         return value, 1.0 / sd
 
     def _off_surface(self, u: Unknowns) -> list[tuple[int, Array, Array]]:
-        """Index, deviation from the surface (3,) over its sd, and derivative (3, 6) per held marker."""
+        """Deviation of each marker held to the surface, as (index, deviation (3,), derivative (3, 6)).
+
+        The deviation is of height and two tilts, over their standard deviations; the derivative is by the
+        marker's turn and position in the object frame.
+        """
         found: list[tuple[int, Array, Array]] = []
         for j, name in enumerate(self.markers):
             fit = self._surface.fits.get(name)
@@ -234,7 +273,7 @@ class Problem:
         return found
 
     def _cost(self, u: Unknowns) -> float:
-        """Sum of squared residuals over their sd, with all priors."""
+        """Sum of squared residuals over their standard deviations, with all priors and the surface."""
         total = 0.0
         for s in range(len(self._views)):
             total += float(np.sum(self._residual(s, self._model(s, u)[0]) ** 2))
@@ -247,7 +286,11 @@ class Problem:
         )
 
     def _normal(self, u: Unknowns) -> tuple[Array, Array, Callable[[Array], list[Array]]]:
-        """Normal matrix and gradient of the shared unknowns, and the frames' steps by the shared step."""
+        """Normal matrix (n, n), gradient (n,) of the shared unknowns, and a function for frame steps.
+
+        The frames' own unknowns are eliminated. The function gives their steps, (f - 1, 5) per strike, for a
+        step (n,) of the shared unknowns.
+        """
         value, weight = self._prior(u)
         normal, gradient = np.diag(weight**2), -value * weight**2
         for j, off, by in self._off_surface(u):
@@ -284,6 +327,7 @@ class Problem:
             kept.append((columns, of_frames, across, right))
 
         def back(step: Array) -> list[Array]:
+            """Steps (f - 1, 5) of each strike's frames, for a step (n,) of the shared unknowns."""
             return [
                 (inverse @ (right - across @ step[columns])[..., None])[..., 0]
                 for columns, inverse, across, right in kept
@@ -294,9 +338,13 @@ class Problem:
     def _jacobian(self, s: int, u: Unknowns) -> tuple[IntArray, Array, Array, Array]:
         """Shared columns of a strike, weighted derivatives by them and by the frames' own, and residuals.
 
+        Args:
+            s: index of the strike.
+            u: values of the unknowns.
+
         Returns:
-            (c,) columns, derivatives (f, k, c), derivatives by a frame's own unknowns (f, k, 5), residuals
-            (f, k).
+            (c,) indices of the shared unknowns, derivatives by them (f, k, c), derivatives by a frame's own
+            unknowns (f, k, 5), residuals (f, k), for f frames and k = 8 coordinates per marker.
         """
         view = self._views[s]
         e = self._edges.index(view.axis_id)
@@ -312,7 +360,7 @@ class Problem:
         by_point = project_jacobian(view.camera, in_camera) * self._weight(s)[:, :, None, None, None]
 
         def pixels(by: Array) -> Array:
-            """Weighted derivatives of pixels (f, m, 4, 2, c) from those of points in C (f, m, 4, 3, c)."""
+            """Weighted derivatives of pixels (f, m, 4, 2, c) from those of camera points (f, m, 4, 3, c)."""
             return by_point @ by
 
         columns: list[IntArray] = []
@@ -358,7 +406,11 @@ class Problem:
         return np.concatenate(columns), J, own.reshape(F, M * 8, PER_FRAME), residual.reshape(F, M * 8)
 
     def _drop_outliers(self, u: Unknowns) -> bool:
-        """Leave out single frames of tips whose corners were misread; True if there were any."""
+        """Leave out single frames of tips whose corners were misread; True if there were any.
+
+        A marker in a frame is left out if its chi^2 is over 25 times the median one of the strike (taken as
+        at least 1); it then counts as not seen in later fits.
+        """
         dropped = False
         for s in range(len(self._views)):
             chi2 = np.mean(self._residual(s, self._model(s, u)[0]) ** 2, axis=(2, 3))
@@ -372,7 +424,13 @@ class Problem:
         return dropped
 
     def _solution(self, u: Unknowns, normal: Array) -> Solution:
-        """Solution at the minimum, with covariance and misfits."""
+        """Solution at the minimum `u`, with covariance and misfits.
+
+        Args:
+            u: values of the unknowns.
+            normal: (n, n) normal matrix of the shared unknowns there; its inverse, scaled by the residuals,
+                is their covariance.
+        """
         chi2, freedom = 0.0, 0
         misfit: dict[str, float] = {}
         off_px: dict[int | str, list[float]] = {name: [] for name in self.markers}
@@ -417,7 +475,7 @@ class Problem:
 
 
 def _turns(axis: int, angle: Array) -> Array:
-    """Rotations (n, 3, 3) about the axis of that index by angles (n,) [rad]."""
+    """Rotations (n, 3, 3) by angles (n,) [rad] about a coordinate axis: 0 is x, 1 is y, 2 is z."""
     vector = np.zeros((len(angle), 3))
     vector[:, axis] = angle
     return matrix_from_vector(vector)

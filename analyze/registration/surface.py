@@ -1,4 +1,4 @@
-"""Constraint on a marker's pose by the body's surface on which it lies."""
+"""Constraint on a marker's pose by the body's surface on which the marker lies."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ inaccurate as a placement by hand"""
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """Height of a marker over the surface, and how accurately it lies on it."""
+    """Height of a marker over the body's surface, and how accurately it lies on the surface."""
 
     thickness: float
     """height of its centre over the surface [m]"""
@@ -50,7 +50,14 @@ class Surface:
 
 
 def height_over(model: ObjectModel, point: Array) -> tuple[float, Array]:
-    """Height of a point (3,) over the surface [m], and the outward normal (3,)."""
+    """Height [m] of a point over the body's surface, and the outward normal (3,) of the surface there.
+
+    The height is negative inside the body.
+
+    Args:
+        model: the object's exterior.
+        point: (3,) point in the object frame O [m].
+    """
     depth = model.depth_and_gradient(point)
     return -float(depth.value[0]), -depth.gradient[0]
 
@@ -63,11 +70,14 @@ def surface_under(
 ) -> Surface:
     """Surface of the body, with the markers that lie on it according to their first poses.
 
+    A marker lies on the surface if its middle is within 20 mm of it and its normal within 15 deg of the
+    surface's.
+
     Args:
         model: the object's exterior.
-        start: first T_object_marker (4, 4) per marker.
+        start: first pose T_object_marker (4, 4) in the object frame per marker.
         sizes: edge of each marker's black square [m].
-        thickness: thickness of each marker's card [m].
+        thickness: thickness of each marker's card [m]; 0 for a marker that it does not name.
     """
     surface_sd = (
         model.surface_sd if model.cloud is None else math.hypot(model.surface_sd, model.cloud.smooth_sd)
@@ -86,7 +96,15 @@ def surface_under(
 
 
 def _flat_under(model: ObjectModel, T: Array, size: float, height: float, normal: Array) -> bool:
-    """True if the surface under the whole tag is one plane."""
+    """True if the surface under the whole tag is one plane, to within 0.1 mm and 1 deg.
+
+    Args:
+        model: the object's exterior.
+        T: (4, 4) pose of the tag in the object frame O.
+        size: edge of the tag's black square [m].
+        height: height of the tag's middle over the surface [m].
+        normal: (3,) outward normal of the surface there, in O.
+    """
     corners = T[:3, 3] + 0.5 * size * np.array(
         [sx * T[:3, 0] + sy * T[:3, 1] for sx in (-1, 1) for sy in (-1, 1)]
     )

@@ -1,4 +1,8 @@
-"""Pose of the table relative to the W of a recorded T_world_camera: two tilts and a height."""
+"""Pose of the table relative to the recorded world frame W: two tilts and a height.
+
+The recorded frame W is the one of the camera's recorded pose T_world_camera; the true table need not be its z
+= 0.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TablePrior:
-    """Prior standard deviations of the table's pose relative to the recorded T_world_camera."""
+    """Prior standard deviations of the table's pose relative to the recorded pose of the camera."""
 
     tilt_sd: float
     """tilt about W's x and y [rad]"""
@@ -31,7 +35,7 @@ UNKNOWN_TABLE = TablePrior(math.radians(10.0), 0.1)
 
 
 def table_transform(table: Array) -> Array:
-    """Transform E (4, 4) from the table's own frame to the W of the recorded T_world_camera.
+    """Transform E (4, 4) from the table's own frame (z = 0 on the table) to the recorded world frame W.
 
     Args:
         table: (3,) tilts about W's x and y [rad], and the height [m].
@@ -43,24 +47,31 @@ def table_transform(table: Array) -> Array:
 
 
 def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
-    """Camera in the frame whose z = 0 is the table.
+    """Camera with its pose in the frame whose z = 0 is the table.
 
     Args:
-        camera: camera with its recorded pose.
-        table: (3,) tilts about W's x and y [rad], and the height [m].
+        camera: camera with its recorded pose in the world frame W.
+        table: (3,) tilts of the table about W's x and y [rad], and its height [m].
     """
     return replace(camera, T_world_camera=np.linalg.inv(table_transform(table)) @ camera.T_world_camera)
 
 
 def table_rotation(table: Array) -> Array:
-    """Rotation (3, 3) from the table's own frame to W, from tilts about W's x and y `table[:2]` [rad]."""
+    """Rotation (3, 3) from the table's own frame to the recorded world frame W.
+
+    Args:
+        table: (3,) tilts about W's x and y [rad], and the height [m], which is not used.
+    """
     return matrix_from_vector(np.array([table[0], table[1], 0.0]))
 
 
 def tilt_axes(table: Array) -> Array:
-    """Axes (2, 3) in W about which the table turns as each of its two tilts changes.
+    """Axes (2, 3) in the world frame W about which the table turns as each of its two tilts changes.
 
     The derivative of the matrix exponential, to third order, for tilts below 20 deg.
+
+    Args:
+        table: (3,) tilts about W's x and y [rad], and the height [m], which is not used.
     """
     K = hat(np.array([table[0], table[1], 0.0]))
     return (np.eye(3) + K / 2 + K @ K / 6)[:, :2].T

@@ -1,4 +1,7 @@
-"""Unknowns of the registration's least-squares problem, their layout in a step, and their priors."""
+"""Unknowns of the registration's least-squares problem, their layout in a step, and their priors.
+
+Registration estimates where an object's markers are glued on, from strikes that tip the object.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,12 @@ MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
 
 @dataclass
 class Unknowns:
-    """Values of all unknowns of the registration."""
+    """Values of all unknowns of the registration: markers, strikes, edges, tables and frames.
+
+    O is the object frame, M a marker's, W the world frame. Of a strike, psi is the heading of the object as
+    put down, x and y its place on the table, kappa its turn about the vertical by the impact, and tau that
+    turn while it tips, per rad of tipping angle theta.
+    """
 
     R: list[Array]
     """(3, 3) rotation from M to O per marker"""
@@ -44,7 +52,13 @@ class Unknowns:
     """per strike (f - 1, 5): theta, heading, x, y, z [rad, rad, m, m, m]"""
 
     def after_step(self, shared: Array, frames: list[Array]) -> Unknowns:
-        """Unknowns after a step of the shared ones (n,) and of the frames' own."""
+        """New unknowns after a step of the shared ones and of the frames' own; these stay as they are.
+
+        Args:
+            shared: (n,) step of all but the frames' unknowns: 6 per marker (turn in O [rad], position [m]), 5
+                per strike, 2 per edge, 3 per table.
+            frames: per strike (f - 1, 5) step of its tipping frames' own unknowns.
+        """
         many, strikes, edges = len(self.R), len(self.strike), len(self.edge)
         markers = shared[: 6 * many].reshape(many, 6)
         at = 6 * many
@@ -62,11 +76,12 @@ class Unknowns:
 
 
 def heading_by_frame(strike: Array, frame: Array) -> Array:
-    """Heading (f,) of the object in every frame of a strike [rad]; frame 0 is at rest.
+    """Heading (f,) of the object about the vertical in every frame of a strike [rad]; frame 0 is at rest.
 
     Args:
-        strike: (5,) psi, x, y, kappa, tau of the strike.
-        frame: (f, 5) theta, heading, x, y, z of every frame.
+        strike: (5,) psi (heading as put down) [rad], x, y [m], kappa (turn by the impact) [rad], tau (turn
+            per rad of tipping angle) of the strike.
+        frame: (f, 5) tipping angle theta, heading [rad], and shifts x, y, z [m] of every frame.
     """
     psi, _, _, kappa, tau = strike
     return psi + kappa * (np.arange(len(frame)) > 0) + tau * frame[:, 0] + frame[:, 1]

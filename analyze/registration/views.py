@@ -1,4 +1,7 @@
-"""View of one strike for registration: the object at rest on a known face, and tipping over a known edge."""
+"""View of one strike for registration: the object at rest on a known face, and tipping over an edge.
+
+Registration estimates where the object's markers are glued on.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,10 @@ PLACED_AS_PLANNED = (
 
 @dataclass(frozen=True)
 class StrikeView:
-    """Marker corners of one strike: frame 0 is the median of the resting frames, the rest the tip."""
+    """Marker corners of one strike: frame 0 is the median of the resting frames, the others the tip.
+
+    There are m markers and f frames. O is the object frame, M a marker's, C the camera's, W the world frame.
+    """
 
     strike_id: str
     """id of the strike"""
@@ -83,7 +89,7 @@ class StrikeView:
 
     @property
     def turn(self) -> float:
-        """Largest tipping angle seen [rad]."""
+        """Largest tipping angle of the frames that are used [rad]; 0 if all are at rest."""
         return float(np.max(self.theta, initial=0.0))
 
 
@@ -96,11 +102,15 @@ def strike_view(
     setup: int = 0,
     section: SupportFunction | None = None,
 ) -> StrikeView | None:
-    """Resting and tipping frames of a strike, for registration; None if no marker was clearly seen at rest.
+    """Resting and tipping frames of a strike, for registration; None if it cannot be used.
+
+    None if the object was not placed as planned or its motion could not be read, by the verdict, or if no
+    marker was seen in three frames at rest. There are no tipping frames if the edge did not stay on the
+    table, or if the contact rolls.
 
     Args:
         tracks: tracks of the strike's window.
-        markers: markers of the object; only their ids and sizes are used.
+        markers: markers of the object; only their ids are used.
         camera: camera that took them.
         planned: planned placement and edge.
         motion: analysed motion with its verdict.
@@ -158,9 +168,14 @@ def strike_view(
 
 
 def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
-    """Log times (n,) [ns] and angles (n,) [rad] of the chosen frames of a tip.
+    """Log times (n,) [ns] and tipping angles (n,) [rad] of the chosen frames of a tip.
 
-    No frames are chosen if the body did not turn about its edge, or rolled on a rim.
+    At most `MAX_TIP_FRAMES`, evenly over the angle. None are chosen, n = 0, if the edge did not stay on the
+    table, the body rolled on a rim, or turned by less than `MIN_TURN_RAD`.
+
+    Args:
+        motion: analysed motion of the strike with its verdict and phases.
+        planned: the planned strike.
     """
     angle, phases = motion.angle, motion.phases
     if (
