@@ -144,8 +144,8 @@ def _covariance(
 ) -> Array:
     """Covariance (2, 2) of phi and k, caused by errors of theta, slip, lift and the edge's position.
 
-    It grows with the residuals: by their size, outliers clipped, and by their correlation from frame to
-    frame.
+    theta is the tipping angle, phi the balance angle, k = m g R / I_edge. The covariance is scaled up if the
+    residuals (outliers clipped) are larger than these errors make them, or correlated from frame to frame.
 
     Args:
         sample: the fitted part of theta(t).
@@ -205,11 +205,11 @@ def driven_theta(
     Args:
         time: (n,) times [s], ascending.
         parameters: (c, 4 or more) per case: balance angle phi [rad], k [rad/s^2], and at the first time theta
-            [rad] and Omega [rad/s], which is theta' plus the share of the edge's velocity (module's
-            equations).
+            [rad] and Omega [rad/s] = theta' + (k / g) [(cos psi + rho / R) s' + sin psi z'], with psi = phi -
+            theta and s', z' the speeds of slip and lift.
         slip: (n,) or (n, c) sliding of the edge [m], linear between the times.
         lift: (n,) or (n, c) height of the edge [m], linear between the times.
-        radius: radius of the edge's rounding [m].
+        radius: radius rho of the edge's rounding [m].
         jump: index of a time, and the jumps in angular speed (c,) [rad/s] there; None for no jump.
     """
     phi, k = parameters[:, 0].copy(), parameters[:, 1].copy()

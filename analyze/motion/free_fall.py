@@ -6,10 +6,10 @@ R(tau), and p0, v0 and a the position, velocity and acceleration of the centre o
     p(tau) = p0 + v0 tau + 1/2 a tau^2 + R(tau) r - drag + shutter,    norm(a) = q^2 g
 
 The magnitude of g is known, its direction is not needed. The tag may turn: r is the arm from the centre of
-mass to the tag, with prior standard deviation `ARM_SD`. Air decelerates by beta norm(v) v, beta = 1/2 rho C_d A /
-m (air density rho, drag coefficient C_d, area A), which is the same in either time; a rolling shutter exposes
-each row later by its line time. Both are unknowns with priors, so that the error of q includes them. Lengths
-are relative to the tag: q is proportional to the root of its size.
+mass to the tag, with prior standard deviation `ARM_SD`. Air decelerates by beta norm(v) v, beta = 1/2 rho C_d
+A / m (air density rho, drag coefficient C_d, area A), which is the same in either time; a rolling shutter
+exposes each row later by its line time. Both are unknowns with priors, so that the error of q includes them.
+Lengths are relative to the tag: q is proportional to the root of its size.
 """
 
 # scipy is only partly typed.

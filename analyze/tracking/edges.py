@@ -1,4 +1,6 @@
-"""Sub-pixel corners of a black square; one file, because band, model and fit share a layout tuned for speed.
+"""Sub-pixel corners of a black square in an image, by fits of its edges to the grey values.
+
+One file, because band, model and fit share a layout tuned for speed.
 
 Each edge is fitted to the grey values of the pixels along it; corners are accurate to a few hundredths of a
 pixel.

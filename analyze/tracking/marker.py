@@ -37,7 +37,8 @@ class Sighting:
     """Marker as OpenCV detects it in an image, with corners accurate to about half a pixel."""
 
     marker_id: int | str
-    """name of the marker: see schemas.tags"""
+    """name of the marker: its number in family 36h11, otherwise family and number, for example "25h9-3" for
+    number 3 of 25h9"""
     corners_px: Array
     """(4, 2) raw px: top-left, top-right, bottom-right, bottom-left of the marker"""
 

@@ -307,7 +307,11 @@ class MarkerFollower:
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
         """Search the whole image for the followed markers, and count the unknown ones.
 
-        Returns the detected followed markers.
+        Args:
+            frame: the image.
+
+        Returns:
+            The followed markers that the detector found, with its unrefined corners.
 
         Raises:
             TrackingError: a marker of the object is in the image twice.
