@@ -1,1 +1,1 @@
-"""Bodies for simulators: shape and inertial parameters as URDF, SDF, MJCF or USD, each file read back."""
+"""Export of shape and inertial parameters for simulators as URDF, SDF, MJCF or USD, with a check."""

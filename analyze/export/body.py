@@ -1,4 +1,4 @@
-"""The exported body: exterior and ten inertial parameters, in the object frame O and SI units."""
+"""Exported body: exterior and ten inertial parameters, in O (the shape file's frame) and SI units."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESERVED_NAMES = {"world", "base", "root", "default", "main"}
 
 @dataclass(frozen=True)
 class Inertial:
-    """Ten inertial parameters of a rigid body."""
+    """Ten inertial parameters of a rigid body: mass, centre of mass (3) and inertia tensor (6)."""
 
     mass: float
     """mass [kg]"""
@@ -35,10 +35,13 @@ class Inertial:
     """(3, 3) inertia tensor [kg m^2], about the centre of mass, axes of O"""
 
     def principal(self) -> tuple[Array, Array]:
-        """Principal moments (3,) [kg m^2], and the rotation R (3, 3) with their axes in O as columns.
+        """Principal moments and axes of inertia, with I = R diag(moments) R^T.
 
-        The tensor is I = R diag R^T. Of the possible orders and signs of the axes, R is the one with the
-        smallest rotation: a diagonal tensor stays as it is.
+        The axes are ordered and signed so that R is close to the identity: a diagonal tensor stays as it is.
+
+        Returns:
+            Moments (3,) [kg m^2], in the order of the axes; and the rotation R (3, 3), det 1, with the unit
+            axes in O as columns.
         """
         values, axes = np.linalg.eigh(self.inertia)
         order = max(AXIS_ORDERS, key=lambda each: float(np.abs(np.diag(axes @ each)).sum()))
@@ -50,7 +53,10 @@ class Inertial:
         return values, axes
 
     def principal_quaternion(self) -> tuple[Array, Array]:
-        """Principal moments (3,) [kg m^2] and the rotation as a unit quaternion (4,) wxyz, w >= 0."""
+        """Principal moments (3,) [kg m^2], and the orientation of their axes in O as quaternion (4,).
+
+        The unit quaternion, in the order w, x, y, z with w at least 0, rotates the axes of O into them.
+        """
         values, axes = self.principal()
         wxyz = Rotation.from_matrix(axes).as_quat(canonical=True, scalar_first=True)
         return values, np.asarray(wxyz, dtype=np.float64)
@@ -58,26 +64,29 @@ class Inertial:
 
 @dataclass(frozen=True)
 class ExportBody:
-    """Content of an exported file."""
+    """Content of an exported file: one rigid body with its shape and the origin of its numbers."""
 
     name: str
     """object name from the object file, any text"""
     model: ObjectModel
+    """exterior of the object"""
     inertial: Inertial
+    """inertial parameters in O"""
     provenance: Mapping[str, object]
     """origin of the numbers, as JSON values"""
 
     @property
     def identifier(self) -> str:
-        """`name` as an identifier that every format allows."""
+        """Name of the object as an ASCII identifier that is valid in all four formats."""
         return identifier(self.name)
 
 
 def identifier(name: str) -> str:
-    """`name` as an ASCII identifier that is valid in URDF, SDF, MJCF and USD.
+    """Convert a name to an ASCII identifier that is valid in URDF, SDF, MJCF and USD.
 
-    It is a letter, then letters, digits and single underscores. SDF reserves names between double underscores
-    and `world`, MJCF `world`; USD allows letters, digits and underscores only.
+    The identifier is a letter, then letters, digits and single underscores; "object" if nothing is left
+    of the name. SDF reserves names between double underscores and `world`, MJCF `world`; USD allows letters,
+    digits and underscores only.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_")
@@ -87,7 +96,11 @@ def identifier(name: str) -> str:
 
 
 def inertial_of(result: Result, name: str) -> Inertial:
-    """Ten inertial parameters of a result, including those from a prior.
+    """Ten inertial parameters of a result, including those from a prior (assumed, not measured).
+
+    Args:
+        result: Result document of an estimate.
+        name: name of the object, for messages.
 
     Raises:
         ExportError: the result lacks one of them, or they are not physically possible.
@@ -114,10 +127,14 @@ def inertial_of(result: Result, name: str) -> Inertial:
 
 
 def refuse_impossible(inertial: Inertial, name: str) -> None:
-    """Refuse a body with mass 0 or a negative second moment, which no simulator accepts.
+    """Raise ExportError for parameters that no rigid body can have, which simulators refuse.
+
+    Args:
+        inertial: inertial parameters.
+        name: name of the object, for the message.
 
     Raises:
-        ExportError: mass or moments are not physically possible.
+        ExportError: mass or a principal moment is not above 0, or a moment exceeds the sum of the other two.
     """
     least, middle, most = np.linalg.eigvalsh(inertial.inertia)
     if not (inertial.mass > 0 and least > 0 and least + middle >= most):

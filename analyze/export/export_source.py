@@ -1,4 +1,4 @@
-"""Reads the input of an export: recordings, or a result of `analyze estimate --json` with its object file."""
+"""Read the input of an export: recordings, or a result (JSON) of an estimate with its object file."""
 
 from __future__ import annotations
 
@@ -21,15 +21,18 @@ RESULT_SUFFIX = ".json"
 
 @dataclass(frozen=True)
 class ExportInput:
-    """A result, with the object that it belongs to."""
+    """Result of an estimate, with the object that it belongs to."""
 
     result: Result
+    """Result document of the estimate"""
     spec: ObjectSpec
+    """object file: name, mass, markers"""
     model: ObjectModel
+    """exterior of the object"""
 
 
 def is_result(files: Sequence[Path]) -> bool:
-    """True if `files` are one result instead of recordings.
+    """True if `files` are one result (.json), False if they are recordings.
 
     Raises:
         ExportError: a result is given together with other files.
@@ -45,12 +48,21 @@ def is_result(files: Sequence[Path]) -> bool:
 def read_export_input(
     files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None
 ) -> ExportInput:
-    """Result and object of an export: estimated from recordings, or read from a file.
+    """Result and object of an export: estimated from recordings, or read from files.
+
+    Args:
+        files: recordings (.mcap) of one object, or one result (.json).
+        object_path: object file (TOML); it replaces that of recordings, and is required for a result.
+        exclude: ids of strikes to leave out of an estimate from recordings.
+        progress: called with (text, strikes done, strikes in all) while recordings are estimated; None for
+            silence.
 
     Raises:
-        AnalyzeError: see `estimate_recordings`.
-        ExportError: a result without its object file, with that of another object, or with strikes to leave
-            out.
+        ExportError: a result is given with other files, without its object file, with that of another
+            object, or with strikes to leave out.
+        RecordingError, MergeError, ShapeError, PlanError, TrackingError, EstimationError: the recordings or
+            the object file cannot be read, merged, tracked or estimated.
+        PlanError, DocumentError: the result cannot be read, or holds an entry that cannot be used.
     """
     if not is_result(files):
         answer = answer_recordings(files, EstimateOptions(object_path, exclude), progress)

@@ -1,4 +1,4 @@
-"""Formats of simulators' files, with their suffixes and numerical precision."""
+"""File formats of simulators, with their suffixes and numerical precision."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class Format(enum.Enum):
-    """Format of a simulator's file."""
+    """File format of a simulator: URDF (ROS), SDF (Gazebo), MJCF (MuJoCo) or USD."""
 
     URDF = "urdf"
     SDF = "sdf"
@@ -16,7 +16,7 @@ class Format(enum.Enum):
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """Suffixes of the format's files, the usual one first; USD's suffix selects the encoding."""
+        """Suffixes of files of this format, the usual one first; USD's suffix selects text or binary."""
         return {
             "urdf": (".urdf",),
             "sdf": (".sdf",),
@@ -26,7 +26,7 @@ class Format(enum.Enum):
 
     @property
     def tolerance(self) -> float:
-        """Largest relative error of a number that is written and read back.
+        """Largest relative error that is accepted of a number that was written and read back.
 
         Text formats keep double precision, UsdPhysics single precision.
         """
@@ -34,7 +34,10 @@ class Format(enum.Enum):
 
 
 def why_misnamed(output: Path, wanted: Format) -> str | None:
-    """One-line reason why `output` has a wrong suffix for the format `wanted`; None if it has not."""
+    """One-line reason why the suffix of `output` is wrong for the format `wanted`; None if it is not.
+
+    A suffix is wrong if it belongs to another format, or, for USD, is none of its own.
+    """
     suffix = output.suffix.lower()
     if wanted is Format.USD and suffix not in wanted.suffixes:
         kinds = ".usda (text), .usd or .usdc (binary)"

@@ -1,6 +1,7 @@
-"""Finds the edges over which tips would measure inertia tensor entries that come from the shape so far.
+"""Find edges whose tips would measure entries of the inertia tensor that come from the shape so far.
 
-A tip over an edge with the direction l determines l.I.l and nothing else.
+A tip over an edge with the unit direction l determines l.I.l, with I the inertia tensor about the centre of
+mass, and no other combination of its entries. "Prior" is the assumption on the tensor before any strike.
 """
 
 from __future__ import annotations
@@ -32,28 +33,32 @@ MIN_GAIN = 0.05
 
 @dataclass(frozen=True)
 class AdditionalEdges:
-    """Edges whose tips would measure entries from the prior."""
+    """Edges whose tips would measure entries of the inertia tensor that come from the prior so far."""
 
     axes: tuple[PivotAxis, ...]
     """edges to tip over; together they measure all entries that can be measured"""
     unreachable: tuple[tuple[int, int], ...]
-    """entries that no edge of this object determines"""
+    """entries (i, j) of the tensor that no edge of this object determines"""
 
 
 def additional_edges(
     model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Array], prior: Sequence[tuple[int, int]]
 ) -> AdditionalEdges:
-    """Additional edges to tip over, chosen one by one: each makes the largest number of entries measured.
+    """Choose additional edges to tip over, one by one: each makes the largest number of entries measured.
 
-    The edges are those that the planner would consider, under its names; whether camera and striker reach one
-    is for the planner to decide.
+    Of edges with equal numbers, the one that reduces the entries' sd most is taken. The edges are those that
+    the planner would consider, under its names; whether camera and striker reach one is for the planner to
+    decide.
 
     Args:
         model: exterior of the object.
         spec: object specification, of which markers and edge radius are used.
-        com: (3,) estimated centre of mass [m].
-        made: directions (3,) of the axes whose moments are known.
-        prior: tensor entries to measure.
+        com: (3,) estimated centre of mass in O [m].
+        made: unit directions (3,) in O of the axes whose moments are known.
+        prior: tensor entries (i, j) to measure.
+
+    Returns:
+        The edges, in the order chosen, and the entries that stay unmeasured.
     """
     expected = hypothesis(model)
     believed = replace(expected, region=replace(expected.region, centre=com))
@@ -84,7 +89,11 @@ def additional_edges(
 
 
 def moment_row(direction: Array) -> Array:
-    """Row (6,) of coefficients with which the entries of `TENSOR_ENTRIES` add up to l.I.l."""
+    """Coefficients (6,) with which Ixx, Iyy, Izz, Ixy, Ixz, Iyz add up to the moment l.I.l about an axis.
+
+    Args:
+        direction: (3,) unit direction l of the axis.
+    """
     return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 
 

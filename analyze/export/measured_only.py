@@ -1,4 +1,4 @@
-"""Refuses bodies that are not fully measured, and names the edges that would measure the rest."""
+"""Refuse to export a body that is not fully measured, and name the edges that would measure the rest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ MAX_NAMED = 3
 
 
 def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str) -> None:
-    """Refuse a body unless its centre of mass is observed and every tensor entry is measured.
+    """Raise ExportError unless the centre of mass is observed and every inertia tensor entry is measured.
+
+    Args:
+        result: result to be exported.
+        spec: object file.
+        model: exterior of the object, in which edges are searched.
+        name: name of the object, for messages.
 
     Raises:
         ExportError: a value comes from the shape; the message names it and the edges that would measure it.
@@ -57,7 +63,10 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
 
 
 def _along(direction: Array) -> str:
-    """Direction (3,) of a line as an axis name or in numbers, with its largest component positive."""
+    """Text of the direction (3,) of a line: "x", "y", "z" or "(0.71, 0.71, 0.00)".
+
+    The direction is turned so that its largest component is positive.
+    """
     direction = direction * (1 if direction[np.argmax(np.abs(direction))] > 0 else -1)
     for i, axis in enumerate("xyz"):
         if abs(direction[i]) > 0.9999:

@@ -1,4 +1,7 @@
-"""The exterior as an OBJ file beside the body's file: OBJ keeps every digit, and all simulators read it."""
+"""Exterior of a body as an OBJ file beside the exported file.
+
+OBJ keeps every digit, and all simulators read it.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,16 @@ from analyze.export.body import ExportBody
 
 @dataclass(frozen=True)
 class MeshFile:
-    """Mesh file and its name."""
+    """Mesh file in memory: its name and content."""
 
     name: str
     """file name valid in a URI (letters, digits, underscore, hyphen); the same bytes have the same name"""
     data: bytes
+    """content of the OBJ file: vertices in frame O [m], and triangles"""
 
 
 def mesh_file(body: ExportBody) -> MeshFile | None:
-    """Mesh that goes beside the body's file; None for a primitive, which every format represents exactly.
+    """Mesh that goes beside an exported file; None for a box or cylinder, which every format represents.
 
     Its name ends in a hash of its content, so that two exports into one folder never share a mesh by mistake.
     """

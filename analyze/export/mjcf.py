@@ -1,4 +1,4 @@
-"""MJCF: one free body, its frame O.
+"""Write MJCF (MuJoCo's format): one free body, its frame O, the frame of the object's shape file.
 
 The inertia is written as `diaginertia` with the quaternion of its principal axes, as MuJoCo stores it: no
 reader has to diagonalise (MuJoCo 4.0 would, of `fullinertia`, to 5e-15). No mass is computed from the shape;
@@ -22,7 +22,12 @@ ROLES = {"visual": {"contype": "0", "conaffinity": "0", "group": "2"}, "collisio
 
 
 def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
-    """Text of the MJCF file, which refers to `mesh` in the same folder."""
+    """Text of the MJCF file of a body.
+
+    Args:
+        body: exported body.
+        mesh: mesh in the same folder, to which the text refers; None for a box or cylinder.
+    """
     inertial = body.inertial
     moments, wxyz = inertial.principal_quaternion()
     root = ET.Element("mujoco", model=body.identifier)
@@ -44,7 +49,10 @@ def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
 
 
 def _shape(root: ET.Element, body: ExportBody, mesh: MeshFile | None) -> dict[str, str]:
-    """Attributes of the geoms; MuJoCo takes half sizes of boxes and cylinders."""
+    """Attributes that give a `<geom>` its shape; MuJoCo takes half sizes of boxes and cylinders.
+
+    For a mesh, an `<asset>` that names its file is appended to `root`.
+    """
     match body.model.primitive:
         case Box(size_m=size):
             return {"type": "box", "size": numbers([edge / 2 for edge in size])}

@@ -1,4 +1,8 @@
-"""Provenance in an exported file: origin of its numbers, measured or from the shape's prior, with sd."""
+"""Provenance in an exported file: origin of each number (strikes or prior), with standard deviations.
+
+The prior is the assumption on the inertia tensor from the shape alone. An exported file holds the provenance
+as JSON.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,10 @@ UNPRINTABLE = re.compile(
 
 
 def prior_entries(result: Result) -> list[tuple[int, int]]:
-    """Tensor entries (i, j) from the shape instead of strikes; all if an older result does not state them."""
+    """Entries (i, j) of the inertia tensor that come from the shape instead of strikes.
+
+    Empty if all are measured; all six if an older result does not state which are.
+    """
     if result.inertia.observed:
         return []
     if result.inertia_measured is None:
@@ -28,7 +35,10 @@ def prior_entries(result: Result) -> list[tuple[int, int]]:
 
 
 def provenance(result: Result, name: str, software: str) -> dict[str, object]:
-    """Provenance as JSON values; the same result and program give the same values.
+    """Origin of a result's numbers, as a dict of JSON values for the exported file.
+
+    It holds ids and hashes of the inputs, mass, centre of mass and tensor with sd and source, and codes of
+    the warnings. The same result and program give the same values.
 
     Args:
         result: result that is exported.
@@ -75,21 +85,21 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
 
 
 def provenance_text(provenance: Mapping[str, object]) -> str:
-    """Provenance as JSON with an entry per line, valid in an XML comment.
+    """Provenance as JSON text with an entry per line, valid in an XML comment.
 
-    It contains no two hyphens in a row, none at its end, and nothing unprintable.
+    The text contains no two hyphens in a row, none at its end, and nothing unprintable.
     """
     lines = [f"  {json.dumps(key)}: {_json(value)}" for key, value in provenance.items()]
     return " percuss\n{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def printable(text: str) -> str:
-    """`text` with JSON escapes for characters that XML forbids, USD truncates at, or readers cannot see."""
+    """Copy of `text` with JSON escapes for characters that XML forbids, USD truncates at, or nobody sees."""
     return UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def parse_provenance(text: str) -> dict[str, object]:
-    """Provenance from the text of `provenance_text`."""
+    """Parse the text of an XML comment that `provenance_text` wrote; the inverse of that function."""
     return json.loads(text.partition("\n")[2])
 
 

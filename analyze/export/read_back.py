@@ -1,4 +1,4 @@
-"""Reads the ten parameters back with other libraries: yourdfpy, rod, mujoco, usd-core.
+"""Read the ten inertial parameters of a file back with yourdfpy, rod, mujoco or usd-core.
 
 No code is shared with the writers.
 """
@@ -35,10 +35,10 @@ READERS = {
 
 
 def refuse_without_reader(wanted: Format) -> None:
-    """Refuse, before any work, a format whose reader is not installed.
+    """Raise ExportError if the library that reads a format back is not installed; call it before any work.
 
     Raises:
-        ExportError: the reader is missing.
+        ExportError: the library is missing.
     """
     module, package = READERS[wanted]
     if importlib.util.find_spec(module) is None:
@@ -49,10 +49,18 @@ def refuse_without_reader(wanted: Format) -> None:
 
 
 def read_back(path: Path, written: Format) -> Inertial:
-    """Inertial parameters of the first body in a file, in its link's or prim's frame.
+    """Read the inertial parameters of the first body in a file.
+
+    Args:
+        path: the file, with its mesh beside it.
+        written: format of the file.
+
+    Returns:
+        Mass, centre of mass and inertia tensor about it, in the frame of the body's link or prim.
 
     Raises:
-        ExportError: the library cannot read the file, or finds no body in it.
+        ExportError: the library is missing, cannot read the file, or finds no body in it; or the mesh is
+            missing.
     """
     try:
         return {Format.URDF: _urdf, Format.SDF: _sdf, Format.MJCF: _mjcf, Format.USD: _usd}[written](path)
@@ -130,14 +138,26 @@ def _required(part: Part | None, name: str) -> Part:
 
 
 def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
-    """Refuse a file that names a missing mesh, which the readers do not open."""
+    """Raise FileNotFoundError if a mesh that a file names is missing; the readers do not open meshes.
+
+    Args:
+        path: the file.
+        meshes: names of its meshes, relative to its folder.
+    """
     for name in meshes:
         if not (path.parent / name).is_file():
             raise FileNotFoundError(f"{name} is not beside it")
 
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
-    """Parameters of a body whose `tensor` (3, 3) is given along `axes` (3, 3), in columns."""
+    """Inertial parameters in a link's frame, from a tensor along other axes.
+
+    Args:
+        mass: mass [kg].
+        com: (3,) centre of mass in the link's frame [m].
+        tensor: (3, 3) inertia tensor about the centre of mass, along `axes` [kg m²].
+        axes: (3, 3) unit axes in the link's frame, as columns.
+    """
     return Inertial(
         float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T
     )

@@ -1,4 +1,6 @@
-"""SDFormat 1.7, which Gazebo reads since version 11: one model with one link, its frame O.
+"""Write SDFormat 1.7, which Gazebo reads since version 11: one model with one link, its frame O.
+
+O is the frame of the object's shape file.
 
 `<inertial><pose>` is the centre of mass in the link's frame with roll, pitch and yaw of the axes that
 `<inertia>` refers to (sdformat.org/spec?elem=link#inertial_pose): 0 here, for the axes of O. `<cylinder>` is
@@ -18,7 +20,12 @@ VERSION = "1.7"
 
 
 def sdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
-    """Text of the SDF file, which refers to `mesh` in the same folder."""
+    """Text of the SDF file of a body.
+
+    Args:
+        body: exported body.
+        mesh: mesh in the same folder, to which the text refers; None for a box or cylinder.
+    """
     inertial, tensor = body.inertial, body.inertial.inertia
     root = ET.Element("sdf", version=VERSION)
     link = child(child(root, "model", name=body.identifier), "link", name=body.identifier)

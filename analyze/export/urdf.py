@@ -1,4 +1,4 @@
-"""URDF: one link, its frame O.
+"""Write URDF: one link, its frame O, the frame of the object's shape file.
 
 `<origin>` of `<inertial>` is the centre of mass in the link's frame; the tensor is about it, along the link's
 axes for rpy = 0 (wiki.ros.org/urdf/XML/link). `<cylinder>` is along z, as in object files.
@@ -15,7 +15,12 @@ from schemas.object_spec import Box, Cylinder
 
 
 def urdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
-    """Text of the URDF file, which refers to `mesh` in the same folder."""
+    """Text of the URDF file of a body.
+
+    Args:
+        body: exported body.
+        mesh: mesh in the same folder, to which the text refers; None for a box or cylinder.
+    """
     robot = ET.Element("robot", name=body.identifier)
     link = child(robot, "link", name=body.identifier)
     link.append(inertial_element(body.inertial))
@@ -27,7 +32,7 @@ def urdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
 
 
 def inertial_element(inertial: Inertial) -> ET.Element:
-    """The `<inertial>` element of a link whose frame is O."""
+    """`<inertial>` element of a URDF link whose frame is O: centre of mass, mass and inertia tensor."""
     own = ET.Element("inertial")
     child(own, "origin", xyz=numbers(inertial.com), rpy="0 0 0")
     child(own, "mass", value=numbers([inertial.mass]))

@@ -1,4 +1,6 @@
-"""USD: one rigid body with UsdPhysics, its frame O, the shape inside the file; metres, kilograms, z up.
+"""Write USD: one rigid body with UsdPhysics, its frame O, its shape in the file; metres, kg, z up.
+
+O is the frame of the object's shape file.
 
 In MassAPI, `centerOfMass` is in the prim's frame, and `diagonalInertia` about it along `principalAxes`, a
 quaternion that rotates the prim's axes into the principal ones; all in single precision (openusd.org,
@@ -30,7 +32,15 @@ METADATA = "percuss"
 
 
 def write_usd(body: ExportBody, path: Path) -> None:
-    """Write a USD file at `path`, whose suffix selects the encoding."""
+    """Write the USD file of a body.
+
+    Args:
+        body: exported body.
+        path: the file, whose suffix (.usda, .usd, .usdc) selects text or binary encoding.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
@@ -57,14 +67,17 @@ def write_usd(body: ExportBody, path: Path) -> None:
 
 
 def _text(value: object) -> str:
-    """Value for USD's dictionaries, which hold no null and no nested lists: text, or else JSON."""
+    """JSON value as text for USD's dictionaries, which hold no null and no nested lists.
+
+    Text stays text, other values become JSON; characters that cannot be seen are escaped.
+    """
     return printable(
         value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, allow_nan=False)
     )
 
 
 def _shape(stage: Usd.Stage, path: str, body: ExportBody) -> Usd.Prim:
-    """The exterior, for display and collision."""
+    """Define the exterior of a body at `path` of a stage, for display and collision, and return its prim."""
     from pxr import Gf, UsdGeom, UsdPhysics, Vt
 
     match body.model.primitive:

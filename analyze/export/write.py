@@ -1,4 +1,4 @@
-"""Writes a body's file and its mesh: staged, read back by another library, compared, put in place."""
+"""Write a body's file and mesh: into a temporary folder, read back, compared, then put in place."""
 
 from __future__ import annotations
 
@@ -21,13 +21,21 @@ from schemas.output_file import OutputError, refuse_unwritable
 
 
 def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
-    """Write `body`, check it by reading it back, and return the files written.
+    """Write a body for a simulator, and check the file by reading it back with another library.
 
-    These are `output`, and a mesh beside it if the format needs one. On failure, existing files stay as they
-    were.
+    On failure of the check, existing files stay as they were.
+
+    Args:
+        body: exported body.
+        wanted: format of the file.
+        output: the file; its folder must exist.
+
+    Returns:
+        Files written: `output`, and the mesh beside it unless the shape is a primitive or the format USD.
 
     Raises:
-        ExportError: the library that reads the format does not find the same ten parameters.
+        ExportError: the library that reads the format is missing, cannot read the file, or does not find the
+            same ten parameters.
         OutputError: a file cannot be written.
     """
     refuse_unwritable(output)
@@ -45,12 +53,18 @@ def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
 
 
 def refuse_changed_parameters(written: Inertial, found: Inertial, where: Format) -> None:
-    """Refuse a file that is read back with other parameters.
+    """Raise ExportError if a file was read back with other inertial parameters than were written.
 
-    Mass, centre of mass and tensor are compared, each relative to its largest entry.
+    Mass and tensor are compared relative to their largest entry, the centre of mass relative to its largest
+    coordinate or to the radius of gyration sqrt(tr I / 2m), whichever is larger.
+
+    Args:
+        written: parameters that were written.
+        found: parameters that were read back.
+        where: format of the file, which gives the tolerance.
 
     Raises:
-        ExportError: one differs by more than the format's precision.
+        ExportError: one of them differs by more than the format's tolerance.
     """
     arm = float(np.sqrt(np.trace(written.inertia) / (2 * written.mass)))
     pairs = (
@@ -83,7 +97,19 @@ def _write(body: ExportBody, wanted: Format, path: Path, mesh: MeshFile | None) 
 
 
 def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Path]:
-    """Move the files into place, the mesh first, so that no body's file is without its mesh."""
+    """Move the files into place, the mesh first, so that no body's file is ever without its mesh.
+
+    Args:
+        staged: body's file in a folder on the same disk, with the mesh beside it.
+        output: final path of the body's file.
+        mesh: mesh; None if there is none.
+
+    Returns:
+        Final paths: the body's file, then the mesh if there is one.
+
+    Raises:
+        OSError: a file cannot be moved.
+    """
     moves = [] if mesh is None else [(staged.parent / mesh.name, output.parent / mesh.name)]
     moves.append((staged, output))
     for source, target in moves:

@@ -1,4 +1,4 @@
-"""XML text of URDF, SDF and MJCF files."""
+"""Build the XML text that URDF, SDF and MJCF files share: elements, and the whole document."""
 
 from __future__ import annotations
 
@@ -9,14 +9,26 @@ from analyze.export.provenance import provenance_text
 
 
 def document(root: ET.Element, body: ExportBody) -> str:
-    """Text of an XML document, with the provenance as a comment at the top."""
+    """Text of an XML document, with the provenance (origin of the numbers) as a comment in its root.
+
+    Args:
+        root: root element; the comment is inserted, and it is indented, in place.
+        body: exported body, of which the provenance is taken.
+    """
     root.insert(0, ET.Comment(provenance_text(body.provenance)))
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
-    """A new element at the end of `parent`."""
+    """Append a new element to `parent` and return it.
+
+    Args:
+        parent: element that is changed.
+        tag: name of the new element.
+        text: its text; None for none.
+        attributes: its attributes.
+    """
     element = ET.SubElement(parent, tag, attributes)
     element.text = text
     return element
