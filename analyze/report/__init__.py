@@ -1,1 +1,1 @@
-"""Report of an answer: HTML pages, plots, JSON, CSV tables, and the summary on the terminal."""
+"""Report of an estimate: HTML pages, plots, JSON, CSV tables, and the summary on the terminal."""

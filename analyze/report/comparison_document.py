@@ -1,4 +1,7 @@
-"""Comparison document of repeated sessions: answers, precision by ISO 5725, agreement, verdict."""
+"""Comparison document of repeated sessions: answers, precision by ISO 5725, agreement, verdict.
+
+A session is one recording of the object; sessions of one set-up share rig, level reading and calibration.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,11 @@ Kind = Literal["centre_of_mass", "moment", "region", "phi"]
 
 
 def comparison_document(compared: SessionComparison) -> Comparison:
-    """Comparison document: all numbers that the comparison page shows."""
+    """Build the Comparison document (JSON), which holds all numbers that the comparison page shows.
+
+    Args:
+        compared: two or more sessions, each estimated by itself and all together.
+    """
     first = compared.sessions[0].answer
     precisions = [*_answers(compared), *_angles(compared)]
     evidence = compared.joint.estimate.evidence
@@ -67,9 +74,10 @@ def comparison_document(compared: SessionComparison) -> Comparison:
 
 
 def regions_named_as(answer: Answer, first: Answer) -> list[RegionResult]:
-    """Regions of an answer, named upper and lower as in the first session.
+    """Regions of an answer with their masses, named upper and lower as in the first session.
 
-    The names are swapped if the normals of the two dividing planes point to opposite sides.
+    Empty if the answer has no regions. The names are swapped if the normals of the two dividing planes point
+    to opposite sides.
     """
     found = answer.result.regions
     regions = {} if found is None else {region.name: region for region in found.regions}
@@ -90,7 +98,10 @@ def _agreement(found: Agreement, freedom: int) -> SessionsAgreement:
 
 
 def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of c, moments and region masses; sessions of one set-up form a group."""
+    """Yield the precision of centre of mass, moments and region masses over the sessions.
+
+    Sessions of one set-up form a group. Moments and masses are left out if fewer than two sessions have them.
+    """
     first, setups = compared.sessions[0].answer, [session.setup for session in compared.sessions]
     alone = [session.answer.result for session in compared.sessions]
     together = compared.joint.result
@@ -143,9 +154,10 @@ def _compared(
 
 
 def _angles(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of phi per edge and heading; repeated strikes within a session are a group.
+    """Yield the precision of the balance angle phi per pivot edge and heading.
 
-    Only strikes that tipped over count.
+    Repeated strikes within a session are a group. Only strikes that were used and tipped over count; edges
+    with fewer than two of them are left out.
     """
     cells: dict[tuple[str, float], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for number, session in enumerate(compared.sessions, 1):
@@ -197,7 +209,7 @@ def _row(
 
 
 def _component(vector: Quantity, i: int) -> Quantity:
-    """One component of a vector quantity."""
+    """Component `i` of a vector quantity as a scalar, with its sd and 95 % interval."""
     value, sd, ends = vector.value, vector.sd, vector.interval95
     value, sd, ends = (np.array(each)[i].tolist() for each in (value, sd, ends))
     return Quantity(value=value, sd=sd, interval95=ends, unit=vector.unit, frame=vector.frame)
@@ -240,7 +252,12 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
 
 
 def _repeatability_without(compared: SessionComparison, odd: int) -> str:
-    """Clause on the repeatability of c over all sessions but session `odd`; "" if it is not known."""
+    """Clause on the repeatability of the centre of mass without one session; "" if it is not known.
+
+    Args:
+        compared: the sessions.
+        odd: index of the session to leave out.
+    """
     groups: dict[int, list[np.ndarray]] = defaultdict(list)
     for number, session in enumerate(compared.sessions):
         if number != odd:
@@ -263,7 +280,7 @@ def _doubt_few(name: str, groups: str, freedoms: Sequence[int], value: float | N
 
 
 def upper_factor(freedom: int) -> float:
-    """Factor by which the true standard deviation may exceed its estimate (95 %).
+    """Factor by which a true standard deviation exceeds its estimate at most, with 95 % confidence.
 
     Args:
         freedom: degrees of freedom of the estimate.
@@ -272,5 +289,5 @@ def upper_factor(freedom: int) -> float:
 
 
 def p_value_text(p_value: float) -> str:
-    """Text of a p-value: `p = 0.02`, or `p < 0.0001`."""
+    """Text of a p-value with two digits, such as `p = 0.02`, or `p < 0.0001`."""
     return "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"

@@ -1,4 +1,7 @@
-"""`analyze report --compare`: repeated sessions of one object as one HTML page and as tables."""
+"""Comparison of repeated sessions of one object as one HTML page, as JSON and as CSV tables.
+
+A session is one recording of the object; `analyze report --compare` writes the page.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Shown:
-    """Display of one kind of quantity: title, unit, factor from SI, digits after the point."""
+    """Display of one kind of quantity on the comparison page."""
 
     title: str
     unit: str
+    """unit shown"""
     factor: float
+    """conversion from SI to `unit`"""
     digits: int
+    """digits after the point"""
 
 
 SHOWN = {
@@ -42,12 +48,12 @@ SHOWN = {
 
 
 def comparison_json(compared: SessionComparison) -> str:
-    """The Comparison document as one line of JSON."""
+    """Comparison document of repeated sessions as one line of JSON."""
     return canonical_json(comparison_document(compared))
 
 
 def write_comparison(compared: SessionComparison, output: Path) -> None:
-    """Write the page; the file appears there when it is complete.
+    """Write the comparison page as one HTML file, which appears when it is complete.
 
     Raises:
         OutputError: the file cannot be written.
@@ -56,7 +62,7 @@ def write_comparison(compared: SessionComparison, output: Path) -> None:
 
 
 def render_comparison(compared: SessionComparison) -> str:
-    """Comparison page as HTML text."""
+    """Comparison page of repeated sessions as HTML text."""
     document = comparison_document(compared)
     odd = compared.outlier
     names = [f"session {number}" for number in range(1, len(document.sessions) + 1)]
@@ -85,7 +91,7 @@ def render_comparison(compared: SessionComparison) -> str:
 
 
 def comparison_summary(document: Comparison) -> str:
-    """Summary of a comparison in two sentences: agreement and repeatability."""
+    """Summary of a comparison in two sentences: agreement, and repeatability of the centre of mass."""
     of_c = [each for each in document.precision if each.kind == "centre_of_mass"]
     s_r, s_R = _distance([each.s_r for each in of_c]), _distance([each.s_R for each in of_c])
     parts = [
@@ -102,7 +108,10 @@ def comparison_summary(document: Comparison) -> str:
 
 
 def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
-    """Tables of a comparison in SI units: sessions, precision, and the results behind it."""
+    """CSV tables of a comparison in SI units, named sessions, precision and results.
+
+    `results` holds the values of each session behind the precision.
+    """
     document = comparison_document(compared)
     sessions: list[Sequence[Cell]] = []
     for session in document.sessions:
@@ -191,6 +200,6 @@ def _results(quantity: QuantityPrecision) -> list[Sequence[Cell]]:
 
 
 def _distance(parts: Sequence[float | None]) -> float | None:
-    """Root of the sum of squares of components along x, y and z; None if one of them is not known."""
+    """Norm of the components along x, y and z; None if one of them is None."""
     known = [part for part in parts if part is not None]
     return float(np.linalg.norm(known)) if len(known) == len(parts) else None

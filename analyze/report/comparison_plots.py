@@ -1,4 +1,4 @@
-"""Plots that compare sessions: estimates with their intervals, and balance angles edge by edge."""
+"""Plots that compare sessions (recordings of one object): estimates, and balance angles edge by edge."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def forest_figure(
 ) -> Figure:
     """Figure of each session's estimate with its 95 % interval, one panel per quantity.
 
-    Line and band are the joint estimate of all strikes and its interval.
+    A session is one recording of the object. Line and band are the joint estimate of all strikes and its
+    interval.
 
     Args:
         quantities: quantities to be drawn, at least one.
@@ -86,7 +87,9 @@ def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | N
 def angles_figure(
     quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None
 ) -> Figure:
-    """Figure of phi of strikes that tipped over, minus the mean of their edge; a panel per planned strike.
+    """Figure of balance angles phi of strikes, minus their mean; a panel per pivot edge and heading.
+
+    Each point is a strike that tipped over, in the row of its session.
 
     Args:
         quantities: precision of phi, at least one.

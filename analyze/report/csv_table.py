@@ -1,4 +1,4 @@
-"""CSV tables: UTF-8, separated by commas, headings with units, an empty field for a missing value."""
+"""Write CSV tables: UTF-8, separated by commas, a line of headings, empty fields for missing values."""
 
 from __future__ import annotations
 
@@ -15,16 +15,23 @@ Cell = str | int | float | bool | None
 
 @dataclass(frozen=True)
 class CsvTable:
-    """Table that is written as one CSV file."""
+    """Table that is written as one CSV file: name, headings and rows."""
 
     name: str
     """File name without .csv."""
     headings: Sequence[str]
+    """Headings of the columns, most with their unit."""
     rows: Sequence[Sequence[Cell]]
+    """Cells of each row; None for a missing value."""
 
 
 def csv_text(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    """CSV text of a table."""
+    """CSV text of a table: the headings, then a line per row.
+
+    Args:
+        headings: headings of the columns.
+        rows: cells of each row; None becomes an empty field.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(headings)
@@ -36,7 +43,7 @@ def make_folder(folder: Path) -> None:
     """Make a folder unless it exists; a missing parent is an error, because the path may be misspelt.
 
     Raises:
-        OutputError: the folder cannot be made.
+        OutputError: the parent is missing, the path is a file, or the folder cannot be made.
     """
     try:
         folder.mkdir(exist_ok=True)
@@ -51,7 +58,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_tables(tables: Sequence[CsvTable], folder: Path) -> None:
-    """Write each table as `<name>.csv` into the folder.
+    """Write each table as `<name>.csv` into a folder, which must exist; existing files are replaced.
 
     Raises:
         OutputError: a file cannot be written.

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 @cache
 def page_environment() -> Environment:
-    """Template environment with its filters; one for all pages, so that each template is compiled once."""
+    """Environment of the HTML templates (Jinja2), with filters for quantities, numbers and sentences.
+
+    One serves all pages, so that each template is compiled once.
+    """
     environment = Environment(
         loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -41,35 +44,38 @@ def page_environment() -> Environment:
 
 
 def figure_element(figure: Figure) -> Markup:
-    """Figure as an SVG element of a page."""
+    """Figure as an SVG element of an HTML page, marked as safe for templates."""
     return Markup(svg(figure))  # noqa: S704 - matplotlib's own SVG; text in it is drawn as outlines
 
 
 def number(value: float, digits: int) -> str:
-    """Number with `digits` decimals and a typographic minus; a value that rounds to 0 has no sign."""
+    """Text of a number with `digits` decimals and a typographic minus; no sign if it rounds to 0."""
     text = f"{value:.{digits}f}"
     return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
 
 
 def typeset(sentence: str) -> Markup:
-    """Sentence as HTML with typographic minus signs; commands between backticks become code."""
+    """Sentence as safe HTML with typographic minus signs; commands between backticks become <code>."""
     escaped = str(escape(re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)))
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", escaped))  # noqa: S704 - escaped above
 
 
 def sentence(text: str) -> str:
-    """Text with a capital first letter, unless it begins with the name of an entry (edge_radius_m)."""
+    """Text with a capital first letter, unless its first word has an underscore (edge_radius_m)."""
     return text if "_" in text.split(" ", 1)[0] else text[:1].upper() + text[1:]
 
 
 def signed(value: float, digits: int) -> str:
-    """Number as of `number`, with a plus sign if it is positive."""
+    """Text of a number with `digits` decimals and its sign, plus or minus; no sign if it rounds to 0."""
     text = number(value, digits)
     return f"+{text}" if value > 0 and float(text) != 0 else text
 
 
 def manifest_time(created: str) -> str:
-    """ISO 8601 time as date and minute in UTC; unchanged if it cannot be parsed or has no time zone."""
+    """Start time of a recording (ISO 8601) as date and minute in UTC, such as 2025-03-01 14:05 UTC.
+
+    It is returned unchanged if it cannot be parsed or has no time zone.
+    """
     try:
         moment = datetime.fromisoformat(created)
     except ValueError:

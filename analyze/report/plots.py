@@ -1,4 +1,4 @@
-"""Plots of a result, each a separate figure, without matplotlib's global state."""
+"""Plots of an estimate: strikes, views, region masses and moments; no global state of matplotlib."""
 
 from __future__ import annotations
 
@@ -28,7 +28,13 @@ SIGMAS_95_2D = 2.4477
 
 
 def strike_figure(motion: TipMotion, title: str) -> Figure:
-    """Figure of measured and fitted theta with the phases as bands, and the residuals below.
+    """Figure of one strike: tipping angle theta, measured and fitted, with residuals below.
+
+    Phases of the motion are shown as bands.
+
+    Args:
+        motion: motion of the strike.
+        title: title of the figure.
 
     Raises:
         ValueError: the motion has no angle.
@@ -96,11 +102,16 @@ def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
 
 
 def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
-    """Front, side and top view, each a silhouette with equi-planes and centre of mass, and a close-up below.
+    """Figures of front, side and top view: silhouette, equi-planes and centre of mass, with a close-up.
+
+    An equi-plane contains a strike's pivot axis and the centre of mass; it is drawn in views along its axis.
 
     Args:
         estimate: estimate with model and planes.
-        com_true: true centre of mass (3,) [m]; None if not known.
+        com_true: true centre of mass (3,) in O [m]; None if not known.
+
+    Returns:
+        Three figures: front (x, z), side (y, z) and top (x, y).
     """
     extent = np.ptp(estimate.evidence.model.vertices, axis=0)
     com, covariance = estimate.com.position, estimate.com.covariance
@@ -166,7 +177,14 @@ def _planes(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]) ->
 
 
 def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int], com: Array) -> None:
-    """Write each pivot axis's name next to its dot, because colours alone do not identify it."""
+    """Write the name of each pivot axis seen end-on next to its dot, as colours do not identify it.
+
+    Args:
+        axes: axes of the plot, changed in place.
+        planes: equi-planes of the strikes, with their pivot axes.
+        view: horizontal and vertical axis of O, as indices.
+        com: (3,) centre of mass in O [m]; names are written on the far side of the dot.
+    """
     depth = 3 - view[0] - view[1]
     named = {plane.axis_id: plane for plane in planes if abs(plane.direction[depth]) >= 0.9}
     taken: list[Array] = []
@@ -212,7 +230,12 @@ def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) ->
 
 
 def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
-    """Figure of region masses, 95 % intervals and naive answers; `truth`: true masses [kg] by region."""
+    """Figure of region masses with 95 % intervals, and naive answers (such as uniform density).
+
+    Args:
+        estimate: estimate with the masses of shell and interior regions.
+        truth: true masses [kg] by name of region; None if not known.
+    """
     distribution = estimate.distribution
     masses, (low, high) = 1e3 * distribution.masses, 1e3 * distribution.intervals.T
     place = np.arange(len(masses))
@@ -261,7 +284,14 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
 
 
 def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
-    """Figure of moments about parallel axes through c, 95 % intervals; `truth`: true ones [kg m²] by axis."""
+    """Figure of moments of inertia about axes through the centre of mass, with 95 % intervals.
+
+    Each axis is parallel to one pivot axis.
+
+    Args:
+        estimate: estimate with moments per pivot axis.
+        truth: true moments [kg m²] by id of the pivot axis; None if not known.
+    """
     axes_of = estimate.inertial.axes
     place = np.arange(len(axes_of))
     with style():

@@ -1,4 +1,4 @@
-"""Plot of theta(t) of every strike minus its leave-one-out prediction."""
+"""Plot of the tipping angle theta(t) of every strike minus its prediction from all other strikes."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ TICKS = (0.2, 1.0, 5.0, 20.0)
 
 
 def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
-    """Figure of measured minus predicted theta with its 95 % band (1.96 sd), one panel per strike.
+    """Figure of measured minus predicted tipping angle with its 95 % band, one panel per strike.
 
-    Strikes that are not consistent with their prediction are red.
+    The prediction comes from all other strikes; the band is 1.96 sd of the difference. Strikes that are not
+    consistent with their prediction are red.
 
     Raises:
         ValueError: there is no strike.

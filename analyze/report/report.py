@@ -1,4 +1,4 @@
-"""Report of an answer: one self-contained HTML file with result, reasons and plots, ready to print."""
+"""Report of an estimate: one self-contained HTML file with result, reasons and plots, ready to print."""
 
 from __future__ import annotations
 
@@ -38,20 +38,22 @@ JPEG_QUALITY = 88
 
 @dataclass(frozen=True)
 class Still:
-    """Camera image of a strike with the markers outlined."""
+    """Camera image of a strike with the markers outlined, as the report shows it."""
 
     axis_id: str
+    """id of the strike's pivot axis"""
     caption: str
+    """strike and tipping angle shown"""
     data_url: str
     """JPEG as a data URL"""
 
 
 def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None = None) -> None:
-    """Write the report; the file appears there when it is complete.
+    """Write the report of an estimate as one HTML file, which appears when it is complete.
 
     Args:
-        answer: estimate and its result; its recordings are read again, for the stills.
-        output: the HTML file.
+        answer: estimate and its result; its recordings are read again, for camera images.
+        output: the HTML file; its folder must exist.
         score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
 
     Raises:
@@ -62,7 +64,13 @@ def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None =
 
 
 def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
-    """Report as HTML text; arguments as of `write_report`, with the stills as `images`."""
+    """Report of an estimate as HTML text.
+
+    Args:
+        answer: estimate and its result.
+        images: camera images to be shown.
+        score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
+    """
     estimate, result = answer.estimate, answer.result
     truth = None if score is None else shown_truth(score, answer)
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
@@ -128,7 +136,10 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
 
 
 def answer_summary(answer: Answer) -> str:
-    """Summary in two or three sentences: centre of mass, heaviest region, strikes used."""
+    """Summary of an estimate in two or three sentences: centre of mass, heaviest region, strikes used.
+
+    If one direction of the centre of mass is not observed, only that and the strikes are stated.
+    """
     estimate, result = answer.estimate, answer.result
     com = estimate.com
     half = 1e3 * SIGMAS_95 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
@@ -149,7 +160,10 @@ def answer_summary(answer: Answer) -> str:
 
 
 def _heaviest_in_words(distribution: MassDistribution) -> str:
-    """Sentence on the heaviest region, or that the intervals do not determine it."""
+    """Sentence on the heaviest mass region, or that the strikes do not determine it.
+
+    It is determined if the lower end of its 95 % interval is not below any other region's upper end.
+    """
     mass = distribution.masses.sum()
     heaviest = int(np.argmax(distribution.masses))
     least, others = distribution.intervals[heaviest, 0], np.delete(distribution.intervals[:, 1], heaviest)
@@ -166,7 +180,13 @@ def _heaviest_in_words(distribution: MassDistribution) -> str:
 
 
 def camera_stills(estimate: Estimate) -> list[Still]:
-    """Camera images with the markers outlined, one per pivot axis, nearest to the balance angle."""
+    """Camera images with the markers outlined, one per pivot axis, nearest to the balance angle.
+
+    The recordings are read again. An axis without a tracked strike gives none.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+    """
     found: list[Still] = []
     seen: set[str] = set()
     evidence = estimate.evidence
@@ -201,7 +221,12 @@ def camera_stills(estimate: Estimate) -> list[Still]:
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Time [ns] of the image that shows markers at `time_ns`; with a rolling shutter the two differ."""
+    """Log time [ns] of the image that shows markers at `time_ns`; the two differ with a rolling shutter.
+
+    Args:
+        tracks: tracked markers of the strike.
+        time_ns: log time at which the markers were at their corners [ns]; returned if no track has it.
+    """
     return next(
         (
             int(track.frame_ns[where[0]])

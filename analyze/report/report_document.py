@@ -1,4 +1,4 @@
-"""Report as a JSON document."""
+"""Report of an estimate as a JSON document."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 def report_json(answer: Answer, verdict: str, score: Mapping[str, Any] | None = None) -> str:
-    """Report document as one line of JSON.
+    """Report of an estimate as one line of JSON: recordings, result, sensitivity and score.
 
     Args:
         answer: estimate and its result.
-        verdict: summary in words, as on the page.
+        verdict: summary in words, as on the HTML page.
         score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
     """
     estimate = answer.estimate
@@ -40,7 +40,7 @@ def report_json(answer: Answer, verdict: str, score: Mapping[str, Any] | None = 
 
 
 def report_recording(number: int, head: RecordingHead) -> ReportRecording:
-    """Entry of one recording in a report: files, ids, program, camera.
+    """Entry of one recording in a report: files, ids, start time, program, camera, source of frame times.
 
     Args:
         number: number of the recording by start time, from 1.

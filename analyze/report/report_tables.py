@@ -1,4 +1,4 @@
-"""CSV tables of a report, in SI units."""
+"""CSV tables of a report: answer, strikes, motions and more, in SI units."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ if TYPE_CHECKING:
 
 
 def report_tables(answer: Answer) -> list[CsvTable]:
-    """All CSV tables of one answer."""
+    """CSV tables of one estimate, in SI units.
+
+    Returns:
+        Tables named answer, strikes, error_sources, motions, recordings and warnings, and regions if the
+        result has any.
+    """
     estimate, result = answer.estimate, answer.result
     columns = ["quantity", "value", "sd", "low95", "high95", "unit", "source", "observed"]
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
@@ -64,7 +69,10 @@ def report_tables(answer: Answer) -> list[CsvTable]:
 
 
 def _recordings(estimate: Estimate) -> CsvTable:
-    """Table of recordings; an imported one has the frame rate that its file states or a drop measured."""
+    """Table of recordings: ids, start time, frame rate, and source and sd of the frame times.
+
+    An imported recording has the frame rate that its file states, or that a calibration drop measured.
+    """
     rows: list[Sequence[Cell]] = []
     for number, head in enumerate(estimate.evidence.recordings, 1):
         manifest, camera = head.manifest, head.manifest.cameras[0]
@@ -92,7 +100,11 @@ def _recordings(estimate: Estimate) -> CsvTable:
 
 
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
-    """Yield one row per quantity: name, value, sd, low95, high95, unit, source, observed."""
+    """Yield one row per scalar of a result: name, value, sd, low95, high95, unit, source, observed.
+
+    sd is the standard deviation, low95 and high95 the ends of the 95 % interval, all None if not known;
+    source is measured, prior or given.
+    """
     yield _row("mass", result.mass)
     yield from _each("centre_of_mass", "xyz", result.centre_of_mass)
     for moment in result.moments:
@@ -140,7 +152,7 @@ def _each(name: str, axes: str, vector: Quantity) -> Iterator[Sequence[Cell]]:
 
 
 def _scalar(quantity: Quantity | None) -> tuple[Cell, Cell, Cell, Cell]:
-    """Value, sd and interval ends of a scalar; all empty where there is none."""
+    """Value, sd and both ends of the 95 % interval of a scalar; all None if there is no scalar."""
     if quantity is None or isinstance(quantity.value, list):
         return None, None, None, None
     low, high = quantity.interval_ends() if quantity.interval95 else (None, None)
@@ -213,7 +225,10 @@ def _strikes(answer: Answer) -> CsvTable:
 
 
 def _motions(motions: Sequence[TipMotion]) -> CsvTable:
-    """Table of theta(t) of every strike, frame by frame; time 0 is the start of the fit."""
+    """Table of the tipping angle theta(t) of every strike, one row per frame.
+
+    Time 0 is the start of the fit, or the first frame if there is no fit.
+    """
     rows: list[Sequence[Cell]] = []
     for motion in motions:
         angle, fit = motion.angle, motion.fit

@@ -1,4 +1,4 @@
-"""Plots of the sensitivity of the centre of mass to single strikes and to kinds of error."""
+"""Plots and text on the sensitivity of the centre of mass c to single strikes and kinds of error."""
 
 from __future__ import annotations
 
@@ -38,9 +38,10 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class SourceRow:
-    """Contribution of one kind of error to c, along the direction of c's largest uncertainty."""
+    """Contribution of one kind of error to the uncertainty of the centre of mass, in its worst direction."""
 
     source: ErrorSource
+    """Kind of error."""
     half: float
     """Half width [m] of the 95 % interval from this kind of error alone."""
     share: float
@@ -48,13 +49,24 @@ class SourceRow:
 
 
 def worst_direction(covariance: Array) -> Array:
-    """Unit vector (3,) of c's largest uncertainty; its largest component is positive."""
+    """Unit vector (3,) in O of the largest uncertainty of the centre of mass.
+
+    Its component of largest magnitude is positive.
+
+    Args:
+        covariance: (3, 3) covariance of the centre of mass [m²].
+    """
     worst = np.linalg.eigh(covariance)[1][:, -1]
     return worst * np.sign(worst[int(np.argmax(np.abs(worst)))])
 
 
 def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
-    """Contributions of all kinds of error, the largest first; `covariance` (3, 3) [m²] is that of c."""
+    """Contributions of all kinds of error along the worst direction, the largest first.
+
+    Args:
+        sensitivity: covariance of the centre of mass by kind of error.
+        covariance: (3, 3) covariance of the centre of mass [m²] from all kinds together.
+    """
     worst = worst_direction(covariance)
     whole = float(worst @ covariance @ worst)
     rows = [
@@ -66,7 +78,11 @@ def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
 
 
 def largest_source_text(rows: Sequence[SourceRow]) -> str:
-    """Sentences on the largest kinds of error, and the remedy for the first."""
+    """Sentences on the largest kinds of error, and the remedy for the first.
+
+    Args:
+        rows: at least one kind of error, the largest first; the second is named above a share of 15 %.
+    """
     first, *others = rows
     text = f"{100 * first.share:.0f} % of the variance is {first.source.value}"
     if others and others[0].share > 0.15:
@@ -75,10 +91,10 @@ def largest_source_text(rows: Sequence[SourceRow]) -> str:
 
 
 def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
-    """Figure of 95 % half widths of c as bars: all kinds of error together, then each.
+    """Figure of 95 % half widths of the centre of mass as bars: all errors together, then each kind.
 
     Args:
-        rows: kinds of error, from `source_rows`.
+        rows: kinds of error, from `source_rows`; those with less than 0.5 % of the variance are not drawn.
         half: half width [m] from all kinds together.
     """
     shown = [row for row in rows if row.share >= MIN_SHARE]
@@ -109,7 +125,10 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
 
 
 def influence_figure(sensitivity: Sensitivity) -> Figure:
-    """Figure of the shift of c along x, y, z if a strike's phi were 0.1° larger; colours by pivot axis."""
+    """Figure of the shift of the centre of mass along x, y, z if a strike's phi were 0.1° larger.
+
+    phi is the balance angle. One bar per strike, in the colour of its pivot axis.
+    """
     strikes = sensitivity.strikes
     moved = 1e3 * TENTH_DEG * np.array([strike.by_phi for strike in strikes])
     names = sorted({strike.axis_id for strike in strikes})

@@ -76,7 +76,7 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Apply the plot style within a context; matplotlib's settings are restored afterwards."""
+    """Apply the plot style within a `with` block; matplotlib's settings are restored afterwards."""
     with mpl.rc_context(_SETTINGS):
         yield
 
@@ -87,7 +87,7 @@ def use_style() -> None:
 
 
 def plain(axes: Axes) -> None:
-    """Turn axes into a drawing area with equal scales, without frame and grid."""
+    """Turn axes into a drawing area with equal scales, without left and bottom border and grid."""
     axes.set_aspect("equal")
     axes.grid(visible=False)
     for side in ("left", "bottom"):
@@ -98,7 +98,7 @@ FIGURE_FORMATS = (".png", ".svg", ".pdf")
 
 
 def write_figure(figure: Figure, output: Path) -> None:
-    """Write a figure in the format given by the suffix of `output`.
+    """Write a figure as PNG, SVG or PDF, by the suffix of `output`.
 
     Raises:
         OutputError: the format is unknown, or the file cannot be written.
@@ -113,7 +113,7 @@ def write_figure(figure: Figure, output: Path) -> None:
 
 
 def svg(figure: Figure) -> str:
-    """Figure as an <svg> element that fills its container."""
+    """SVG text of a figure: one <svg> element without XML header; equal figures give equal text."""
     text = io.StringIO()
     with style():
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})

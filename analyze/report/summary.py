@@ -1,4 +1,4 @@
-"""Summary of an answer on the terminal."""
+"""Summary of an estimate on the terminal, and text of quantities with 95 % intervals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,12 @@ GRAM_CM2 = 1e7
 
 
 def render_summary(answer: Answer, console: Console | None = None) -> None:
-    """Print centre of mass, strikes, moments, regions and warnings."""
+    """Print an estimate: centre of mass, tilt, strikes, moments, masses, verdict and warnings.
+
+    Args:
+        answer: estimate and its result.
+        console: console to print on; None for standard output.
+    """
     console = console or Console(highlight=False)
     estimate, result = answer.estimate, answer.result
     recordings = estimate.evidence.recordings
@@ -61,7 +66,7 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
 
 
 def com_text(com: Quantity) -> str:
-    """Text of the centre of mass with half widths of its 95 % intervals, in mm."""
+    """Text of the centre of mass (x, y, z) with half widths of its 95 % intervals, in mm."""
     half = SIGMAS_95 * 1e3 * np.array(com.sd)
     millimetres = 1e3 * np.array(com.value)
     values = [f"{v:.1f} ± {h:.1f}" for v, h in zip(millimetres, half, strict=True)]
@@ -71,7 +76,7 @@ def com_text(com: Quantity) -> str:
 
 
 def with_interval(quantity: Quantity | None, factor: float, digits: int, unit: str = "") -> str:
-    """Text of a scalar with the half width of its 95 % interval; "–" if there is no value.
+    """Text of a scalar with the half width of its 95 % interval (1.96 sd); "–" if there is no value.
 
     Args:
         quantity: quantity in SI units.
@@ -154,7 +159,7 @@ def _parts(parts: Parts) -> Table:
 
 
 def filling_rows(filling: Filling) -> list[tuple[str, str]]:
-    """Rows (name with unit, value with 95 % interval) of a filling."""
+    """Rows of a table on a filling (contents of a container): name with unit, value with 95 % interval."""
     up = ", ".join(f"{value:.2f}" for value in filling.along)
     rows = [
         (f"level along ({up}) from the origin (mm)", open_interval(filling.level, 1e3, 1)),
@@ -180,7 +185,16 @@ def _filling(filling: Filling) -> Table:
 
 
 def open_interval(quantity: Quantity, factor: float, digits: int) -> str:
-    """Text of a value with the ends of its 95 % interval; "not observed" in place of an unknown value."""
+    """Text of a scalar with both ends of its 95 % interval; "not observed" in place of an unknown value.
+
+    Args:
+        quantity: scalar in SI units, with an interval.
+        factor: conversion from SI to the unit shown.
+        digits: digits after the point.
+
+    Raises:
+        TypeError: the quantity is no scalar, or has no interval.
+    """
     low, high = (factor * end for end in quantity.interval_ends())
     between = f"{low:.{digits}f} to {high:.{digits}f}"
     if not quantity.observed:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ShownTruth:
-    """True values of the quantities that the report shows; SI, in O."""
+    """True values of the quantities that a report shows; SI units, in the object's frame O."""
 
     com: Array
     """(3,) centre of mass [m]"""
@@ -34,7 +34,12 @@ class ShownTruth:
 
 
 def shown_truth(score: Mapping[str, Any], answer: Answer) -> ShownTruth:
-    """Ground truth of the quantities in a report, from the score of its answer (`score_answer`)."""
+    """Ground truth of the quantities in a report of a virtual recording.
+
+    Args:
+        score: errors and true values, from `score_answer`.
+        answer: the answer that was scored.
+    """
     estimate = answer.estimate
     axis_of = {strike.id: strike.axis_id for strike in answer.result.strikes}
     i_edge = dict(zip(score["strike_ids"], score["i_edge_true_kg_m2"], strict=True))

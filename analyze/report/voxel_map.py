@@ -1,4 +1,4 @@
-"""Voxel map as figure, text and CSV file, always with its prior and the share that was measured."""
+"""Voxel map (density per cell) as figure, text and CSV file, with its prior and the measured share."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ _MAX_MISFIT = 3.0
 
 
 def voxel_figure(voxels: VoxelMap) -> Figure:
-    """Figure of the mean density [g/cm³] along the line of sight, from front, side and top."""
+    """Figure of the mean density [g/cm³] along the line of sight, from front, side and top.
+
+    Where there is next to no volume, the figure is blank.
+    """
     masses = voxels.density * voxels.volumes
     low, high = 1e3 * voxels.points.min(axis=0), 1e3 * voxels.points.max(axis=0)
     step = float((high - low).max()) / _BINS
@@ -61,7 +64,7 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
 
 
 def voxel_map_text(voxels: VoxelMap) -> str:
-    """Sentences on the map: its prior, the share that was measured, and a misfit."""
+    """Sentences on a voxel map: its prior, the share of it that was measured, and a misfit above 3 sd."""
     low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())
     text = (
         "The most uniform distribution with the measured moments, one of many that fit (bounded maximum "
@@ -77,7 +80,9 @@ def voxel_map_text(voxels: VoxelMap) -> str:
 
 
 def write_voxels(voxels: VoxelMap, output: Path) -> None:
-    """Write a CSV file with position, volume and density (SI) of each cell, after a comment on its meaning.
+    """Write a CSV file of a voxel map: position in O, volume and density of each cell, in SI units.
+
+    Two lines of comment (#) on its meaning and units come first.
 
     Raises:
         OutputError: the file cannot be written.
