@@ -1,8 +1,9 @@
-"""Frozen dataclasses that the stages of the analysis pass to each other.
+"""Data types that the stages of the analysis pass to each other, as frozen dataclasses.
 
 Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
 SI units, angles in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O
-(object), C (camera, OpenCV), M (marker), B (board); "sd" is one standard deviation.
+(object, the frame of its shape file), C (camera, OpenCV: x right, y down, z forward), M (marker), B
+(calibration board); "sd" is one standard deviation, c the centre of mass, log_time the recording's clock.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ TENSOR_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def tensor_entry_name(entry: tuple[int, int]) -> str:
-    """Name of an inertia tensor's entry, as Ixx or Ixy."""
+    """Name of the entry (i, j) of an inertia tensor, such as Ixx or Ixy."""
     return "I" + "".join("xyz"[index] for index in entry)
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Pinhole camera with OpenCV distortion, or OpenCV's fisheye, and its pose in W."""
+    """Pinhole camera with OpenCV distortion, or OpenCV's fisheye, and its pose in the world frame W."""
 
     width: int
     """image width [px]"""
@@ -42,13 +43,14 @@ class CameraModel:
     T_world_camera: Array
     """(4, 4) pose of C in W, translation in m"""
     model: LensModel = LensModel.PINHOLE
+    """lens model: pinhole or fisheye"""
     line_time_s: float = 0.0
     """delay [s] between the readout of neighbouring rows; a frame's time is that of its middle row"""
 
 
 @dataclass(frozen=True)
 class Marker:
-    """Square marker on the object."""
+    """Square marker (AprilTag) on the object, with its size and its place on it."""
 
     id: int | str
     """name of the marker: a number of family 36h11, otherwise a text such as "25h9-3" (schemas.tags)"""
@@ -60,7 +62,7 @@ class Marker:
 
 @dataclass(frozen=True)
 class ImageFrame:
-    """One image of a recording."""
+    """One grey image of a recording, with its time."""
 
     time_ns: int
     """log_time [ns] of the middle of the exposure: wall-clock anchor + host monotonic time"""
@@ -72,7 +74,7 @@ class ImageFrame:
 
 @dataclass(frozen=True)
 class MarkerTrack:
-    """One marker through one strike window, in the frames in which it was found."""
+    """Track of one marker through a strike's time window, in the n frames in which it was found."""
 
     marker_id: int | str
     """name of the marker"""
@@ -95,20 +97,20 @@ class MarkerTrack:
 
     @property
     def frame_ns(self) -> IntArray:
-        """Times (n,) [ns] of the images in which the marker was found."""
+        """Log times (n,) [ns] of the images in which the marker was found."""
         return self.time_ns if self.late_ns is None else self.time_ns - self.late_ns
 
 
 @dataclass(frozen=True)
 class TipAngle:
-    """Tipping angle since rest about the pivot axis, from one or more tracks."""
+    """Tipping angle since rest about the pivot axis in n frames, from one or more marker tracks."""
 
     time_ns: IntArray
     """(n,) log_time of the frames [ns]"""
     theta: Array
     """(n,) tipping angle [rad], 0 at rest, positive as the object tips"""
     sd: Array
-    """(n,) random standard deviation of theta [rad]"""
+    """(n,) standard deviation of theta [rad], independent from frame to frame"""
     off_axis: Array
     """(n,) rotation about the other two axes [rad]: wobble and twist"""
     slip: Array
@@ -120,13 +122,18 @@ class TipAngle:
 
 @dataclass(frozen=True)
 class Phases:
-    """Index ranges [start, stop) of a strike's phases in a TipAngle; None if a phase did not occur."""
+    """Frame ranges [start, stop) of a strike's phases in a TipAngle; None if a phase did not occur."""
 
     rest: tuple[int, int] | None
+    """object at rest, before the contact"""
     strike: tuple[int, int] | None
+    """first motion until only gravity and the table act"""
     stage_one: tuple[int, int] | None
+    """free motion up to the balance; to its end if the object does not reach the balance"""
     stage_two: tuple[int, int] | None
+    """free motion from the balance on"""
     landing: tuple[int, int] | None
+    """from the end of the free motion: the object lands, or is back at rest"""
 
 
 PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
@@ -135,7 +142,10 @@ PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
 
 @dataclass(frozen=True)
 class RollingContact:
-    """Circle of curvature of the object's cross-section at the point that touches the table at phi."""
+    """Circle of curvature of the object's cross-section where it touches the table at the balance.
+
+    The cross-section is perpendicular to the pivot axis; phi is the balance angle.
+    """
 
     forward: float
     """offset [m] of the circle's centre from the plan's pivot point in the rest pose, horizontal, in the
@@ -157,14 +167,18 @@ class RollingContact:
 
 @dataclass(frozen=True)
 class MotionFit:
-    """phi and k of one strike by one estimator."""
+    """Fit of one strike's motion by one estimator: balance angle phi and rate constant k.
+
+    The motion is theta'' = -k sin(phi - theta) - drag, or its form for a rolling contact.
+    """
 
     estimator: str
     """name of the estimator"""
     phi: float
     """balance angle [rad]: theta at which c stands above the contact"""
     k: float | None
-    """m g R / (I_c,l + m (R + rho)^2) [rad/s^2]; None if the estimator does not report it"""
+    """m g R / (I_c,l + m (R + rho)^2) [rad/s^2], with R the distance of c from the pivot's centre line, rho
+    the edge radius and I_c,l the moment about the parallel axis through c; None if not reported"""
     covariance: Array
     """(2, 2) covariance of (phi, k), including errors shared by all frames of the strike; the row of k is 0
     if k is None"""
@@ -190,13 +204,14 @@ class MotionFit:
 
 @dataclass(frozen=True)
 class TipMotion:
-    """Motion of one strike: verdict, theta(t), phases and fits."""
+    """Motion of one strike: verdict, tipping angle theta(t), phases and fits."""
 
     strike_id: str
     """id of the strike"""
     plan_strike_id: str
     """id of the planned strike"""
     verdict: Verdict
+    """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
     reason: str
     """explanation of the verdict, one sentence with its numbers"""
     angle: TipAngle | None
@@ -208,7 +223,7 @@ class TipMotion:
     alternatives: tuple[MotionFit, ...]
     """fits by other estimators, for comparison"""
     energy_ratio: float | None
-    """energy of the strike over the energy needed to tip; None if nothing fits"""
+    """kinetic energy after the strike over the energy needed to reach the balance; None if nothing fits"""
     frame_rate_ratio: float | None = None
     """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the
     stated rate, or at none of the ratios tried"""
@@ -218,7 +233,8 @@ class TipMotion:
 class EquiPlane:
     """Equi-plane of one strike in O: the plane through the pivot's centre line that contains c.
 
-    normal . (c - point) = 0
+    The centre line is the axis of the pivot edge's rounding, or the edge itself if it is sharp. The plane is
+    normal . (c - point) = 0.
     """
 
     strike_id: str
@@ -238,7 +254,7 @@ class EquiPlane:
     sd_phi: float
     """random standard deviation of phi [rad]"""
     k: float | None
-    """as in MotionFit [rad/s^2]; None if not reported"""
+    """rate constant of the motion, m g R over the moment about the contact [rad/s^2]; None if not reported"""
     sd_k: float | None
     """standard deviation of k [rad/s^2]; None if k is"""
     cov_phi_k: float
@@ -263,7 +279,7 @@ class EquiPlane:
 
 @dataclass(frozen=True)
 class TableTilt:
-    """Table tilt: angle of the vertical against the table's normal, for one levelling."""
+    """Table tilt: angle of the vertical against the table's normal, for one levelling of the table."""
 
     lean: Array
     """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
@@ -275,13 +291,13 @@ class TableTilt:
 
     @property
     def sd(self) -> Array:
-        """Standard deviation (2,) of `lean` [rad]."""
+        """Standard deviation (2,) [rad] of the tilt towards W's x and y."""
         return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True)
 class CentreOfMass:
-    """Centre of mass c in O, with covariance and residuals."""
+    """Centre of mass c in O from all strikes used, with covariance and residuals."""
 
     position: Array
     """(3,) c [m]"""
@@ -311,7 +327,7 @@ class CentreOfMass:
 
 @dataclass(frozen=True)
 class AxisInertia:
-    """Moments of inertia about one pivot axis."""
+    """Moments of inertia about one pivot edge, and about the parallel axis through c."""
 
     axis_id: str
     """id of the pivot axis"""
@@ -329,13 +345,14 @@ class AxisInertia:
 
 @dataclass(frozen=True)
 class InertialParameters:
-    """Mass, c and the inertia tensor about c, axes of O."""
+    """Ten inertial parameters of the object: mass, c and the inertia tensor about c, in the axes of O."""
 
     mass: float
     """mass [kg]"""
     mass_sd: float
     """its standard deviation [kg]"""
     com: CentreOfMass
+    """centre of mass"""
     inertia: Array
     """(3, 3) inertia tensor about c [kg m^2]"""
     inertia_sd: Array
@@ -352,7 +369,7 @@ class InertialParameters:
 
 @dataclass(frozen=True)
 class ShellThickness:
-    """Thickness of a shell, estimated from the moments where it is not stated."""
+    """Thickness of the object's shell, estimated from the moments where the object file does not state it."""
 
     value: float
     """thickness [m]"""
@@ -366,9 +383,10 @@ class ShellThickness:
 
 @dataclass(frozen=True)
 class MassDistribution:
-    """Masses of the shell (R1) and of the interior on either side of a plane.
+    """Masses of the shell (region R1) and of the interior on either side of a dividing plane.
 
-    R2 is the interior where n.x > offset, R3 the rest.
+    Region R2 is the interior where normal . x > offset, R3 the rest of the interior. n is the number of
+    regions.
     """
 
     names: tuple[str, ...]
