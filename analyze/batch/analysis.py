@@ -136,7 +136,7 @@ def _row(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
 
 
 class _NoStrikesError(EstimationError):
-    """A recording that contains no strike."""
+    """The recording contains no strike, so that there is nothing to estimate from."""
 
 
 def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:

@@ -28,7 +28,7 @@ PACKAGE_OF_PROTOCOL = {"s3": "percuss[s3]"}
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One file of the archive."""
+    """One file of an archive of recordings, as its place lists it."""
 
     url: str
     """a local path, or a URL with its protocol"""
@@ -112,7 +112,7 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
 
 @dataclass(frozen=True)
 class _Place:
-    """A place on the command line, resolved on its file system."""
+    """Place on the command line (file, folder or glob), resolved on its file system."""
 
     system: fsspec.AbstractFileSystem
     root: str

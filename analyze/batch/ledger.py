@@ -110,7 +110,7 @@ class Ledger:
         self._file.flush()
 
     def close(self) -> None:
-        """Close and unlock the ledger."""
+        """Close the ledger's file, which unlocks it for other runs."""
         self._file.close()
 
     def __enter__(self) -> Ledger:

@@ -16,8 +16,7 @@ SAMPLE_INTERVAL_S = 0.05
 class PeakMemory:
     """Peak of anonymous and shared memory in a `with` block, sampled every 50 ms.
 
-    Attributes:
-        peak_bytes: peak so far [bytes]; 0 if the system does not report it.
+    `peak_bytes` is the peak so far [bytes]; 0 if the system does not report it.
     """
 
     def __init__(self) -> None:

@@ -36,7 +36,7 @@ class BatchOptions:
     only_failed: bool = False
     """True to analyse only recordings that failed before"""
     verify: bool = False
-    """True to analyse every recording anew and compare its content with its seal, the hash stored in it"""
+    """True to open every recording and compare its content with its seal, the hash stored in it"""
     shard: tuple[int, int] = (1, 1)
     """number of this shard (part of the archive), from 1, and number of shards"""
     scheduler: str = ""
@@ -45,7 +45,7 @@ class BatchOptions:
 
 @dataclass(frozen=True)
 class Work:
-    """Recordings of an archive, divided by whether they have to be analysed."""
+    """Recordings of an archive, divided into those to analyse and those that are unchanged."""
 
     todo: tuple[Source, ...]
     """recordings to analyse"""
@@ -57,7 +57,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Report:
-    """Outcomes of one run."""
+    """Outcomes of one batch run."""
 
     outcomes: tuple[Outcome, ...]
     """outcomes of the recordings analysed, in the order in which they finished"""
@@ -133,7 +133,7 @@ def run_batch(
     options: BatchOptions,
     callback: OutcomeCallback | None = None,
 ) -> Report:
-    """Analyse the recordings of `work.todo`; write a row of results and a ledger line for each.
+    """Analyse the recordings of `work.todo`; write a ledger line and, unless there is one, a row for each.
 
     Ctrl-C ends the run in an orderly way: finished results stay, and the next run analyses the rest.
 
@@ -148,8 +148,9 @@ def run_batch(
         Outcomes of the run.
 
     Raises:
-        ArchiveError: the results cannot be written, another run writes them, or the scheduler cannot be
-            reached.
+        ArchiveError: the results cannot be written, another run writes them, the object file changed during
+            the run, or the scheduler cannot be reached.
+        OutputError: the row of a recording whose worker failed cannot be written.
     """
     outcomes: list[Outcome] = []
     interrupted = False
@@ -225,7 +226,7 @@ class _SharedQueue:
         self._lock = threading.Lock()
 
     def take(self) -> Request | None:
-        """Next request; None if all are taken."""
+        """Take the next request from the queue; None if all are taken."""
         with self._lock:
             return next(self._requests, None)
 

@@ -1,4 +1,4 @@
-"""Messages between a batch run and its workers, and rows of recordings whose worker failed."""
+"""Messages between a batch run and its worker processes, and rows of recordings whose worker failed."""
 
 from __future__ import annotations
 

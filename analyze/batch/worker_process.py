@@ -36,7 +36,7 @@ class WorkerStoppedError(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one recording's analysis."""
+    """Limits of time and memory for the analysis of one recording."""
 
     seconds: float = 900.0
     """longest time that an analysis may take [s]"""
@@ -192,7 +192,7 @@ class WorkerProcess:
 
     @property
     def scratch(self) -> Path:
-        """Folder for the worker's unfinished files, on the disk of the results."""
+        """Folder for the worker process's unfinished files, on the disk of the results."""
         return self._scratch
 
     def _emptied_scratch(self) -> Path:
