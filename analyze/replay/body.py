@@ -94,7 +94,9 @@ def log_inside(
     colours: Mapping[str, Colour],
     strike_id: str | None = None,
 ) -> None:
-    """Log the inside of the object: equi-planes, centre of mass with its 95 % ellipsoid, and regions.
+    """Log the inside of the object: equi-planes, centre of mass with 95 % ellipsoid, and mass regions.
+
+    An equi-plane contains a strike's pivot axis and the centre of mass.
 
     Args:
         stream: destination.

@@ -92,7 +92,7 @@ class LiveRecording:
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """Contents of the object's shape file; None for a primitive."""
+        """Contents of the object's shape file; None for a primitive (box or cylinder), or if not read yet."""
         return self._series.shape_bytes
 
     def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:

@@ -1,4 +1,7 @@
-"""Session page of a replay: events of striker, session and log, lost frames, and clock quality."""
+"""Session page of a replay: events of striker, session and log, lost frames, and clock quality.
+
+The session is the time in which all strikes of the recording were made.
+"""
 
 from __future__ import annotations
 

@@ -21,14 +21,14 @@ _POLL_S = 0.2
 
 
 class ViewerClosed(Exception):
-    """The user closed the viewer before everything was sent."""
+    """The user closed the replay's viewer before everything was sent."""
 
 
 class Target(Protocol):
     """Destination of a replay: called with the stream at each stage of the sending."""
 
     def connect(self, stream: rr.RecordingStream) -> None:
-        """Connect the stream to this destination."""
+        """Connect the stream of the replay to this destination."""
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
@@ -132,6 +132,7 @@ class ToBrowser(ToViewer):
         """Flush the stream; on the first call, open the browser if requested.
 
         Raises:
+            ViewerClosed: the server was ended by the user.
             ReplayError: the server failed, or does not accept data.
         """
         super().first_strike_sent(stream)
@@ -163,7 +164,7 @@ class ToFile:
         """Do nothing: a file cannot be closed by the user."""
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Complete the file and give it its final name."""
+        """Flush and close the stream, and give the complete file its final name."""
         stream.flush()
         stream.disconnect()
         self._part.replace(self.output)

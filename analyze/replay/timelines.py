@@ -28,7 +28,7 @@ def strike_path(strike_id: str) -> str:
 
 
 class Timelines:
-    """Stream of a replay with its two timelines.
+    """Stream of a replay with its timelines `since_contact` and `session`.
 
     Args:
         stream: destination.

@@ -108,9 +108,9 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
 
 
 def balance_moment(motion: TipMotion | None) -> float:
-    """Time since contact [s] at which the object is near its balance; 0.2 s if it is not known.
+    """Approximate time since contact [s] at which the object is at its balance; 0.2 s if not known.
 
-    It is the duration of stage one, the phase between the strike and the balance.
+    It is the duration of stage one: the free motion up to the balance, or to its end without one.
     """
     if (
         motion is not None
