@@ -116,8 +116,9 @@ def plan(
 
     Raises:
         ShapeError: the object file or its shape cannot be used.
-        RecordingError, MergeError, EstimationError: the recordings in `given` cannot be read, merged or
-            estimated.
+        RecordingError, MergeError, TrackingError, EstimationError: the recordings in `given` cannot be read,
+            merged, tracked or estimated.
+        DocumentError: a result in `given` holds an entry that cannot be used.
         PlanError: no set of strikes determines the centre of mass, or the rig file or a result cannot be
             used.
     """

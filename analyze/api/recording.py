@@ -73,8 +73,8 @@ class Strike:
     theta_sd: Array
     """(n,) standard deviation of theta [rad], independent from frame to frame"""
     phases: dict[str, slice]
-    """range of frames of each phase that occurred: rest, strike (contact), stage_one (rising, before phi),
-    stage_two (falling, after phi), landing"""
+    """range of frames of each phase that occurred: rest; strike, up to the release; stage_one, free motion up
+    to phi; stage_two, free motion beyond phi; landing, or back at rest"""
     fit: StrikeFit | None
     """fit that the estimate uses; None if the motion could not be fitted"""
     energy_ratio: float | None
