@@ -69,10 +69,11 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
     """Design with the smallest loss among those that the search meets.
 
     The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln(determinant of the inertia's sd) + `AXIS_PENALTY` for
-    each axis, with c the centre of mass. Sets whose equi-plane normals, together with those of the strikes
-    made, do not span space are excluded. The search starts from the best triples (or smaller sets, if fewer
-    strikes remain to be made), adds one axis at a time, and improves each set by exchange (Fedorov 1972)
-    until no swap helps. The same candidates in the same order give the same design.
+    each axis, with c the centre of mass. Sets whose equi-planes (planes through edge and c at balance) leave
+    a direction of c unknown, even with those of the strikes made, are excluded. The search starts from the
+    best triples (smaller sets for fewer strikes, or if axes were struck before), adds one axis at a time, and
+    improves each set by exchange (Fedorov 1972) until no swap helps. The same candidates in the same order
+    give the same design.
 
     Args:
         information: Candidates, prior knowledge and errors.
@@ -150,7 +151,8 @@ class _Search:
 
         Args:
             total: (s, 14, 14) information of each set, strikes made and priors included.
-            normals: (s, 3, 3) sum of n n^T of each set, n the unit normal of an axis's equi-plane.
+            normals: (s, 3, 3) sum of n n^T over each set and the strikes made; n is the unit normal of an
+                axis's equi-plane, the plane through edge and centre of mass at balance.
         """
         P = np.linalg.inv(total)
         com = np.trace(P[:, COM, COM], axis1=1, axis2=2)

@@ -3,8 +3,8 @@
 The body turns about the centre line P of an edge that rolls on the table. A half-sine push of the striker
 acts along the table at height h, then only gravity and the contact. At every instant the edge is tried as
 sticking; where it would need more friction than there is, it slides. In the plane across the edge this is
-exact for a rigid body. Out of that plane, a c that does not lie beside the strike and a tilted principal axis
-must be held by the edge's two ends (yaw and roll); where they cannot, the body yaws.
+exact for a rigid body. Out of that plane, a centre of mass that does not lie beside the strike and a tilted
+principal axis must be held by the edge's two ends (yaw and roll); where they cannot, the body yaws.
 
 Not modelled: the striker's friction, the compliance of mat and striker, a rim that rolls away sideways.
 """
@@ -157,18 +157,20 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
     """Integrate n strikes and swings up to balance, all at once.
 
     theta is the tipping angle, b = phi - theta the angle left to balance, P the centre line of the edge's
-    rounding (radius rho), c = (x_c, y_c, z_c) the centre of mass at distance R from P, z_c = rho + R*cos b. u
-    = dx_P/dt - rho*theta' is the contact's sliding speed, F and N are the contact's forces along x and z, S
-    is the striker's push at height h: m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F -
-    R*sin b*N. Sticking: u' = 0. Sliding: F = -mu*N*sign u. About P's x and z the contact must give M_x =
+    rounding (radius rho), c = (x_c, y_c, z_c) the centre of mass at distance R from P, with z_c = rho + R*cos
+    b. The contact slides at speed u = dx_P/dt - rho*theta'; F and N are its forces along x and z, S is the
+    striker's push at height h: m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin
+    b*N. Sticking: u' = 0. Sliding: F = -mu*N*sign u. About P's x and z the contact must give M_x =
     I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its two ends at y1
     and y2 share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands
     on its whole face.
 
+    A case ends at balance, where it rocks back or the edge leaves the table, and after `MAX_FREE_TIME`.
+
     Args:
         cases: The n strikes.
         gravity: Gravity g [m/s^2].
-        most_slip: Slip [m] at which the integration of a case ends.
+        most_slip: Slip [m] at which a case ends too.
 
     Returns:
         Slip, smallest load and whether balance is reached, for each case; empty arrays without cases.

@@ -71,8 +71,8 @@ def region_forecast(
     Args:
         cells: Pieces of the body.
         mass: Mass of the object [kg].
-        covariance: (14, 14) covariance of the design's shared unknowns, in SI units, in the order of
-            `information`.
+        covariance: (14, 14) covariance of the design's shared unknowns, in SI units
+            (`Information.covariance`).
         directions: Unit directions (3,) of the struck axes, in the object frame; those less than 15 degrees
             apart count as one.
     """

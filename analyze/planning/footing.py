@@ -1,4 +1,7 @@
-"""Faces to plan on: those on which the object surely stands, then those that hold the expected c."""
+"""Faces to plan on: those on which the object surely stands, then those on which it probably does.
+
+The latter hold the expected centre of mass, but not all of the region that is believed to hold it.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false

@@ -224,8 +224,9 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
     """Impact point at which the edge needs least friction for the worst of the examined centres of mass.
 
-    Points on a marker's card (its white border included) are used only if each other point needs more than
-    `friction`, the available coefficient, for the expected centre of mass. None if there are no points.
+    Points off the markers' cards (white border included) that need at most `friction`, the available
+    coefficient, for the expected centre of mass are preferred; without such points all are considered. None
+    if there are no points.
     """
     free = [point for point in points if not point.on_card and point.friction <= friction]
     return min(free or points, key=lambda point: point.worst_friction, default=None)

@@ -1,9 +1,10 @@
-"""Fisher information of strikes about c and the inertia, with shared errors (method 1.6, 4 and 5).
+"""Fisher information of strikes about centre of mass and inertia (method 1.6, 4, 5).
 
-Every strike gives phi and ln k, both linear in small changes of the unknowns: c, the six entries of the
-inertia about c, and the shared errors: mass, gravity, its tilt, the shape's scale, the edges' radius. Errors
-of one axis (the line's place, an angle, a part of k) are integrated out, so that repeats do not average them.
-All unknowns are in units of their prior 1 sigma.
+Every strike gives the balance angle phi and ln k, k the rate constant of the tip. Both are linear in small
+changes of the unknowns: the centre of mass c, the six entries of the inertia about c, and the errors that
+strikes share: mass, gravity, its tilt, the shape's scale, the edges' radius. Errors of one axis (the line's
+place, an angle, a part of k) are integrated out, so that repeats do not average them. All unknowns are in
+units of their prior 1 sigma.
 """
 
 from __future__ import annotations

@@ -167,8 +167,9 @@ def impact_force(
     """Force F [N] of the paper's eq. (2), constant over the contact.
 
     F r abs(cos theta1 - cos(theta1 - Delta theta)) = m g (h2 - h1), with the centre of mass assumed at the
-    impact point: r is its distance from the rotation point, h2 - h1 = r - height its rise to balance, theta1
-    the angle of the lever to the opposite of `inwards`, Delta theta `CONTACT_ANGLE`.
+    impact point: r is its distance from the rotation point, h2 - h1 its rise to balance (r less its height
+    over the rotation point), theta1 the angle of the lever to the opposite of `inwards`, Delta theta
+    `CONTACT_ANGLE`.
 
     Args:
         rotation_point: (3,) rotation point p^r_ij [m], in the object frame.

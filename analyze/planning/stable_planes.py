@@ -72,16 +72,19 @@ class RestingPlane:
         return across / np.linalg.norm(across, axis=1, keepdims=True)
 
     def margin(self, points: Array) -> float:
-        """Smallest distance [m] of points from the support polygon's edges, projected on its plane.
+        """Smallest distance [m] of points, projected on the plane, from the support polygon's edges.
 
-        It is negative if a point (n, 3) [m, in the object frame] lies outside.
+        It is negative if a point lies outside.
+
+        Args:
+            points: (n, 3) points [m], in the object frame.
         """
         start, _ = self.edges
         out = self.outward()
         return float(np.min(np.einsum("ki,ki->k", start, out) - points @ out.T))
 
     def margin_of(self, region: Region) -> float:
-        """Smallest distance [m] of `region` from the support polygon's edges, projected on its plane.
+        """Smallest distance [m] of `region`, projected on the plane, from the support polygon's edges.
 
         It is negative if part of the region lies outside.
         """

@@ -82,7 +82,7 @@ def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[P
 def _rejection(name: str, share: float, text: str) -> Rejection:
     """Rejection of the face or edge `name`, of which the fraction `share` was not scanned.
 
-    Its message is "`share` in percent", `text`, and the remedy.
+    Its message is the fraction in percent, followed by `text` and the remedy.
     """
     return Rejection(axis_id=name, code=CODE, number=share, text=f"{100 * share:.0f} % {text}: {REMEDY}")
 
