@@ -32,11 +32,15 @@ class CloudNoise:
 
 
 def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
-    """Noise and spacing of a point cloud, `points` (n, 3) [m], with its search tree `tree`.
+    """Noise and spacing of a point cloud.
 
     The noise is the scatter in the flattest quarter of small patches, about a quadric. Patches are enlarged
-    until they are wider than 4 sd: smaller ones lie within the noise and underestimate it; too large ones
-    include the shape.
+    until their radius exceeds 4 sd, or they would include the shape: smaller ones lie within the noise and
+    underestimate it.
+
+    Args:
+        points: (n, 3) points of the cloud [m].
+        tree: Search tree of these points.
     """
     extent = float(np.ptp(points, axis=0).max())
     seeds = points[:: max(1, len(points) // PATCHES)]

@@ -92,8 +92,8 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 def convex_depth(planes: Array, points: Array) -> Depth:
     """Depth of points in a convex body: minus the largest height over a face's plane.
 
-    Outside, beside edges and corners, this is less than the distance from the body. Successive points should
-    lie close together if there are `MANY_PLANES` planes or more.
+    Outside, beside edges and corners, this is less than the distance from the body. For speed, successive
+    points should lie close together if there are `MANY_PLANES` planes or more.
 
     Args:
         planes: (p, 4) unit outward normals n and d [m] of the faces, n.x + d = 0.

@@ -1,4 +1,4 @@
-"""Deterministic points uniform over a surface, independent of its triangulation."""
+"""Deterministic points, evenly spread over a surface however it is triangulated."""
 
 from __future__ import annotations
 

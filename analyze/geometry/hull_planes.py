@@ -72,11 +72,11 @@ class FittedPlane:
     """1 sigma of `bending` [m]."""
 
     def heights(self, points: Array) -> Array:
-        """Heights (n,) of `points` (n, 3) over the plane [m], positive outside."""
+        """Heights (n,) [m] of `points` (n, 3) [m] over the plane, positive outside the body."""
         return np.asarray(points @ self.normal - self.offset)
 
     def variance(self, points: Array) -> Array:
-        """Variance (n,) of the plane's height at `points` (n, 3) [m^2]."""
+        """Variance (n,) [m^2] of the plane's height at `points` (n, 3) [m], from its covariance."""
         row = np.column_stack([np.ones(len(points)), (points - self.centre) @ self.basis.T])
         return np.einsum("ni,ij,nj->n", row, self.covariance, row)
 

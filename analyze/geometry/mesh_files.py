@@ -158,7 +158,7 @@ def _binary_stl_size(data: bytes) -> int:
 def refuse_false_ply_counts(data: bytes) -> None:
     """Raise ValueError if the header of the PLY file `data` announces more than the file can hold.
 
-    The same if the header does not end, or a count is negative.
+    A header that does not end, or has a negative count, raises it too.
     """
     head, found, _ = data[:1_000_000].partition(b"end_header")
     if not found:

@@ -112,7 +112,8 @@ class ObjectModel:
     def signed_distance(self, points: Array) -> Array:
         """Distance (n,) [m] of points from the object's surface, positive outside.
 
-        Outside of convex meshes it is the distance from the farthest face's plane.
+        Outside of convex meshes it is the largest height over a face's plane, which is less than the distance
+        beside edges and corners.
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.

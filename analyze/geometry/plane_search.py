@@ -217,7 +217,8 @@ def _largest_faces(
 ) -> list[tuple[Array, float]]:
     """Planes chosen one by one, each with most points that no plane chosen before contains.
 
-    Planes most of whose points belong to planes chosen before are left out, as are those with few points.
+    Planes of whose points more than 85 % belong to planes chosen before are left out, as are those with few
+    points of their own.
 
     Args:
         sample: (n, 3) points [m].
