@@ -75,7 +75,7 @@ class Prompts:
         return {}
 
     def stop(self) -> None:
-        """Answer every open question with `ok` false, on a stop request."""
+        """Answer every open question that has no answer yet with `ok` false, on a stop request."""
         with self._changed:
             for number in self._open:
                 self._answers.setdefault(number, {"ok": False, "text": "stopped on request"})

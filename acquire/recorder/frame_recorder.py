@@ -258,7 +258,7 @@ class FrameRecorder(ABC):
 
     @abstractmethod
     def _delay(self, delayed: DelayedFrame) -> None:
-        """Append a frame outside of any window to the delay line, and drop those older than the pre-trigger.
+        """Append a frame outside of any window to the delay line, and drop frames older than `pre_trigger_s`.
 
         The delay line is the queue of recent frames. Called with the lock held.
         """

@@ -64,9 +64,10 @@ class WindowRecorder(FrameRecorder):
         return DelayedFrame(copied or frame, has_image=copied is not None, held=copied is not None)
 
     def _reclaim_buffer(self) -> None:
-        """Discard the oldest image in the delay line to free its buffer; does nothing if the line has none.
+        """Drop frames from the old end of the delay line up to the first that holds a buffer, and free it.
 
-        The delay line is the queue of recent frames. The discarded image's meta is written without it.
+        The delay line is the queue of recent frames. Meta still missing in the file are written; the image in
+        the freed buffer is lost.
         """
         with self._lock:
             while self._line and not self._line[0].held:

@@ -202,7 +202,7 @@ class _Salvage:
         )
 
     def _data_end(self) -> int:
-        """Offset where the data end: zeros in the file's last 4096 bytes are left out.
+        """Offset where the data end: trailing zeros within the file's last 4096 bytes are left out.
 
         A recording written past the page cache fills its last page with zeros.
         """
@@ -302,7 +302,8 @@ class _Salvage:
     def _next_chunk(self, start: int) -> int:
         """Offset of the next undamaged chunk at or after `start`; the size of the recording if there is none.
 
-        The search covers every byte, because a wrong record length must not cost everything after it.
+        The bytes are searched for the head of a chunk, because a wrong record length must not cost everything
+        after it. Chunks that compression made smaller are not found.
         """
         data = self._data
         for match in _CHUNK_HEAD.finditer(data, start):
