@@ -15,9 +15,12 @@ from schemas.proto import percuss_pb2 as pb
 
 
 class StrikerState(enum.Enum):
-    """States of the striker during one strike.
+    """States of the striker during one strike, in the order in which they follow.
 
-    Any state can go to FAULT, and only `home` leaves FAULT.
+    DISARMED: no strike allowed. HOMED: at a known place, torque on. ARMED: one strike allowed. COCKING:
+    moving to the cocked angle. SETTLED: at rest there. RELEASED: swinging. CONTACT or MISS: retracting after
+    a contact or without one. CATCH: returning to the cocked angle. VERIFY: checking the servo; DISARMED
+    follows. Any state can go to FAULT, and only `home` leaves FAULT.
     """
 
     DISARMED = "disarmed"
@@ -38,14 +41,17 @@ class StrikeOutcome:
     """Measurements of one strike by the striker itself, with standard deviations."""
 
     contact_time_ns: int | None
-    """host monotonic time of first contact; None if there was none"""
+    """host monotonic time of first contact; None if none was measured"""
     contact_time_sd_ns: float
+    """standard deviation of the contact time; 0 if none was measured"""
     tip_speed_m_s: float
-    """tip speed just before contact [m/s]"""
+    """tip speed just before contact; 0 after a miss; the requested one if a person strikes by hand"""
     tip_speed_sd_m_s: float
+    """standard deviation of the tip speed"""
     impulse_n_s: float | None
-    """impulse on the object [N s]; None if the arm lost no significant speed"""
+    """impulse on the object; None if the arm lost no significant speed"""
     impulse_sd_n_s: float
+    """standard deviation of the impulse; 0 if it is None"""
     contacts: int
     """number of contacts that may have occurred; 0 if no contact was measured"""
     released_ns: int
@@ -61,7 +67,9 @@ class ServoHealth:
     model: int
     """model number of the servo"""
     voltage_v: float
+    """supply voltage"""
     temperature_c: int
+    """temperature inside the servo [deg C]"""
     hardware_error: str | None
     """description of the hardware error; None if there is none"""
 
@@ -81,11 +89,11 @@ class Striker(ABC):
     @property
     @abstractmethod
     def state(self) -> StrikerState:
-        """Current state of the strike sequence."""
+        """Current state of the striker in the strike sequence."""
 
     @property
     def health(self) -> ServoHealth | None:
-        """Health of the servo; None if there is no servo or it was not read yet."""
+        """Last reading of the servo's health; None if there is no servo or it was not read yet."""
         return None
 
     @abstractmethod
@@ -98,7 +106,7 @@ class Striker(ABC):
 
     @abstractmethod
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Clear faults and watchdog, switch the torque on, and move slowly to the cocked angle.
+        """Clear faults and watchdog, switch the torque on, and move slowly to the cocked (raised) angle.
 
         The state is HOMED afterwards.
 
@@ -108,26 +116,35 @@ class Striker(ABC):
 
         Raises:
             StrikerStopped: a stop was requested since this order, or while the arm moves.
+            StrikerError: the servo failed.
         """
 
     @abstractmethod
     def arm(self) -> None:
-        """Allow one strike, for the `arming_expires_s` of the rig file. The state is ARMED afterwards."""
+        """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
+
+        Raises:
+            StrikerRefused: not homed, or a strike is running.
+        """
 
     @abstractmethod
     def cock(self) -> None:
-        """Move to the cocked angle and settle there.
+        """Move to the cocked (raised) angle and settle there.
 
         Requires state ARMED; the state is SETTLED afterwards.
+
+        Raises:
+            StrikerRefused: not armed, or the arming expired.
+            StrikerError: the servo failed.
         """
 
     @abstractmethod
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Swing once, retract after the contact, count the contacts, disarm.
+        """Swing once, retract after the contact, count the contacts, disarm; return the measurements.
 
         Args:
             strike_id: id of the strike in the events.
-            tip_speed_m_s: tip speed to command.
+            tip_speed_m_s: tip speed to command [m/s].
 
         Raises:
             StrikerRefused: not armed and settled, or the speed is outside the limits.
@@ -137,8 +154,8 @@ class Striker(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Request an immediate stop: motion ends, and the striker is no longer armed."""
+        """Request an immediate stop: motion ends, and the strike that was allowed is no longer."""
 
     @abstractmethod
     def close(self) -> None:
-        """Switch torque off and release the port. Always safe."""
+        """Switch torque off and release the port. Safe in any state, also if nothing is open."""

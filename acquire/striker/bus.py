@@ -1,4 +1,4 @@
-"""Register access to one servo on one serial port; one transaction at a time."""
+"""Register access to one Dynamixel servo on one serial port; one transaction at a time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class MonotonicClock(Protocol):
 
 
 def attempts(clock: MonotonicClock) -> Iterator[int]:
-    """Yield attempt numbers: at least MIN_ATTEMPTS of them, and for at least MIN_RETRY_S."""
+    """Yield attempt numbers 0, 1, ...: at least MIN_ATTEMPTS (3), and for at least MIN_RETRY_S (0.5 s)."""
     end_ns = clock.monotonic_ns() + round(MIN_RETRY_S * 1e9)
     count = 0
     while count < MIN_ATTEMPTS or clock.monotonic_ns() < end_ns:
@@ -62,9 +62,10 @@ def attempts(clock: MonotonicClock) -> Iterator[int]:
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive registers, read at one instant between two readings of the host clock."""
+    """Consecutive registers of the servo, read at one instant between two readings of the host clock."""
 
     data: bytes
+    """bytes of the control table"""
     host_before_ns: int
     """host monotonic time before the request was sent"""
     host_after_ns: int
@@ -79,6 +80,12 @@ class ServoBus:
     `is_using` of the SDK's port is not a lock, and it stays True after an exception, so that every call after
     an unplugged adapter returns COMM_PORT_BUSY for ever. Hence a lock of our own, and the flag is reset on
     every exception.
+
+    Args:
+        port: path of the serial port.
+        baud_rate: baud rate [bit/s].
+        servo_id: id of the servo on the bus.
+        clock: host monotonic time.
     """
 
     def __init__(self, port: str, baud_rate: int, servo_id: int, clock: MonotonicClock) -> None:
@@ -96,7 +103,8 @@ class ServoBus:
         """Open the port, find the servo and return its model number.
 
         Raises:
-            StrikerNotFound: no such port, port in use, or no servo answers on it at this baud rate.
+            StrikerNotFound: no such port, no permission, port in use, unknown baud rate, or no servo with
+                this id answers at it.
         """
         port = BlockingPort(self.port, self.baud_rate)
         try:
@@ -131,7 +139,7 @@ class ServoBus:
         return f"{problem}; check the cable, and `port` in the rig file"
 
     def close(self) -> None:
-        """Release the port. Always safe."""
+        """Release the port; do nothing if it is closed. Never raises for a port that failed."""
         with self._lock:
             port, self._port = self._port, None
             if port is not None and port.ser is not None:
@@ -140,7 +148,7 @@ class ServoBus:
 
     @property
     def is_open(self) -> bool:
-        """True if the port is open."""
+        """True from a successful `open` to `close`, even if the port fails in between."""
         return self._port is not None
 
     @property
@@ -176,7 +184,10 @@ class ServoBus:
                 ) from None
 
     def _wait_for_quiet(self, port: BlockingPort, interrupted: Callable[[], bool]) -> None:
-        """Wait for silence after a time-out: a late answer must not collide with the next request."""
+        """Wait for 20 ms of silence after a time-out, and discard what arrives; at most 0.2 s.
+
+        A late answer must not collide with the next request. The wait ends when `interrupted` returns True.
+        """
         now_ns = quiet_since_ns = self._clock.monotonic_ns()
         end_ns = now_ns + MAX_QUIET_WAIT_NS
         while (
@@ -192,18 +203,21 @@ class ServoBus:
                 quiet_since_ns = now_ns
 
     def read_block(self, address: int, size: int, interrupted: Callable[[], bool] = never) -> Block | None:
-        """Read consecutive bytes of the control table; None if no complete answer came in time.
+        """Read consecutive bytes of the servo's control table in one transaction.
 
         Lost answers are not requested again: the next sample is as good. This is a plain read, because sync
-        and fast reads discard the status error, and with it ALERT.
+        and fast reads discard the status error, and with it ALERT (the report of a hardware error).
 
         Args:
             address: address of the first byte.
             size: number of bytes.
             interrupted: called while waiting; True ends the wait for the answer.
 
+        Returns:
+            The bytes; None if no complete answer came in time, or the servo refused the read.
+
         Raises:
-            StrikerLost: the port failed.
+            StrikerLost: the port failed or is closed.
         """
 
         def read(port: BlockingPort) -> Any:
@@ -224,10 +238,10 @@ class ServoBus:
         return Block(bytes(data), before_ns, after_ns, self.alert)
 
     def read(self, register: Register) -> int:
-        """Read a register; its value is signed if the register is.
+        """Value of a register, signed if the register is; the reading is repeated if the answer is lost.
 
         Raises:
-            StrikerLost: no answer.
+            StrikerLost: no answer after several attempts, or the port failed.
         """
         for _ in attempts(self._clock):
             block = self.read_block(register.address, register.size)
@@ -241,7 +255,7 @@ class ServoBus:
         """Write one register; repeated if the answer is lost, which is safe for a write.
 
         Raises:
-            StrikerLost: no answer.
+            StrikerLost: no answer after several attempts, or the port failed.
             StrikerError: the servo refuses the value.
             StrikerRefused: the SDK cannot send these bytes.
         """
@@ -269,7 +283,8 @@ class ServoBus:
         packet costs no time.
 
         Raises:
-            StrikerLost: the port failed.
+            StrikerLost: the port failed or is closed.
+            StrikerRefused: the SDK cannot send these bytes.
         """
         packet = list(self.unanswered_packet(register, value))
 
@@ -303,8 +318,11 @@ class ServoBus:
     def reboot(self, timeout_s: float) -> None:
         """Restart the servo, which clears a hardware error, and wait until it answers.
 
+        Args:
+            timeout_s: longest wait for its answer [s].
+
         Raises:
-            StrikerLost: the servo does not answer within `timeout_s`.
+            StrikerLost: the servo does not answer in time, or the port failed.
         """
         self._exchange(self._handler.reboot, self.servo_id)
         end_ns = self._clock.monotonic_ns() + int(timeout_s * 1e9)
@@ -320,7 +338,7 @@ class ServoBus:
 
 
 def _refuse_unstuffed(register: Register, value: int, data: bytes) -> None:
-    """Refuse bytes that need stuffing.
+    """Raise StrikerRefused if `data`, the bytes sent to write `value`, needs byte stuffing (FF FF FD).
 
     The SDK's txPacket builds the stuffed packet, then sends the plain one
     (protocol2_packet_handler.addStuffing).

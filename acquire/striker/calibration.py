@@ -1,8 +1,9 @@
 """Calibration of a bare striker: swing ratio, effective mass and restitution (method 1.5).
 
 A tip of effective mass m_s that meets a free body of mass m_b at speed v loses the speed
-dv = (1 + e)*v / (1 + m_s/m_b). A light body (m_b far below m_s) determines (1 + e)/m_s, a heavy one or a wall
-1 + e: both together determine m_s and e. Swings in the air determine neither.
+dv = (1 + e)*v / (1 + m_s/m_b), with e the coefficient of restitution. A light body (m_b far below m_s)
+determines (1 + e)/m_s, a heavy one or a wall 1 + e: both together determine m_s and e. Swings in the air
+determine neither.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class SwingRatio:
     mean_sd: float
     """standard deviation of the mean"""
     scatter: float
-    """standard deviation between swings"""
+    """standard deviation between swings; 0 for a single swing"""
 
 
 @dataclass(frozen=True)
@@ -58,18 +59,23 @@ class StrikerParameters:
     """Effective mass and restitution of the striker, with standard deviations."""
 
     effective_mass_kg: float
-    """effective mass of the tip, m_s = I / r^2"""
+    """effective mass of the tip, m_s = I / r^2, from the arm's inertia I and length r"""
     effective_mass_sd_kg: float
+    """standard deviation of the effective mass"""
     restitution: float
     """coefficient of restitution e of tip and object, 0-1"""
     restitution_sd: float
+    """standard deviation of the restitution"""
 
 
 def swing_ratio(swings: Sequence[MeasuredSwing]) -> SwingRatio:
     """Mean ratio of reached to commanded tip speed, weighted by inverse variance.
 
-    Its standard deviation is the larger of two: from the scatter between swings, and from the standard
+    The mean's standard deviation is the larger of two: from the scatter between swings, and from the standard
     deviations of the swings.
+
+    Args:
+        swings: at least one swing, in the air or at a body.
     """
     ratio = np.array([each.speed_m_s / each.command_m_s for each in swings])
     sd = np.array([max(each.speed_sd_m_s / each.command_m_s, MIN_SPEED_SD) for each in swings])
@@ -81,12 +87,17 @@ def swing_ratio(swings: Sequence[MeasuredSwing]) -> SwingRatio:
 
 
 def estimate_striker(prior: StrikerParameters, swings: Sequence[MeasuredSwing]) -> StrikerParameters:
-    """Posterior of effective mass and restitution given the swings at bodies.
-
-    The prior itself (the same object) is returned if no swing at a body lost speed significantly.
+    """Posterior of effective mass m_s and restitution e, given a prior and the swings at bodies.
 
     Unknowns: ln m_s, ln(1 + e) and the common relative error of all speed losses; Gauss-Newton from the
     prior.
+
+    Args:
+        prior: values and standard deviations before the swings, e.g. those of the rig file.
+        swings: swings in any order; only those at a body with a significant loss of speed count.
+
+    Returns:
+        The estimate, e limited to 0-1; `prior` itself (not a copy) if no swing counts.
     """
     hits = [
         each

@@ -1,4 +1,4 @@
-"""Time and strength of the impact, estimated from the servo's samples.
+"""Time and strength of the arm's impact on the object, estimated from the servo's samples.
 
 The time is that of first contact, which can be compared with the images. A contact lasts a few milliseconds
 and the object is light, so that the arm loses 5-30 % of its speed: the reads do not show the beginning
@@ -74,24 +74,31 @@ class ImpactMeasurement:
     time_ns: int
     """host monotonic time of first contact"""
     time_sd_ns: float
+    """standard deviation of the time [ns]"""
     velocity: float
     """angular velocity of the arm just before [rad/s]"""
     velocity_sd: float
+    """standard deviation of the velocity [rad/s]"""
     drop: float | None
     """loss of angular velocity at contact [rad/s]; None if it is not significant"""
     drop_sd: float
+    """standard deviation of the loss [rad/s]; 0 if the loss is None"""
 
 
 def fit_contact(
     samples: Sequence[Sample], turned_ns: int, arm_length: float, restitution: float
 ) -> ImpactMeasurement | None:
-    """Fit constant speed, contact and the servo's recovery to position and velocity reads.
+    """Estimate the arm's impact from its constant speed, the contact, and the servo's recovery of speed.
 
-    x'(t) = b - d lost(u) - d_r d lost / d r, u = t - tc: `lost` is the fraction of the drop d that is lost
-    and not yet recovered at the rate r, d_r = d times the error of r; the velocity register shows x' as
-    `estimate_register` found. tc, the duration of the contact and the register model are scanned. The other
-    parameters (x(tc), b, d, d_r) are linear and integrated out, d and d_r with priors. The prior of tc is the
-    time at angle 0 with the tails of a Cauchy distribution, so that a clear drop elsewhere prevails.
+    The arm angle x [rad] is modelled by x'(t) = b - d lost(u) - d_r d lost / d r, u = t - tc: tc is the time
+    of first contact, b the angular velocity before it, d the drop (loss of angular velocity), `lost` the
+    fraction of the drop that is lost and not yet recovered at the rate r, and d_r = d times the error of r.
+    The velocity register shows x' after the filter and lag that `estimate_register` found. tc, the duration
+    of the contact, the force law and the register model are scanned. The other parameters (x(tc), b, d, d_r)
+    are linear and integrated out, d and d_r with priors. The prior of tc is the time at angle 0 (the impact
+    point) with the tails of a Cauchy distribution, so that a clear drop elsewhere prevails.
+
+    Without a significant drop, or with fewer than 8 reads near the contact, the time is that at angle 0.
 
     Args:
         samples: samples of the swing and of the retraction, in order.
@@ -101,7 +108,8 @@ def fit_contact(
         restitution: restitution of the contact, 0-1; determines the shape of its force.
 
     Returns:
-        The impact; None if the arm neither reached angle 0 nor lost speed before it.
+        The impact; None if the arm neither lost speed significantly nor came within 3 mm of angle 0, or if
+        the samples are too few or show no forward motion.
     """
     swing = [s for s in samples if s.time_ns <= turned_ns]
     if len(swing) < 2:
@@ -151,7 +159,17 @@ def fit_contact(
 
 
 def _zero_crossing(samples: Sequence[Sample], arm_length: float) -> ImpactMeasurement | None:
-    """Time at angle 0 from the reads on either side of it; used if the host paused during the swing."""
+    """Impact at angle 0, interpolated between the reads on either side of it, without a loss of speed.
+
+    Used if the host paused during the swing.
+
+    Args:
+        samples: samples of the swing in order, at least two.
+        arm_length: length of the arm [m].
+
+    Returns:
+        The impact; None if the arm did not move forward before it.
+    """
     after = next((k for k, s in enumerate(samples) if k and s.position_rad >= 0), len(samples) - 1)
     first, last = samples[after - 1], samples[after]
     recent = [s.velocity_rad_s for s in samples[max(0, after - 8) : after]]
@@ -167,18 +185,20 @@ def _zero_crossing(samples: Sequence[Sample], arm_length: float) -> ImpactMeasur
 
 @dataclass(frozen=True)
 class _ConstantSpeedFit:
-    """Straight line x = position + velocity * t fitted to the reads."""
+    """Straight line x = position + velocity * t of the arm angle x, fitted to the reads."""
 
     position: float
     """arm angle at t = 0 [rad]"""
     velocity: float
-    """[rad/s]"""
+    """angular velocity of the arm [rad/s]"""
     velocity_sd: float
+    """standard deviation of the velocity [rad/s]"""
     chi2: float
+    """sum of squared residuals over their variances"""
 
 
 def _fit_constant_speed(reads: Reads) -> _ConstantSpeedFit:
-    """Least-squares fit of a constant speed to all position and velocity reads."""
+    """Least-squares fit of a constant angular velocity to all position and velocity reads."""
     one, zero = np.ones_like(reads.time), np.zeros_like(reads.time)
     x_sd, v_sd = reads.position_sd, np.full_like(one, VELOCITY_SD)
     A = np.concatenate(
@@ -195,16 +215,18 @@ def _fit_constant_speed(reads: Reads) -> _ConstantSpeedFit:
 
 @dataclass(frozen=True)
 class _ImpactFits:
-    """Fits of all hypotheses (g,): combinations of contact time, duration, force law and register model."""
+    """Fits of g hypotheses: combinations of contact time, duration, force law and register model."""
 
     time: NDArray[np.float64]
     """(g,) time of first contact tc [s]"""
     solution: NDArray[np.float64]
-    """(g, 4) x(tc) [rad], b [rad/s], d [rad/s], d_r [rad/s2]: see `fit_contact`"""
+    """(g, 4) arm angle at contact x(tc) [rad], angular velocity before it b [rad/s], its loss d [rad/s], and
+    d_r [rad/s2], the loss times the error of the recovery rate"""
     covariance: NDArray[np.float64]
     """(g, 4, 4) covariance of the solution"""
     chi2: NDArray[np.float64]
-    """(g,) sum of squared residuals, plus twice the log of the velocity reads' standard deviations"""
+    """(g,) sum of squared residuals, plus twice the sum of the logs of the velocity reads' standard
+    deviations (relative to VELOCITY_SD)"""
     log_prior: NDArray[np.float64]
     """(g,) logarithm of the prior probability"""
 
@@ -214,6 +236,11 @@ def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: flo
 
     Contact times after the last read are left out, because they do not show; so are very early ones, because
     they leave no speed before the contact to compare with.
+
+    Args:
+        reads: reads of the swing near the contact.
+        models: hypotheses about the velocity register.
+        restitution: restitution of the contact, 0-1.
     """
     tc = np.arange(max(-SEARCH_BEFORE_S, 0.67 * reads.time[0]), reads.time[-1], CONTACT_TIME_STEP_S)
     u = reads.time[None, :] - tc[:, None]
@@ -250,9 +277,10 @@ def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: flo
 
 
 def _interpolate_course(course: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Course (n,), sampled from u = 0 in steps of RESPONSE_STEP_S, at times u [s] of any shape.
+    """Values at times `u` [s] of any shape, interpolated in a course (n,) of samples.
 
-    Zero before u = 0.
+    The samples begin at time 0 and are RESPONSE_STEP_S apart. The value is 0 before time 0, and the last
+    sample's after the course's end.
     """
     return np.interp(u.ravel(), np.arange(len(course)) * RESPONSE_STEP_S, course, left=0.0).reshape(u.shape)
 
@@ -260,9 +288,15 @@ def _interpolate_course(course: NDArray[np.float64], u: NDArray[np.float64]) -> 
 def _loss_courses(
     force_course: tuple[NDArray[np.float64], NDArray[np.float64]], duration: float, length: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fraction of the drop that is lost (n,), and its derivative by the recovery rate (n,) [s].
+    """Fraction of the total loss of speed that is lost and not yet recovered by the servo, over time.
 
-    Both run from first contact in steps of RESPONSE_STEP_S for `length` [s].
+    Args:
+        force_course: time over contact duration (m,), and contact force (m,) in arbitrary units.
+        duration: duration of the contact [s].
+        length: length of the courses [s], from first contact.
+
+    Returns:
+        The fraction (n,), and its derivative by the recovery rate (n,) [s], in steps of RESPONSE_STEP_S.
     """
     force = np.interp(
         np.arange(0.0, length + RESPONSE_STEP_S, RESPONSE_STEP_S) / duration, *force_course, right=0.0
@@ -279,9 +313,13 @@ def _loss_courses(
 def _contact_force(restitution: float, exponent: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Time over duration (n,), and force (n,) in arbitrary units, of a contact; the force never pulls.
 
-    x'' = -x^n (1 + c x') for a sphere on a plane, n = 1.5 (Hunt and Crossley 1975); x'' = -x - c x' for a
-    linear spring and damper, n = 1 (Kelvin and Voigt; Nagurka and Huang 2004); from x = 0, x' = 1. The
-    damping c is found by bisection so that x' at the end is minus the restitution.
+    With x the depth: x'' = -x^k (1 + c x') for a sphere on a plane, k = 1.5 (Hunt and Crossley 1975);
+    x'' = -x - c x' for a linear spring and damper, k = 1 (Kelvin and Voigt; Nagurka and Huang 2004); from
+    x = 0, x' = 1. The damping c is found by bisection so that x' at the end is minus the restitution.
+
+    Args:
+        restitution: speed after the contact over speed before it, 0-1.
+        exponent: exponent k of the depth in the force, 1 or 1.5.
     """
     low, high = 0.0, 20.0
     for _ in range(24):
@@ -294,7 +332,14 @@ def _contact_force(restitution: float, exponent: float) -> tuple[NDArray[np.floa
 def _simulate_contact(
     damping: float, exponent: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Time over duration (n,), force (n,) and final velocity, by semi-implicit Euler integration."""
+    """Time over duration (n,), force (n,) and final velocity of a contact, for unit speed at its start.
+
+    Semi-implicit Euler integration in dimensionless units.
+
+    Args:
+        damping: damping coefficient c of the force.
+        exponent: exponent of the depth in the force; 1 is the linear spring and damper.
+    """
     x, v = 0.0, 1.0
     force = [0.0]
     while len(force) < MAX_SIMULATION_STEPS:

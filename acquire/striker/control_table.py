@@ -1,4 +1,4 @@
-"""Control table of the servo, read from the files that ship with dynamixel-sdk."""
+"""Control table (registers) of a Dynamixel servo, read from the files that ship with dynamixel-sdk."""
 
 from __future__ import annotations
 
@@ -36,37 +36,42 @@ EEPROM_END = 64
 
 @dataclass(frozen=True)
 class Register:
-    """One entry of the control table."""
+    """One register of the servo's control table."""
 
     name: str
     """the vendor's name"""
     address: int
+    """address of its first byte"""
     size: int
-    """bytes, little endian"""
+    """number of bytes, little-endian"""
 
     @property
     def signed(self) -> bool:
-        """True if the value is two's complement."""
+        """True if the register's value is two's complement, False if it is unsigned."""
         return self.name in SIGNED
 
     def decode(self, data: bytes) -> int:
-        """Value of `size` bytes; needed because the SDK returns unsigned numbers only."""
+        """Value of the register from its first `size` bytes of `data`, signed if the register is.
+
+        Needed because the SDK returns unsigned numbers only.
+        """
         return int.from_bytes(data[: self.size], "little", signed=self.signed)
 
     def encode(self, value: int) -> bytes:
-        """Bytes of a value, wrapped to the register's width."""
+        """Bytes (`size` of them, little-endian) of a value; bits beyond the register's width are dropped."""
         return (value & ((1 << 8 * self.size) - 1)).to_bytes(self.size, "little")
 
 
 @cache
 def control_table(model: int) -> dict[str, Register]:
-    """Registers by the vendor's names, without the indirect ones.
+    """Registers of a servo model by the vendor's names, without the indirect ones.
 
     Args:
         model: model number as returned by a ping; a key of MODEL_FILES.
 
     Raises:
         ModuleNotFoundError: dynamixel-sdk is not installed.
+        KeyError: the model is not in MODEL_FILES.
     """
     # Located, not imported: the motor class of dynamixel_easy_sdk fails on an ALERT status.
     spec = importlib.util.find_spec("dynamixel_easy_sdk")

@@ -16,10 +16,12 @@ from acquire.striker import deadman_process
 
 
 class DeadManSwitch:
-    """Process that waits for the end of this one, ready once the constructor has returned.
+    """Child process that switches the servo's torque off when this process ends.
+
+    It is ready once the constructor has returned.
 
     Args:
-        descriptor: file descriptor of the open port.
+        descriptor: file descriptor of the open serial port, which the child inherits.
         torque_off_packet: packet that switches the torque off and is not answered.
 
     Raises:
@@ -46,16 +48,16 @@ class DeadManSwitch:
 
     @property
     def alive(self) -> bool:
-        """True while the switch's process runs."""
+        """True while the dead man's switch's process runs."""
         return self._process.poll() is None
 
     @property
     def pid(self) -> int:
-        """Process id of the switch's process."""
+        """Process id of the dead man's switch's process."""
         return self._process.pid
 
     def dismiss(self) -> None:
-        """End the switch's process without effect; the port stays open here."""
+        """End the dead man's switch's process without switching the torque off; the port stays open here."""
         assert self._process.stdin is not None  # noqa: S101 - Popen was given PIPE
         with contextlib.suppress(OSError):  # the process was killed
             self._process.stdin.write(deadman_process.DISMISSED)

@@ -1,4 +1,4 @@
-"""Process of the dead man's switch: switches the torque off when its parent has ended (see deadman.py).
+"""Process of the dead man's switch: switches the servo's torque off when its parent has ended.
 
 It is run by its path, without the package, and is ready after some 20 ms. It ignores the signals that ask the
 striker's process to end.
@@ -22,7 +22,11 @@ READY, DISMISSED = b"!", b"."
 
 
 def main() -> None:
-    """Run with two arguments: file descriptor of the port, and packet in hexadecimal."""
+    """Wait for the end of the parent, then send the packet that switches the torque off three times.
+
+    The command line gives the file descriptor of the serial port, and the packet in hexadecimal. The end of
+    standard input shows that the parent has ended. If a "." arrives there first, nothing is sent.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.write(1, READY)

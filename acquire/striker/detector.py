@@ -26,7 +26,7 @@ MAX_TURN_NS = 30_000_000
 
 
 class ContactDetector:
-    """Detector of the moment, sample by sample, at which a swinging arm must turn back.
+    """Detector of the moment at which a swinging arm must turn back, fed sample by sample.
 
     Args:
         arm_length: length of the arm [m].
@@ -41,7 +41,11 @@ class ContactDetector:
         self._low = 0
 
     def must_turn_back(self, sample: Sample) -> bool:
-        """True if the arm must turn back now: the speed has dropped, or the arm is past the impact point."""
+        """True if the arm must turn back now; call once with every sample of the swing, in order.
+
+        The reason is a drop of speed in three consecutive samples near the impact point (a contact), or that
+        the arm is more than 2 mm beyond this point.
+        """
         if sample.position_rad > self._beyond:
             return True
         steady = sum(self._before) / len(self._before) if len(self._before) == self._before.maxlen else 0.0
@@ -56,11 +60,12 @@ class ContactDetector:
 
 
 def count_contacts(samples: Sequence[Sample], contact_ns: int, turned_ns: int, arm_length: float) -> int:
-    """Number of contacts that may have occurred: one, plus every approach after the arm turned back.
+    """Number of contacts between arm and object that may have occurred, at least one.
 
-    A second contact while the arm brakes does not show in the samples. It is excluded if the arm was
-    commanded to turn back within 30 ms: the struck object left faster than the arm followed and has not yet
-    slowed to the arm's speed. One more contact is counted if the samples never show the arm moving back.
+    It is one, plus every new approach of the arm after it moved back. A second contact while the arm brakes
+    does not show in the samples: it is counted unless the arm was commanded to turn back within 30 ms of the
+    first, when the struck object left faster than the arm followed and has not yet slowed to the arm's speed.
+    If the samples never show the arm moving back, the number is two.
 
     Args:
         samples: samples of swing and retraction, in order.

@@ -1,4 +1,6 @@
-"""Striker whose arm is swung by a Dynamixel servo in current-based position mode and turns back at contact.
+"""Striker whose arm is swung by a Dynamixel servo and turns back at contact.
+
+The servo runs in current-based position mode, so that its torque is limited.
 
 Samples of a swing are published after the arm has turned back, so that nothing delays the retraction after a
 contact.
@@ -51,14 +53,17 @@ _Event = pb.StrikerEvent
 
 
 class DynamixelStriker(Striker):
-    """Striker with a Dynamixel servo; see Striker for the order of calls.
+    """Striker with a Dynamixel servo. Order of calls: open, home, (arm, cock, strike)*, close.
 
-    Blocking calls may come from one thread at a time; `stop`, `close` and `state` from any.
+    Blocking calls may come from one thread at a time; `stop`, `close` and `state` from any. While no call
+    runs, an idle thread reads the servo ten times a second.
 
     Args:
-        config: the rig file's section.
-        sample_sink, event_sink, clock_sink: called from the calling thread or from the idle thread; they
-            must not block for long.
+        config: section `striker` of the rig file.
+        sample_sink: called with every sample of the servo (times, arm angle, velocity, current).
+        event_sink: called with the events of a strike: homed, armed, released, contact and so on.
+        clock_sink: called with readings of the servo's clock. All three are called from the calling thread or
+            from the idle thread, and must not block for long.
         clock: host monotonic time.
     """
 
@@ -87,18 +92,26 @@ class DynamixelStriker(Striker):
 
     @property
     def state(self) -> StrikerState:
-        """Current state of the strike sequence."""
+        """Current state of the striker in the strike sequence."""
         return self._status.state
 
     @property
     def health(self) -> ServoHealth | None:
-        """Health of the servo, read about once a second while nothing moves; None if it was not read yet."""
+        """Last reading of the servo's health, taken about once a second while no call runs.
+
+        None if it was not read yet, or the port was lost.
+        """
         return self._health
 
     # --- open and close
 
     def open(self) -> None:
-        """See Striker."""
+        """Open the port, find the servo, write its limits and read them back; start the idle thread.
+
+        Raises:
+            StrikerNotFound: no such port, port in use, or no servo of a known model on it.
+            StrikerError: a limit reads back differently.
+        """
         with self._call_lock:
             self._servo.open()
             self._closing.clear()
@@ -106,7 +119,7 @@ class DynamixelStriker(Striker):
             self._watch.start()
 
     def close(self) -> None:
-        """See Striker."""
+        """End a running call and the idle thread, switch torque off and release the port. Always safe."""
         self._stop_requested = True  # ends a call that runs in another thread
         self._closing.set()
         watch, self._watch = self._watch, None
@@ -122,7 +135,10 @@ class DynamixelStriker(Striker):
             self._stop_requested = False
 
     def stop(self) -> None:
-        """See Striker. A call that is running in another thread ends within its next read."""
+        """Request an immediate stop: motion ends, and the strike that was allowed is no longer.
+
+        Never blocks. A call that is running in another thread ends within its next read of the servo.
+        """
         self._stop_requested = True
         if self._call_lock.acquire(blocking=False):
             try:
@@ -133,7 +149,19 @@ class DynamixelStriker(Striker):
     # --- strike sequence
 
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """See Striker. Also leaves FAULT, and opens the port again if it was lost."""
+        """Clear a fault, switch the torque on, and move slowly to the cocked (raised) angle.
+
+        The state is HOMED afterwards. A port that was lost is opened again.
+
+        Args:
+            stopped: called after earlier stop requests are cleared; True if a stop was requested since this
+                order.
+
+        Raises:
+            StrikerStopped: a stop was requested since this order, or while the arm moves.
+            StrikerError: the servo is not found, does not answer, reports a hardware error again, or the arm
+                does not come to rest; the state is FAULT then.
+        """
         with self._call_lock:
             self._consume_stop()
             if stopped():
@@ -156,11 +184,12 @@ class DynamixelStriker(Striker):
         self._enter(StrikerState.HOMED, _Event.HOMED)
 
     def arm(self) -> None:
-        """See Striker.
+        """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
 
         Raises:
             StrikerRefused: not homed, or a strike is running.
             StrikerFault: the servo reports a hardware error.
+            StrikerLost: the servo does not answer.
         """
         with self._call_lock:
             self._consume_stop()
@@ -171,11 +200,13 @@ class DynamixelStriker(Striker):
             self._enter(StrikerState.ARMED, _Event.ARMED)
 
     def cock(self) -> None:
-        """See Striker.
+        """Move to the cocked (raised) angle and settle there. The state is SETTLED afterwards.
 
         Raises:
-            StrikerRefused: not armed, the arming expired, or a stop was requested.
+            StrikerRefused: not armed, or the arming expired.
+            StrikerStopped: a stop was requested; it is a StrikerRefused.
             StrikerFault: the servo reports a hardware error, or the arm does not settle.
+            StrikerLost: the servo does not answer.
         """
         with self._call_lock:
             self._consume_stop()
@@ -191,7 +222,18 @@ class DynamixelStriker(Striker):
         self._enter(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """See Striker."""
+        """Swing once, retract after the contact, count the contacts, disarm; return the measurements.
+
+        Args:
+            strike_id: id of the strike in the events.
+            tip_speed_m_s: tip speed to command [m/s].
+
+        Raises:
+            StrikerRefused: not armed and settled, the arming expired, or the speed is outside the limits.
+            StrikerStopped: a stop was requested; it is a StrikerRefused.
+            StrikerFault: the servo reports a hardware error, or the arm does not settle; the torque is off.
+            StrikerLost: the servo does not answer.
+        """
         with self._call_lock:
             self._consume_stop()
             self._disarm_if_expired()
@@ -299,7 +341,13 @@ class DynamixelStriker(Striker):
             self._emit(kind, host_time_ns=now_ns)
 
     def _run_guarded(self, action: Callable[[], Any]) -> Any:
-        """Result of an action; a stop holds the arm where it is, an error switches the torque off."""
+        """Run an action and return its result; a stop holds the arm, an error switches the torque off.
+
+        Raises:
+            StrikerStopped: a stop was requested during the action.
+            StrikerRefused: raised by the action; nothing else happens.
+            StrikerError: raised by the action; the state is FAULT then.
+        """
         try:
             return action()
         except MotionStopped:
@@ -312,7 +360,10 @@ class DynamixelStriker(Striker):
             raise
 
     def _hold(self) -> None:
-        """Hold the braked arm at its position, torque on."""
+        """Hold the braked arm at its position with torque on; the state is DISARMED, not homed.
+
+        If the servo fails, the state is FAULT instead. The stop request is cleared and reported as an event.
+        """
         self._stop_requested = False
         try:
             time.sleep(DAMPED_S)
@@ -329,7 +380,10 @@ class DynamixelStriker(Striker):
         return self._stop_requested
 
     def _consume_stop(self) -> None:
-        """Disarm after a stop that was requested while nothing moved; the arm stays where it is."""
+        """Clear and report a stop that was requested while nothing moved; a strike is no longer allowed.
+
+        The arm stays where it is. Without a request nothing happens.
+        """
         if not self._stop_requested:
             return
         self._stop_requested = False
@@ -354,7 +408,10 @@ class DynamixelStriker(Striker):
             self._emit(_Event.FAULT, text=str(error))
 
     def _watch_idle(self) -> None:
-        """Read servo and clock while no call runs, and disarm when the arming expires; runs as a thread."""
+        """Run the idle thread: read servo and clock while no call runs, disarm when the arming expires.
+
+        It ends when the striker is closed.
+        """
         while not self._closing.wait(IDLE_S):
             if not self._call_lock.acquire(blocking=False):
                 continue

@@ -25,9 +25,10 @@ class ManualStriker(Striker):
     """Striker whose `strike` waits for a person to strike and does not measure the contact.
 
     Args:
-        config: the rig file's section; only `arming_expires_s` is used.
-        sample_sink, clock_sink: never called; a hand has no encoder.
-        event_sink: called at state transitions.
+        config: section `striker` of the rig file; only `arming_expires_s` is used.
+        sample_sink: never called, because a hand has no encoder.
+        event_sink: called with an event (homed, armed, cocked, released, disarmed, stopped) at transitions.
+        clock_sink: never called, because a hand has no clock.
         clock: host monotonic time.
     """
 
@@ -45,37 +46,58 @@ class ManualStriker(Striker):
 
     @property
     def state(self) -> StrikerState:
-        """Current state of the strike sequence."""
+        """Current state of the striker in the strike sequence."""
         return self._status.state
 
     def open(self) -> None:
-        """Do nothing; there is no port."""
+        """Do nothing, because a person who strikes by hand has no port."""
 
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Go to state HOMED without any motion."""
+        """Go to state HOMED without any motion.
+
+        Args:
+            stopped: True if a stop was requested since this order.
+
+        Raises:
+            StrikerStopped: `stopped` returned True.
+            StrikerRefused: a strike is allowed or running.
+        """
         self._stop_requested = False
         if stopped():
             raise StrikerStopped
         self._enter(StrikerState.HOMED, _Event.HOMED)
 
     def arm(self) -> None:
-        """Allow one strike; see Striker."""
+        """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
+
+        Raises:
+            StrikerRefused: not homed, or a strike is allowed or running already.
+        """
         self._stop_requested = False
         self._enter(StrikerState.ARMED, _Event.ARMED)
 
     def cock(self) -> None:
-        """Go to state SETTLED at once."""
+        """Go from state ARMED to SETTLED at once, without any motion.
+
+        Raises:
+            StrikerRefused: not armed.
+        """
         self._enter(StrikerState.COCKING)
         self._enter(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Wait while the person strikes; the contact is unknown.
+        """Wait 5 s while the person strikes, then disarm.
 
-        The tip speed in the outcome is the requested one, with itself as standard deviation.
+        Contact time and impulse in the outcome are None, the tip speed is the requested one with itself as
+        standard deviation.
+
+        Args:
+            strike_id: id of the strike in the events.
+            tip_speed_m_s: requested tip speed [m/s]; not checked.
 
         Raises:
-            StrikerRefused: not armed in time.
-            StrikerStopped: stopped while waiting.
+            StrikerRefused: not armed and cocked, or the arming expired.
+            StrikerStopped: stopped while waiting; the striker is no longer homed then.
         """
         now_ns = self._clock.monotonic_ns()
         if arming_expired(self._status, now_ns, self._config.arming_expires_s):
@@ -93,7 +115,7 @@ class ManualStriker(Striker):
         return StrikeOutcome(None, 0.0, tip_speed_m_s, tip_speed_m_s, None, 0.0, 0, now_ns)
 
     def stop(self) -> None:
-        """Disarm, and end a wait for the person's strike."""
+        """End a wait for the person's strike, or disarm if a strike is allowed and has not begun."""
         self._stop_requested = True
         if self._status.armed_ns is not None and self._status.state is not StrikerState.RELEASED:
             self._enter(StrikerState.DISARMED, _Event.STOPPED)

@@ -1,4 +1,4 @@
-"""Supervised motion of the arm: samples are read while it moves, and a requested stop brakes it at once."""
+"""Supervised motion of the striker's arm: reads samples while it moves, brakes it on request."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ POLL_S = 0.002
 
 
 class MotionStopped(Exception):
-    """A stop was requested; the arm has been braked."""
+    """Signal that a stop was requested while the arm moved; the arm has been braked."""
 
 
 class ArmMotion:
-    """Reading and braking of the arm while it moves.
+    """Reading and braking of the striker's arm while it moves.
 
     Args:
-        config: the rig file's section.
+        config: section `striker` of the rig file.
         servo: the arm's servo.
         clock: host monotonic time.
-        stop_requested: True once somebody has requested a stop.
+        stop_requested: returns True once somebody has requested a stop.
         publish: called with every sample of a slow motion.
     """
 
@@ -74,16 +74,17 @@ class ArmMotion:
     def swing(
         self, samples: list[Sample], is_last: Callable[[Sample], bool], is_overdue: Callable[[int], bool]
     ) -> bool:
-        """Read samples at 1 kHz until `is_last` is true; False if the time limit passes first.
+        """Read samples at 1 kHz until `is_last` is true, and return True; False if time runs out first.
 
         Args:
-            samples: list that receives the samples.
+            samples: list to which the samples are appended.
             is_last: called with every sample; True ends the reading.
             is_overdue: called with the host monotonic time [ns]; True once the time limit has passed.
 
         Raises:
             MotionStopped: a stop was requested.
             StrikerLost: the servo no longer answers.
+            StrikerFault: the servo reports a hardware error.
         """
         answered_ns = next_ns = self._clock.monotonic_ns()
         spread = 0.0
@@ -108,11 +109,14 @@ class ArmMotion:
         return False
 
     def settle(self, timeout_s: float) -> None:
-        """Wait until the arm rests at the cocked angle.
+        """Wait until the arm rests at the cocked (raised) angle, reading and publishing samples.
+
+        Args:
+            timeout_s: longest wait [s].
 
         Raises:
             MotionStopped: a stop was requested.
-            StrikerFault: the arm does not come to rest there in time.
+            StrikerFault: the arm does not come to rest there in time, or the servo reports a hardware error.
             StrikerLost: the servo does not answer.
         """
         end_ns = self._clock.monotonic_ns() + int(timeout_s * 1e9)
@@ -141,7 +145,10 @@ class ArmMotion:
         )
 
     def _at_rest(self, sample: Sample) -> bool:
-        """True if the arm rests at the cocked angle; sends it on slowly if the watchdog stopped it before."""
+        """True if the arm rests at the cocked angle in this sample.
+
+        If the servo's watchdog has stopped it elsewhere, it is sent on slowly.
+        """
         there = abs(sample.position_rad - self._config.cocked_angle_rad) <= SETTLED_TICKS * TICK_RAD
         still = abs(sample.velocity_rad_s) <= SETTLED_UNITS * VELOCITY_UNIT_RAD_S
         if still and not there and self._servo.watchdog_tripped():  # this host paused for 100 ms
@@ -155,10 +162,11 @@ class ArmMotion:
             raise MotionStopped
 
     def _brake(self) -> None:
-        """Bring a moving arm to rest with as little waiting as possible; holding its position follows later.
+        """Bring a moving arm to rest with as little waiting as possible; its position is not held yet.
 
         The last samples give its velocity, and the current limit the time that full reverse current needs to
-        stop it. So the brake waits for no answer, which could be late or lost.
+        stop it. So the brake waits for no answer, which could be late or lost. Without a sample of the last
+        80 ms the arm counts as standing and nothing is done.
         """
         now_ns = self._clock.monotonic_ns()
         if not self._recent or now_ns - self._recent[-1].time_ns > MAX_SAMPLE_AGE_NS:

@@ -23,10 +23,13 @@ def strike_outcome(
     released_ns: int,
     turned_ns: int,
 ) -> StrikeOutcome:
-    """Tip speed, impulse J = m_s * (v - v') and number of contacts of one strike.
+    """Tip speed, impulse and number of contacts of one strike, with standard deviations.
+
+    The impulse is J = m_s * (v - v'), with m_s = I / r^2 the effective mass of the tip, v and v' its speed
+    before and after the contact. Without an impact all values are 0 or None.
 
     Args:
-        config: the rig file's section, with arm length and effective mass m_s = I / r^2.
+        config: section `striker` of the rig file, with arm length r and effective mass.
         impact: the impact that the arm measured; None if it met nothing.
         samples: samples of swing and retraction, in order.
         released_ns: host monotonic time at which the swing began.

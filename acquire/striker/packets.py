@@ -1,4 +1,4 @@
-"""Serial port and packet handler of dynamixel_sdk, made to sleep while waiting and to reject late answers."""
+"""Serial port and packet handler of dynamixel_sdk that sleep while waiting and reject late answers."""
 
 from __future__ import annotations
 
@@ -29,15 +29,19 @@ _PING, _READ = 1, 2
 
 
 def never() -> bool:
-    """Never interrupt."""
+    """Always False: default of the functions that interrupt a wait."""
     return False
 
 
 class BlockingPort(PortHandler):
-    """Serial port of the SDK that sleeps while it waits and times out by monotonic time.
+    """Serial port of dynamixel_sdk that sleeps while it waits and times out by monotonic time.
 
     The SDK polls without sleeping and times out by `time.time()`, so that a step of the wall clock ends or
     stretches a wait (port_handler.py of 4.1.0: readPort, getCurrentTime).
+
+    Args:
+        port_name: path of the serial port.
+        baud_rate: baud rate [bit/s].
     """
 
     def __init__(self, port_name: str, baud_rate: int) -> None:
@@ -49,7 +53,17 @@ class BlockingPort(PortHandler):
         self._received = b""
 
     def setupPort(self, cflag_baud: int) -> Literal[True]:  # noqa: N802 - the SDK's name
-        """Open the port exclusively (flock on the device, which ends with the process in any case)."""
+        """Open the port for this program alone; return True.
+
+        A port that is open already is closed before. The lock is an flock on the device, which ends with the
+        process in any case.
+
+        Args:
+            cflag_baud: baud rate [bit/s].
+
+        Raises:
+            serial.SerialException: the port cannot be opened or is in use; an OSError.
+        """
         if self.is_open:
             self.closePort()
         self.ser = serial.Serial(self.port_name, cflag_baud, timeout=0, exclusive=True)
@@ -63,12 +77,18 @@ class BlockingPort(PortHandler):
         return True
 
     def clearPort(self) -> None:  # noqa: N802 - the SDK's name
-        """Discard all received bytes."""
+        """Discard all received bytes, those waiting in the operating system included."""
         self._received = b""
         termios.tcflush(self.ser.fileno(), termios.TCIFLUSH)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802 - the SDK's name
-        """Read `length` bytes, or fewer if the time-out ends first."""
+        """Read `length` bytes, or fewer if the wait times out or is interrupted.
+
+        The time-out is the one that `setPacketTimeout` started. Bytes beyond `length` are kept.
+
+        Raises:
+            OSError: the port hung up.
+        """
         descriptor = self.ser.fileno()
         while len(self._received) < length:
             left_s = (self.packet_timeout - self.getTimeSinceStart()) * 1e-3
@@ -87,11 +107,11 @@ class BlockingPort(PortHandler):
         return result
 
     def isPacketTimeout(self) -> bool:  # noqa: N802 - the SDK's name
-        """True if the wait timed out or was interrupted."""
+        """True if the wait for an answer timed out or was interrupted."""
         return self.interrupted() or bool(super().isPacketTimeout())
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802 - the SDK's name
-        """Start the time-out for an answer of this many bytes."""
+        """Start the time-out for an answer of `packet_length` bytes: their transmission time and 36 ms."""
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + ANSWER_MARGIN_MS)
 
     def getCurrentTime(self) -> float:  # noqa: N802 - the SDK's name
@@ -100,7 +120,7 @@ class BlockingPort(PortHandler):
 
 
 class StrictPacketHandler(Protocol2PacketHandler):
-    """Packet handler of the SDK that also checks the length of the answers.
+    """Packet handler of dynamixel_sdk that also checks id and length of the answers.
 
     The SDK takes any next packet as the answer to its last request. A late answer (a loaded host, a USB
     hiccup) would then confirm a write that the servo never received. Packets carry no sequence numbers, so
@@ -116,7 +136,13 @@ class StrictPacketHandler(Protocol2PacketHandler):
     def txRxPacket(  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]
         self, port: Any, txpacket: list[int]
     ) -> tuple[Any, int, int]:
-        """Send a packet and wait for its status packet; late answers are skipped.
+        """Send a packet and wait for its status packet (the servo's answer); late answers are skipped.
+
+        If the last request got no answer in time, a ping is sent and answered first.
+
+        Args:
+            port: the open serial port, a BlockingPort.
+            txpacket: bytes of the packet; the SDK fills in header, CRC and stuffing.
 
         Returns:
             Bytes of the status packet (None or empty without one), the SDK's result code (COMM_SUCCESS or an

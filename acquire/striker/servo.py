@@ -1,6 +1,7 @@
-"""Servo of the arm in SI units and arm angles: limits, gains, samples, moves.
+"""Servo of the striker's arm in SI units and arm angles: limits, gains, samples, moves.
 
-Register names are the vendor's.
+An arm angle is 0 at the impact point, where the arm hangs, and positive towards the object. Register names
+are the vendor's.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ _ERROR_BITS = {
 
 
 def hardware_error_text(status: int) -> str | None:
-    """Description of a value of Hardware Error Status; None if it reports no error."""
+    """Description, with remedies, of a value of the register Hardware Error Status; None if it is 0."""
     if not status:
         return None
     texts = [text for bit, text in _ERROR_BITS.items() if status >> bit & 1]
@@ -82,22 +83,28 @@ class Sample:
     host_after_ns: int
     """host monotonic time after the answer arrived"""
     tick_ms: int
-    """Realtime Tick: counts 1 ms, wraps at 32768"""
+    """the servo's clock, register Realtime Tick: counts 1 ms, wraps at 32768"""
     position_rad: float
+    """arm angle"""
     velocity_rad_s: float
+    """angular velocity of the arm, as the servo filters it"""
     current_a: float
+    """motor current; positive drives the arm towards the object"""
 
     @property
     def time_ns(self) -> int:
-        """Host monotonic time at the middle of the reading."""
+        """Host monotonic time [ns] at the middle of the reading."""
         return (self.host_before_ns + self.host_after_ns) // 2
 
 
 class Servo:
-    """Dynamixel servo that drives the arm.
+    """Dynamixel servo that drives the striker's arm.
+
+    Unless stated otherwise, methods that read or write registers raise StrikerLost if the servo does not
+    answer or the port fails, and those that write raise StrikerError if the servo refuses the value.
 
     Args:
-        config: the rig file's section: port, zero position, direction and limits.
+        config: section `striker` of the rig file: port, zero position, direction and limits.
         clock: host monotonic time.
     """
 
@@ -113,9 +120,13 @@ class Servo:
     def open(self) -> None:
         """Open the port, check the model, write the limits and read them back.
 
+        Also starts the dead man's switch, a process that switches the torque off when this one dies. On an
+        error the port is closed again.
+
         Raises:
-            StrikerNotFound: no such port, port in use, no servo, or a model that cannot limit its current.
-            StrikerError: a limit reads back differently.
+            StrikerNotFound: no such port, port in use, no servo, or a model that is not in MODEL_FILES.
+            StrikerError: a limit reads back differently, or the dead man's switch does not start.
+            StrikerLost: the servo does not answer.
         """
         model = self._bus.open()
         try:
@@ -136,17 +147,19 @@ class Servo:
             raise
 
     def close(self) -> None:
-        """Release the port. Always safe."""
+        """Release the port and end the dead man's switch, which leaves the torque as it is. Always safe."""
         dead_man, self._dead_man = self._dead_man, None
         if dead_man is not None:
             dead_man.dismiss()
         self._bus.close()
 
     def keep_dead_man_switch(self) -> None:
-        """Start the dead man's switch if it does not run: it switches the torque off when this process dies.
+        """Start the dead man's switch if it does not run.
+
+        It is a process that switches the torque off when this one dies.
 
         Raises:
-            StrikerError: its process does not start.
+            StrikerError: its process does not start, or the port is closed.
         """
         if self._dead_man is not None and not self._dead_man.alive:
             self._dead_man.dismiss()
@@ -157,7 +170,7 @@ class Servo:
 
     @property
     def is_open(self) -> bool:
-        """True if the port is open."""
+        """True from a successful `open` to `close`, even if the port fails in between."""
         return self._bus.is_open
 
     def _limits(self) -> dict[str, int]:
@@ -175,9 +188,14 @@ class Servo:
         }
 
     def _write_limits(self) -> None:
-        """Write the limits to EEPROM and read them back.
+        """Write the rig file's limits to the servo's EEPROM and read them back.
 
-        Only differing values are written, because EEPROM wears; torque must be off, else EEPROM is locked.
+        Only differing values are written, because EEPROM wears; the torque is switched off for that, else
+        EEPROM is locked.
+
+        Raises:
+            StrikerError: a limit reads back differently, or the servo refuses it.
+            StrikerLost: the servo does not answer.
         """
         wrong = {
             name: value
@@ -201,10 +219,13 @@ class Servo:
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
-        """Read tick, current, velocity and position at one instant; None if the answer is lost or absurd.
+        """Read tick, current, velocity and position of the servo at one instant.
 
         Args:
             interrupted: called while waiting; True ends the wait for the answer.
+
+        Returns:
+            The sample; None if the answer is lost or its values are impossible.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
@@ -230,9 +251,10 @@ class Servo:
         )
 
     def require_sample(self) -> Sample:
-        """Read a sample, and repeat the reading until there is an answer.
+        """Read a sample, and repeat the reading until there is an answer, for half a second or more.
 
         Raises:
+            StrikerFault: the servo reports a hardware error.
             StrikerLost: the servo does not answer.
         """
         for _ in attempts(self._clock):
@@ -242,10 +264,10 @@ class Servo:
         raise StrikerLost(f"{self._config.port}: the servo no longer answers; check its power and cable")
 
     def health(self) -> ServoHealth:
-        """Read supply voltage, temperature and hardware error.
+        """Read supply voltage [V], temperature [deg C] and hardware error of the servo.
 
         Raises:
-            StrikerLost: no answer.
+            StrikerLost: the servo does not answer.
         """
         voltage = self._bus.read(self._table["Present Input Voltage"])
         temperature = self._bus.read(self._table["Present Temperature"])
@@ -254,11 +276,20 @@ class Servo:
         )
 
     def hardware_error(self) -> str | None:
-        """Read the servo's hardware error and describe it; None if there is none."""
+        """Read the servo's hardware error and describe it; None if it reports none.
+
+        Raises:
+            StrikerLost: the servo does not answer.
+        """
         return hardware_error_text(self._bus.read(self._table["Hardware Error Status"]))
 
     def raise_hardware_error(self) -> None:
-        """Raise StrikerFault if the servo reports a hardware error."""
+        """Read the servo's hardware error, and raise StrikerFault if there is one.
+
+        Raises:
+            StrikerFault: the servo reports a hardware error.
+            StrikerLost: the servo does not answer.
+        """
         text = self.hardware_error()
         if text is not None:
             raise StrikerFault(f"{self._config.port}: the servo reports {text}, then home it")
@@ -271,6 +302,7 @@ class Servo:
 
         Raises:
             StrikerFault: the error persists after the reboot.
+            StrikerLost: the servo does not answer.
         """
         position = self._bus.read(self._table["Present Position"])
         # Mode 5 counts turns; only a reboot brings the reading back into one turn.
@@ -284,7 +316,10 @@ class Servo:
     # --- motion
 
     def torque_on(self) -> None:
-        """Hold the arm where it is, with this module's gains and the current limit."""
+        """Switch the torque on: hold the arm where it is, with this module's gains and the current limit.
+
+        A tripped bus watchdog is cleared.
+        """
         self._bus.write(self._table["Bus Watchdog"], 0)
         self._bus.write(*self._gains(POSITION_P_GAIN, 0))  # RAM: lost with every reboot
         self._bus.write(self._table["Goal Current"], self._limits()["Current Limit"])
@@ -295,12 +330,15 @@ class Servo:
         self._bus.write(self._table["Torque Enable"], 0)
 
     def start_watchdog(self) -> None:
-        """Start the bus watchdog: from now on, silence on the bus stops the motor."""
+        """Start the servo's bus watchdog: from now on, 100 ms of silence on the bus stop the motor.
+
+        A tripped watchdog is cleared first.
+        """
         self._bus.write(self._table["Bus Watchdog"], 0)  # clears a tripped watchdog, else goals are refused
         self._bus.write(self._table["Bus Watchdog"], WATCHDOG_UNITS)
 
     def watchdog_tripped(self) -> bool:
-        """True if the watchdog has stopped the arm."""
+        """True if the servo's bus watchdog has stopped the arm; read from the servo."""
         return self._bus.read(self._table["Bus Watchdog"]) == WATCHDOG_TRIPPED
 
     def stop_watchdog(self) -> None:
@@ -308,12 +346,21 @@ class Servo:
         self._bus.write(self._table["Bus Watchdog"], 0)
 
     def move_to(self, angle: float, velocity: float, acceleration: float) -> None:
-        """Move to an arm angle [rad] with profile velocity [rad/s] and acceleration [rad/s2].
+        """Start to move to an arm angle; returns as soon as the servo has confirmed the order.
 
-        A velocity or acceleration of 0 means as fast as the current limit allows. If the watchdog stopped the
-        arm because this host paused, it is cleared and the order repeated. Profile Acceleration, Profile
-        Velocity and Goal Position are neighbours and written at once, so that a retraction costs one
-        transaction. The goal is checked here, because the servo's position limits do not bind in mode 5.
+        If the watchdog stopped the arm because this host paused, it is cleared and the order repeated.
+        Profile Acceleration, Profile Velocity and Goal Position are neighbours and written at once, so that a
+        retraction costs one transaction. The goal is checked here, because the servo's position limits do not
+        bind in mode 5.
+
+        Args:
+            angle: arm angle to reach [rad].
+            velocity: largest velocity [rad/s]; 0 means as fast as the current limit allows.
+            acceleration: acceleration [rad/s2]; 0 means as much as the current limit allows.
+
+        Raises:
+            StrikerError: the angle is outside the striker's limits, or the servo refuses the order.
+            StrikerLost: the servo does not answer.
         """
         goal, value = self._goal(angle, velocity, acceleration)
         try:
@@ -353,10 +400,14 @@ class Servo:
         )
 
     def brake(self, angle: float, velocity: float) -> float:
-        """Brake an arm at an angle [rad] and velocity [rad/s] with full current; return the time to rest [s].
+        """Start to brake the moving arm with full current, and return the expected time to rest [s].
 
         Does not wait for an answer. A servo in this mode cannot brake harder: its current is limited by Goal
         Current, which is the current limit itself.
+
+        Args:
+            angle: present arm angle [rad].
+            velocity: present angular velocity of the arm [rad/s].
 
         Raises:
             StrikerLost: the port failed.
@@ -367,7 +418,9 @@ class Servo:
         return BRAKE_TIME_FACTOR * abs(velocity) / self.full_acceleration_rad_s2
 
     def damp(self) -> None:
-        """Stop controlling the position and only damp the motion; does not wait for an answer.
+        """Set the servo's gains so that it no longer controls the position and only damps the motion.
+
+        Does not wait for an answer.
 
         Raises:
             StrikerLost: the port failed.
@@ -375,10 +428,11 @@ class Servo:
         self._bus.write_unanswered(*self._gains(0, DAMPING_D_GAIN))
 
     def hold(self) -> None:
-        """Hold the arm where it is.
+        """Hold the arm where it is, with this module's position gain.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
+            StrikerError: the arm is outside the striker's limits.
             StrikerLost: the servo does not answer.
         """
         self.move_to(self.require_sample().position_rad, 0.0, 0.0)

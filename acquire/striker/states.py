@@ -1,4 +1,4 @@
-"""State transitions of a strike and their time limits, without I/O."""
+"""State transitions of the striker during a strike and their time limits, without I/O."""
 
 from __future__ import annotations
 
@@ -44,19 +44,28 @@ class StrikerStatus:
     """State of a striker, with the times that limit it."""
 
     state: StrikerState
+    """current state of the strike sequence"""
     since_ns: int
     """host monotonic time at which the state began"""
     homed: bool = False
     """True if the arm is at a known place with torque on"""
     armed_ns: int | None = None
-    """host monotonic time at which one strike was allowed; None if not armed"""
+    """host monotonic time at which one strike was allowed (armed); None if no strike is allowed"""
 
 
 def advance(status: StrikerStatus, to: StrikerState, now_ns: int) -> StrikerStatus:
-    """Status after a transition.
+    """Status of the striker after a transition to another state.
+
+    FAULT may follow any state. After HOMED the striker counts as homed, after FAULT it does not; DISARMED
+    only ends the permission to strike.
+
+    Args:
+        status: status before; it is not changed.
+        to: the new state.
+        now_ns: host monotonic time of the transition.
 
     Raises:
-        StrikerRefused: `to` may not follow the current state, or the striker is not homed.
+        StrikerRefused: `to` may not follow the current state, or is ARMED and the striker is not homed.
     """
     if to is _S.FAULT:
         return StrikerStatus(to, now_ns, homed=False)
@@ -85,17 +94,23 @@ def _remedy(status: StrikerStatus, to: StrikerState) -> str:
 
 
 def unhomed_status(now_ns: int) -> StrikerStatus:
-    """Status DISARMED after an interrupted motion: the arm's position is unknown."""
+    """Status DISARMED and not homed, from `now_ns` (host monotonic) on.
+
+    It follows an interrupted motion: the arm's position is unknown.
+    """
     return StrikerStatus(_S.DISARMED, now_ns, homed=False)
 
 
 def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool:
-    """True if the striker was armed more than `expires_s` ago and has not been released since."""
+    """True if a strike was allowed more than `expires_s` [s] before `now_ns` and has not begun since.
+
+    The state is then ARMED, COCKING or SETTLED. `now_ns` is host monotonic.
+    """
     waiting = status.state in {_S.ARMED, _S.COCKING, _S.SETTLED}
     return waiting and status.armed_ns is not None and now_ns - status.armed_ns > expires_s * 1e9
 
 
 def is_overdue(status: StrikerStatus, now_ns: int) -> bool:
-    """True if a moving state lasts longer than its limit."""
+    """True if, at `now_ns` (host monotonic), a state in which the arm moves lasts longer than its limit."""
     guard_s = GUARD_S.get(status.state)
     return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9

@@ -1,4 +1,4 @@
-"""Model of the servo's velocity register, estimated anew from every swing: filter, lag and renewal phase.
+"""Model of the servo's velocity register, estimated from every swing: filter, lag, renewal phase.
 
 The vendor does not publish the filter, and the register is renewed every millisecond at an unknown phase;
 together they delay its value by 1-5 ms. In the run-up and the retraction the speed changes by hundreds of
@@ -65,7 +65,11 @@ MIN_READS = 16
 
 @dataclass(frozen=True)
 class RegisterModel:
-    """Hypothesis about the velocity register: first-order filter, then a lag, renewed at a fixed phase."""
+    """Hypothesis about the servo's velocity register, with its probability.
+
+    The velocity passes a first-order filter, then a lag; the register shows it as it was at the last renewal,
+    once a millisecond at a fixed phase.
+    """
 
     tau: float
     """time constant of the filter [s]"""
@@ -74,14 +78,14 @@ class RegisterModel:
     lag_sd: float
     """standard deviation of the lag [s]"""
     phase_ns: int | None
-    """renewal time (host monotonic, modulo 1 ms); None if irregular"""
+    """renewal time (host monotonic, modulo 1 ms) [ns]; None if irregular"""
     weight: float
     """probability of this hypothesis"""
 
 
 @dataclass(frozen=True)
 class Reads:
-    """Samples as arrays (n,) with their uncertainties."""
+    """Samples of the servo as arrays (n,), with their uncertainties."""
 
     origin_ns: int
     """host monotonic time of time 0"""
@@ -90,13 +94,17 @@ class Reads:
     position: NDArray[np.float64]
     """(n,) arm angle [rad]"""
     velocity: NDArray[np.float64]
-    """(n,) velocity register [rad/s]"""
+    """(n,) angular velocity that the velocity register shows [rad/s]"""
     width: NDArray[np.float64]
     """(n,) duration of the read [s]"""
 
     @classmethod
     def from_samples(cls, samples: Sequence[Sample], origin_ns: int) -> Reads:
-        """Arrays of samples in order of time, with times relative to `origin_ns`."""
+        """Arrays of samples in order of time.
+
+        A sample's time is that at which the servo probably took it, 0.35 of the read's duration after its
+        begin, relative to `origin_ns` (host monotonic).
+        """
         return cls(
             origin_ns,
             np.array(
@@ -113,14 +121,18 @@ class Reads:
 
     @property
     def position_sd(self) -> NDArray[np.float64]:
-        """Standard deviation of the arm angle (n,) [rad], including that of the sampling time."""
+        """Standard deviation of each arm angle (n,) [rad], with that due to the unknown sampling time."""
         return np.hypot(POSITION_SD, self.width / math.sqrt(12) * np.abs(self.velocity))
 
     def age(self, phase_ns: int | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Time since the register's last renewal (n,) [s] and its standard deviation (n,) [s].
+        """Time since the velocity register's last renewal (n,) [s], and its standard deviation (n,) [s].
 
-        Without a phase the age is 0, because the lag includes its mean, with a correspondingly larger
-        deviation.
+        Both are taken over the possible sampling times within each read.
+
+        Args:
+            phase_ns: time of the renewals (host monotonic, modulo 1 ms) [ns]; None if they are irregular. The
+                age is then given as 0, because its mean is part of the register's lag, and its standard
+                deviation is that of a uniform distribution over 0-1 ms and of the sampling time.
         """
         if phase_ns is None:
             return np.zeros_like(self.time), np.hypot(UNKNOWN_AGE_SD_S, self.width / math.sqrt(12))
@@ -134,7 +146,11 @@ class Reads:
         return age, renewed.std(axis=1)
 
     def velocity_sd(self, age_sd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Standard deviation of the velocity (n,) [rad/s], including that of the age (n,) [s]."""
+        """Standard deviation of each velocity (n,) [rad/s], with that due to the age of its value.
+
+        Args:
+            age_sd: (n,) standard deviation of the time since the register's last renewal [s].
+        """
         if len(self.time) < 2:
             return np.full_like(self.time, VELOCITY_SD)
         slope = np.gradient(self.velocity, self.time)
@@ -142,11 +158,11 @@ class Reads:
 
 
 def low_pass(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
-    """Signal (n, ...) after a first-order low-pass filter along axis 0, at rest before the first row.
+    """Signal (n, ...) after a first-order low-pass filter along axis 0.
 
-    The rows are RESPONSE_STEP_S apart. The result is computed as a sum of 1, 2, 4, ... decaying terms, each
-    from the one before. scipy.signal has this filter as `lfilter`, but importing that takes longer than
-    everything else at the start of a daemon.
+    The rows are RESPONSE_STEP_S apart; before the first row the signal counts as constant. The result is
+    computed as a sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal has this filter as
+    `lfilter`, but importing that takes longer than everything else at the start of a daemon.
 
     Args:
         signal: (n, ...) values.
@@ -164,11 +180,13 @@ def low_pass(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
 def cubic_splines(
     time: NDArray[np.float64], start: float, count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cubic B-splines on uniform knots (de Boor 1978, ch. IX) and their derivatives, both (n, count).
+    """Cubic B-splines on uniform knots (n, count) and their derivatives (n, count) [1/s] at given times.
+
+    Source: de Boor 1978, ch. IX.
 
     Args:
         time: (n,) times [s].
-        start: start of the knots [s]; the i-th spline ends KNOT_SPACING_S * (i + 1) after it.
+        start: start of the knots [s]; spline i (from 0) ends KNOT_SPACING_S * (i + 1) after it.
         count: number of splines.
     """
     u = (time[:, None] - start) / KNOT_SPACING_S - np.arange(count) + 1.0
@@ -179,13 +197,17 @@ def cubic_splines(
 
 
 def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
-    """Register models with their probabilities given the samples, the most probable first.
+    """Models of the servo's velocity register, with their probabilities given the samples of one swing.
 
-    With too few reads no model is excluded.
+    Filter and phase are scanned; the lag is fitted to each pair, with a prior. Models with a probability of
+    0.01 or less are left out. With too few reads no model is excluded.
 
     Args:
         samples: samples of swing and retraction, in order.
         turned_ns: host monotonic time at which the retraction was commanded.
+
+    Returns:
+        The models, the most probable first.
     """
     score = (
         np.zeros((len(PHASES_NS), len(TAU_GRID_S), len(LAG_GRID_S)))
@@ -222,7 +244,15 @@ def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[Regist
 
 
 def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
-    """Samples of the run-up, which ends 20 ms before the retraction at the latest."""
+    """Samples of a swing's run-up, in which the arm gains speed.
+
+    It goes from 10 ms before to 60 ms after the arm first exceeds a tenth of its highest velocity, and ends
+    20 ms before the retraction at the latest.
+
+    Args:
+        samples: samples of the swing, in order.
+        turned_ns: host monotonic time at which the retraction was commanded.
+    """
     highest = max((s.velocity_rad_s for s in samples), default=0.0)
     moving = next((s.time_ns for s in samples if s.velocity_rad_s > 0.1 * highest), turned_ns)
     begin, end = moving - int(BEFORE_RUN_UP_S * 1e9), moving + int(RUN_UP_S * 1e9)
@@ -230,7 +260,13 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
 
 
 def _scores(reads: Reads) -> NDArray[np.float64]:
-    """Minus 2 log-likelihood (phase, tau, lag) of the best smooth motion (cubic spline) in both registers."""
+    """Minus twice the log-likelihood of the reads, for every phase, filter time constant and lag tried.
+
+    The motion is the smooth one (cubic spline) that fits position and velocity registers best.
+
+    Returns:
+        Array (phases, time constants, lags), up to a common constant.
+    """
     margin = KNOT_SPACING_S + LAG_GRID_S[-1] + PERIOD_NS * 1e-9
     inner = np.arange(-margin, reads.time[-1] + 2 * KNOT_SPACING_S, KNOT_SPACING_S)
     count = len(inner) + 2
