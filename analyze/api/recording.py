@@ -46,9 +46,10 @@ class StrikeFit:
     time: Array
     """(m,) times of the fitted frames [s], from the strike's first frame"""
     theta: Array
-    """(m,) fitted tipping angle [rad]; NaN if the estimator fits no curve"""
+    """(m,) fitted tipping angle [rad]; the measured one for sign_change, which fits no curve; NaN if the fit
+    has no residuals"""
     residual: Array
-    """(m,) measured minus fitted angle [rad]; NaN if the estimator fits no curve"""
+    """(m,) measured minus fitted angle [rad]; 0 for sign_change; NaN if the fit has no residuals"""
 
 
 @dataclass(frozen=True, eq=False)
