@@ -1,1 +1,1 @@
-"""Camera calibrations: measured from board images, read from other programs' files, written to rig files."""
+"""Camera calibrations: measured from board images, read from camera files, written to rig files."""

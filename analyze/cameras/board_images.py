@@ -24,10 +24,12 @@ Image = NDArray[np.uint8]
 
 
 def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
-    """Files that the inputs name, each once: files, images in folders, and files that match a pattern.
+    """Resolve files, folders (their images) and patterns such as img*.png to files, each listed once.
+
+    Of the files that match a pattern, images, videos and recordings are taken.
 
     Raises:
-        CalibrationError: a file does not exist, or a folder contains no image.
+        CalibrationError: a file does not exist, a pattern matches none, or a folder contains no image.
     """
     found: list[Path] = []
     for given in inputs:
@@ -60,10 +62,16 @@ def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
 
 
 def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str, Image]]:
-    """Name and grey values (height, width) of each image; five images a second of a recording or video.
+    """Yield name and grey values (height, width) of each image.
+
+    Of a recording or video at most five images a second are taken.
+
+    Args:
+        files: images, recordings (.mcap) and videos.
+        progress: called with a text, the number of files or images read and of all.
 
     Raises:
-        CalibrationError: a file is no image.
+        CalibrationError: a file is no image, or a recording contains none.
         ImportRefused: a video cannot be read.
         RecordingError: a recording cannot be read.
     """
@@ -78,12 +86,13 @@ def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str
 
 
 def read_image(path: Path) -> Image:
-    """Grey values (height, width) of an image file, or of a video's first image, in the sensor's orientation.
+    """Read the grey values (height, width) of an image file, or of a video's first image.
 
-    A photo's orientation tag is ignored, since the lens belongs to the sensor.
+    They are in the sensor's orientation: a photo's orientation tag is ignored, since the lens belongs to the
+    sensor.
 
     Raises:
-        CalibrationError: the file is no image.
+        CalibrationError: the file cannot be read, or is no image.
         ImportRefused: a video cannot be read.
     """
     if path.suffix.lower() in VIDEOS:

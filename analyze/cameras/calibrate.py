@@ -1,4 +1,4 @@
-"""Camera calibration from images of a ChArUco board."""
+"""Calibrates a camera from images of a ChArUco board."""
 
 from __future__ import annotations
 
@@ -34,17 +34,20 @@ MAX_TABLE_MISFIT_PX = 0.5
 
 @dataclass(frozen=True)
 class CalibrateOptions:
-    """Options of `analyze calibrate` without --drop."""
+    """Options of a camera calibration: images, board, lens model, and how the camera's pose is measured."""
 
     inputs: tuple[Path, ...]
+    """images, folders of images, patterns, recordings and videos"""
     board: Board
+    """the printed board"""
     model: LensModel = LensModel.PINHOLE
+    """lens model to fit"""
     table: Path | None = None
     """image of the board on the table; None if the camera's pose is not measured"""
     upright: bool = False
-    """True if the board stands in that image, False if it lies on the table"""
+    """True if the board stands in the image `table`, False if it lies on the table"""
     mark_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """position of the board's mark in W in that image [m]"""
+    """position of the board's mark (its origin) in the world frame W in the image `table` [m]"""
     rig: Path | None = None
     """rig file, with the expected image size and a camera pose; None if there is none"""
 
@@ -54,28 +57,37 @@ class CalibrationAnswer:
     """A calibration, with the images that it uses and leaves out."""
 
     options: CalibrateOptions
+    """options with which the calibration was made"""
     calibration: Calibration
+    """the lens with its uncertainty and the views that were used"""
     place: CameraPlace | None
+    """pose of the camera in the world frame W; None if it was not measured"""
     rig: RigConfig | None
+    """content of the rig file; None if none was given"""
     rig_place: list[list[float]] | None
-    """T_world_camera (4, 4) of the rig file; None if it has none"""
+    """T_world_camera (4, 4), the camera's pose in W, of the rig file; None if there is none"""
     looked_at: int
-    """number of images"""
+    """number of images that were read"""
     without_board: tuple[str, ...]
     """names of images that show no board"""
     alike: int
-    """number of views left out because another shows the same"""
+    """number of views left out because another shows the board in the same place"""
     dropped: tuple[Dropped, ...]
+    """other views that were left out, with the reasons"""
     doubts: tuple[str, ...]
     """reasons to doubt the calibration, each with a remedy"""
 
     @property
     def world_camera(self) -> list[list[float]] | None:
-        """T_world_camera (4, 4) as measured, otherwise as in the rig file; None if neither is known."""
+        """Camera's pose in the world frame (4, 4) as measured, else as in the rig file; None if unknown."""
         return self.rig_place if self.place is None else self.place.T_world_camera.tolist()
 
     def refuse_undetermined(self) -> None:
-        """Raise CalibrationError if the views do not determine the lens."""
+        """Check that the views determine the lens.
+
+        Raises:
+            CalibrationError: they do not; the message gives the reasons.
+        """
         if self.calibration.undetermined:
             used = len(self.calibration.shots)
             raise CalibrationError(
@@ -86,8 +98,17 @@ class CalibrationAnswer:
 def calibrate_camera(options: CalibrateOptions, progress: Progress) -> CalibrationAnswer:
     """Calibrate a camera from the images that the options name.
 
+    The result may be a lens that the views do not determine: call its `refuse_undetermined`. In that case the
+    camera's pose is not measured.
+
+    Args:
+        options: images, board and lens model.
+        progress: called with a text, the number of finished steps and of all steps.
+
     Raises:
-        CalibrationError: an image cannot be read, sizes differ, no board is seen, or there are too few views.
+        CalibrationError: an image cannot be read, sizes differ, no board or another board is seen, there are
+            too few views, or the image for the pose does not fit.
+        ImportRefused: a video cannot be read.
         RecordingError: a recording cannot be read.
         DocumentError: the rig file cannot be used.
     """
@@ -217,7 +238,17 @@ def _counted(count: int, noun: str) -> str:
 def _shots(
     seen: Sequence[tuple[str, Image, BoardSighting]], board: Board, progress: Progress
 ) -> tuple[list[Shot], int, list[Dropped]]:
-    """One view with corners per position of the board, the number of duplicate views, and unusable views."""
+    """Choose one view per position of the board, and find its corners.
+
+    Args:
+        seen: name, grey values and tags of each image that shows the board.
+        board: the board.
+        progress: called with a text, the number of finished views and of all chosen views.
+
+    Returns:
+        The views with corners, the number of views left out because another shows the board in the same
+        place, and the unusable views (too few tags or corners, or blurred) with their reasons.
+    """
     outlined = [(name, image, sight, outline(sight, board)) for name, image, sight in seen]
     dropped = [Dropped(name, "too few tags are seen") for name, _, _, where in outlined if where is None]
     usable = [(name, image, sight, where) for name, image, sight, where in outlined if where is not None]

@@ -20,7 +20,7 @@ TABLE = "camera.calibration"
 
 
 def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
-    """The calibration as the rig file's table; None if the camera's pose is unknown."""
+    """Convert a calibration to the rig file's table [camera.calibration]; None if the pose is unknown."""
     if answer.world_camera is None:
         return None
     table = "\n".join(f"{key} = {value}" for key, value in toml_entries(answer).items())
@@ -28,7 +28,11 @@ def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
 
 
 def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
-    """Entries of the table [camera.calibration]: TOML values by key."""
+    """Entries of the rig file's table [camera.calibration]: TOML texts of the values, by key.
+
+    T_world_camera (the camera's pose) is left out if unknown. The row delay line_time_s is taken over from
+    the rig file, if there is one with a value other than 0.
+    """
     lens = answer.calibration.lens
     entries = {
         "model": f'"{lens.model.value}"',
@@ -55,7 +59,7 @@ def _row_toml(values: Any, digits: int) -> str:
 
 
 def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
-    """Write the calibration as a file of its own, to be copied into a rig file.
+    """Write the calibration as a TOML file of its own, to be copied into a rig file.
 
     Raises:
         OutputError: the file cannot be written.
@@ -76,10 +80,11 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
 
 
 def refuse_unplaced(rig: Path) -> None:
-    """Refuse, before any work, a rig file without a camera pose when none will be measured.
+    """Check that a rig file has a camera pose; called before any work if none will be measured.
 
     Raises:
-        CalibrationError: the file has no T_world_camera, or does not exist.
+        CalibrationError: the file has no T_world_camera, does not exist or cannot be read.
+        DocumentError: an entry of the file has a value that is not allowed.
     """
     if read_rig(rig)[1] is None:
         raise _unplaced(rig)
@@ -92,7 +97,9 @@ def _unplaced(rig: Path) -> CalibrationError:
 
 
 def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
-    """Write the calibration into the rig file; every other line stays as it is.
+    """Write the calibration into the table [camera.calibration] of a rig file.
+
+    Lines outside this table stay as they are.
 
     Raises:
         CalibrationError: the file has no plain table [camera.calibration], or the camera's pose is unknown.

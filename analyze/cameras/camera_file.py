@@ -1,4 +1,4 @@
-"""Camera files: the lens of an imported video and, where the file has it, the camera's pose in W."""
+"""Reads camera files: the lens of imported images and, if the file has it, the camera's pose."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ UNREAD_SUFFIXES = (".xml", ".txt", ".ini", ".npz", ".mat")
 
 @dataclass(frozen=True)
 class CameraFile:
-    """Content of a camera file."""
+    """Calibration from a camera file, or from a topic of a message file."""
 
     path: Path
-    """origin of the calibration: a file, or a file and its topic"""
+    """origin of the calibration: a file, or FILE:TOPIC"""
     calibration: CameraCalibrationSpec
-    """lens and pose; T_world_camera is the unit matrix if the file has none"""
+    """lens and pose; T_world_camera (pose in the world frame) is the unit matrix if the file has none"""
     placed: bool
     """True if the file has T_world_camera"""
     rig: RigConfig | None = None
@@ -37,11 +37,15 @@ class CameraFile:
 
     @property
     def file_name(self) -> str:
-        """Name of the calibration as an attachment of a recording."""
+        """Name of the calibration as an attachment of a recording: the file's, or the topic's with .json."""
         return f"{self.path.name}.json" if self.of_topic else self.path.name
 
     def content(self) -> bytes:
-        """Content of the calibration as an attachment: the file's bytes, or a topic's calibration as JSON."""
+        """Content of the calibration as an attachment: the file's bytes, read anew, or a topic's as JSON.
+
+        Raises:
+            OSError: the file cannot be read any more.
+        """
         return (
             self.calibration.model_dump_json(exclude={"T_world_camera"}).encode()
             if self.of_topic
@@ -53,8 +57,9 @@ def read_camera(path: Path) -> CameraFile:
     """Read a rig file, a file of `analyze calibrate -o`, or a calibration of OpenCV, Kalibr or ROS.
 
     Raises:
-        CalibrationError: the file is missing, not valid, or contains no lens of a known model.
-        DocumentError: an entry cannot be used.
+        CalibrationError: the file is missing, an image or video, of an unread type, not valid, or contains no
+            lens of a known model.
+        DocumentError: an entry has a value that is not allowed.
     """
     if not path.exists():
         raise CalibrationError(
@@ -78,11 +83,17 @@ def read_camera(path: Path) -> CameraFile:
 
 
 def camera_of(sources: Sequence[FrameSource]) -> CameraFile:
-    """Lens from the camera calibration topics in the sources themselves.
+    """Read the lens from the camera calibration topics in the sources themselves.
+
+    Args:
+        sources: opened sources of images, at least one; only message files can have a calibration.
+
+    Returns:
+        The calibration, without the camera's pose.
 
     Raises:
-        ImportRefused: they state none, or different ones.
-        CalibrationError, DocumentError: the lens is of an unknown model.
+        ImportRefused: the sources state no calibration, or different ones.
+        CalibrationError, DocumentError: a calibration is damaged, or its lens cannot be used.
     """
     calibrations = [(source, source.calibration()) for source in sources if isinstance(source, TopicSource)]
     found = [

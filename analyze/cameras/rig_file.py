@@ -17,11 +17,17 @@ PLUMB_LINE = "plumb line"
 
 
 def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
-    """Content of a rig file, and its T_world_camera (4, 4) or None; calibration and address may be missing.
+    """Read a rig file (TOML), of which the camera's address and calibration may be missing.
+
+    Missing entries get placeholders: address "none", an image of 1 x 1 px, and unit matrices.
+
+    Returns:
+        Content of the file, and its T_world_camera (4, 4), the camera's pose in the world frame; None if the
+        file has none.
 
     Raises:
-        CalibrationError: the file is missing or not valid TOML.
-        DocumentError: an entry cannot be used.
+        CalibrationError: the file is missing, cannot be read, or is not valid TOML.
+        DocumentError: an entry has a value that is not allowed.
     """
     try:
         data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
