@@ -1,1 +1,1 @@
-"""Import of other cameras' images as recordings: find strikes, estimate the camera's pose, write."""
+"""Imports other cameras' images as recordings: finds strikes, estimates the camera's pose, writes."""

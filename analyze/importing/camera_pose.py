@@ -1,4 +1,4 @@
-"""The camera's pose from the object itself, which rests before each strike where the plan puts it.
+"""Estimates the camera's pose from the object, which rests before each strike where the plan puts it.
 
     T_world_camera = T_world_object T_object_marker T_camera_marker^-1
 
@@ -27,25 +27,26 @@ MAX_DEVIATION_RAD, MAX_DEVIATION_M = math.radians(6.0), 0.04
 
 @dataclass(frozen=True)
 class StrikeCameraPose:
-    """The camera's pose from one strike."""
+    """Pose of the camera, estimated from one strike."""
 
     strike_id: str
+    """id of the strike in the recording"""
     T_world_camera: Array
-    """(4, 4)"""
+    """(4, 4) pose of the camera in the world frame, translation in m"""
 
 
 @dataclass(frozen=True)
 class EstimatedCameraPose:
-    """The camera's mean pose over all strikes."""
+    """Mean pose of the camera over all strikes, with the strikes' scatter."""
 
     T_world_camera: Array
-    """(4, 4)"""
+    """(4, 4) pose of the camera in the world frame, translation in m"""
     deviation_rad: float
-    """root mean square deviation of the strikes' orientations from the mean"""
+    """root mean square deviation of the strikes' orientations from the mean [rad]"""
     deviation_m: float
-    """root mean square deviation of the strikes' positions from the mean"""
+    """root mean square deviation of the strikes' positions from the mean [m]"""
     views: int
-    """number of strikes"""
+    """number of strikes that were averaged"""
 
 
 def camera_pose_from_strike(
@@ -56,15 +57,20 @@ def camera_pose_from_strike(
     planned: PlannedStrike,
     strike_id: str,
 ) -> StrikeCameraPose | None:
-    """The camera's pose from one strike; None if no marker of known pose on the object is at rest in view.
+    """Estimate the camera's pose from the resting object of one strike.
+
+    The marker of known pose on the object that is seen in most images is used.
 
     Args:
         frames: images from rest into the motion, which resolves a tag's pose ambiguity.
         rest_until_ns: time of the last frame at rest [ns].
         camera: lens of the camera; its pose is not used.
         markers: markers of the object.
-        planned: planned strike with the object's resting pose.
+        planned: planned strike with the object's resting pose and its heading on the table.
         strike_id: id of the strike, for messages.
+
+    Returns:
+        The pose; None if no marker of known pose on the object is at rest in view.
 
     Raises:
         TrackingError: the images are of another camera or another object.
@@ -90,10 +96,11 @@ def camera_pose_from_strike(
 
 
 def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
-    """Mean of the poses from the strikes.
+    """Mean of the camera's poses that the strikes give.
 
     Raises:
-        ImportRefused: there are none, or one of them differs from the others by more than a placing error.
+        ImportRefused: there is no pose, or one differs from the median by more than a placing error
+            (`MAX_DEVIATION_RAD`, `MAX_DEVIATION_M`).
     """
     if not views:
         raise ImportRefused(

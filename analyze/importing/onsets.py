@@ -1,4 +1,4 @@
-"""Onsets of strikes in a clip: a marker at rest that then turns about a point near it.
+"""Finds onsets of strikes in a clip: a marker at rest that then turns about a point near it.
 
 A marker at rest is searched for once; from then on each image's region around it is compared with its
 appearance at rest, which takes little time. When the region changes, the marker is searched for again
@@ -61,24 +61,29 @@ class Onset:
     """Onset of a strike in a clip."""
 
     rest_ns: int
-    """time from which a marker was seen at rest [ns], on the source's clock"""
+    """time on the source's clock from which a marker was seen at rest [ns]"""
     time_ns: int
-    """last time at which it was seen at rest [ns]"""
+    """last time on the source's clock at which the marker was seen at rest [ns]"""
     moved_ns: int
-    """time of the first image in which it had moved [ns]"""
+    """time on the source's clock of the first image in which the marker had moved [ns]"""
     markers: tuple[int | str, ...]
-    """markers that were seen at rest"""
+    """names of the markers that were seen at rest"""
 
 
 @dataclass
 class _Rest:
-    """Markers at rest, and their appearance."""
+    """Markers at rest, and the appearance of the largest of them."""
 
     since_ns: int
+    """time from which they were seen at rest [ns]"""
     quiet_ns: int
+    """last time at which they were seen at rest [ns]"""
     corners: dict[int | str, Array]
+    """corners (4, 2) of each marker [px], by its name"""
     region: tuple[slice, slice]
+    """rows and columns of the image that are compared"""
     appearance: Array
+    """(n,) grey values of the region, normalised"""
 
 
 class OnsetFinder:
@@ -113,7 +118,11 @@ class OnsetFinder:
         """True if any of the markers was at rest"""
 
     def add(self, frame: TimedImage) -> Onset | None:
-        """Take the next image; the onset of a strike if this image shows that one has begun, else None."""
+        """Search the clip's next image.
+
+        Returns:
+            Onset of a strike that this image shows to have begun; None otherwise.
+        """
         if self._rest is None:
             if frame.time_ns >= self._next_ns:
                 self._search(frame)
@@ -130,7 +139,12 @@ class OnsetFinder:
         self._try_settle(frame, self._find(frame.image))
 
     def _try_settle(self, frame: TimedImage, found: dict[int | str, Array]) -> None:
-        """Take found markers as at rest once several consecutive searches have them in one place."""
+        """Set the resting markers once `SEARCHES_AT_REST` consecutive searches have them in one place.
+
+        Args:
+            frame: image that was searched last.
+            found: corners (4, 2) of the markers found in it [px], by name.
+        """
         self._seen = [*self._seen[1 - SEARCHES_AT_REST :], (frame.time_ns, found)]
         if len(self._seen) < SEARCHES_AT_REST:
             return
@@ -212,12 +226,17 @@ def _side(corners: Array) -> float:
 
 
 def _shift(before: Array, now: Array) -> float:
-    """Largest shift of a corner, in sides of the marker."""
+    """Largest shift of a marker's corners (4, 2) between two images, over the marker's side."""
     return float(np.max(np.linalg.norm(now - before, axis=1))) / _side(before)
 
 
 def _motion(before: Array, now: Array) -> tuple[float, float, float]:
-    """Rotation in the image [rad], largest shift of a corner and distance to the pivot, both in sides."""
+    """Motion of a marker between two images, from its corners (4, 2) [px].
+
+    Returns:
+        Rotation in the image, positive clockwise [rad]; largest shift of a corner, over the marker's side;
+        distance from the marker's middle to the point about which it turned, over the marker's side.
+    """
     middle_before, middle = before.mean(axis=0), now.mean(axis=0)
     a, b = before - middle_before, now - middle
     turn = math.atan2(float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a * b)))
@@ -226,7 +245,12 @@ def _motion(before: Array, now: Array) -> tuple[float, float, float]:
 
 
 def _marker_region(corners: dict[int | str, Array], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns around the largest marker, thinned to a few pixels."""
+    """Rows and columns around the largest marker, with a step that leaves 40 to 79 of a large region's.
+
+    Args:
+        corners: corners (4, 2) of each marker [px], by its name.
+        shape: height and width of the image [px].
+    """
     largest = max(corners.values(), key=_side)
     margin = 0.2 * _side(largest)
     low = np.maximum(np.floor(largest.min(axis=0) - margin), 0).astype(int)
@@ -236,7 +260,7 @@ def _marker_region(corners: dict[int | str, Array], shape: tuple[int, ...]) -> t
 
 
 def _appearance(image: NDArray[np.uint8], place: tuple[slice, slice]) -> Array:
-    """Grey values of a region, normalised in brightness and contrast."""
+    """Grey values (n,) of an image's region `place`, of mean 0 and norm 1 (0 for a uniform region)."""
     values = image[place].astype(np.float64).ravel()
     values -= values.mean()
     return values / max(float(np.linalg.norm(values)), 1e-9)

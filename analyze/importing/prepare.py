@@ -49,18 +49,23 @@ MOTION_AFTER_ONSET_NS = 600_000_000
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """Options of `analyze import`."""
+    """Options of an import (`analyze import`): files, and the assignment of sources to planned strikes."""
 
     sources: tuple[Path, ...]
+    """videos, folders of images, MCAP files or ROS 2 bags"""
     object_path: Path
+    """object file (TOML)"""
     plan_path: Path
+    """strike plan (JSON)"""
     camera_path: Path | None
     """camera file; None for the calibration in the sources' own files"""
     strikes: tuple[str, ...] = ()
-    """ids of planned strikes, in the order of the sources, or of the strikes in a single source"""
+    """ids of planned strikes, or "-" to leave one out, in the order of the sources, or of the strikes in a
+    single source"""
     whole: bool = False
     """True if each source is one strike's window, and no onset is searched for"""
     source: SourceOptions = field(default_factory=SourceOptions)
+    """options for reading the sources, common to all"""
     rate_sd_hz: float | None = None
     """standard deviation of the frame rate [Hz]; None if it was not measured"""
     aside: Path | None = None
@@ -72,32 +77,43 @@ class PreparedImport:
     """An import before anything is written, to be used in a `with` statement."""
 
     options: ImportOptions
+    """options of the import"""
     object: ObjectFiles
+    """object specification and shape file"""
     object_text: str
+    """content of the object file"""
     plan: StrikePlan
+    """strike plan, made for this object"""
     plan_text: str
+    """content of the plan's file"""
     camera: CameraFile
+    """lens and, if the file has it, pose of the camera"""
     sources: tuple[FrameSource, ...]
+    """open sources, in the order given"""
     images: tuple[Frames, ...]
     """images of each source, stored ones without decoding again"""
     clips: tuple[Clip, ...]
+    """result of the search in each source"""
     windows: tuple[StrikeWindow, ...]
+    """parts of the sources that show the planned strikes"""
     was_split: bool
-    """True if one source was split into several strikes"""
+    """True if the only source was searched for several strikes"""
     rate_hz: float
+    """frame rate of the first source as captured [Hz]"""
     calibration: CameraCalibrationSpec
+    """lens and pose of the camera as the recording states them"""
     place: EstimatedCameraPose | None
     """camera pose estimated from the resting object; None if the camera file states the pose"""
     _open: ExitStack
 
     @property
     def storable_videos(self) -> tuple[VideoSource, ...] | None:
-        """The sources if all are videos that are stored as coded; None otherwise."""
+        """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
         return _storable_videos(self.sources)
 
     @property
     def are_files(self) -> bool:
-        """True if all sources contain PNG or JPEG files, which are stored unchanged."""
+        """True if the images of all sources are PNG or JPEG files, which are stored unchanged."""
         return _are_files(self.sources)
 
     @property
@@ -122,12 +138,12 @@ class PreparedImport:
         )
 
     def remarks(self) -> list[str]:
-        """Remarks on the sources, complete once all of them have been read."""
+        """Remarks for the user on lens, frame rates and sources, complete once all sources were read."""
         lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
         return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
 
     def _slow_motion(self) -> Iterator[str]:
-        """Remark if the videos may be undeclared slow motion."""
+        """Yield a remark if the sources are videos at a low rate, which may be undeclared slow motion."""
         if (
             all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
             and self.rate_hz < MAX_SLOW_MOTION_HZ
@@ -138,7 +154,10 @@ class PreparedImport:
             )
 
     def _other_rates(self) -> Iterator[str]:
-        """Remarks on videos whose rate of frames, or of playing, differs from the first one's."""
+        """Yield remarks on sources whose frame rate differs from the first one's by `MAX_RATE_RATIO`.
+
+        If a capture rate was given, the playing rates of videos are compared, too.
+        """
         capture_hz = self.options.source.capture_hz
         videos = [
             source for source in self.sources if isinstance(source, VideoSource) and capture_hz is not None
@@ -174,8 +193,16 @@ class PreparedImport:
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
     """Search the sources for strikes, and assign their images to the planned strikes.
 
+    If the camera file has no pose, the camera's pose is estimated from the resting object. The returned
+    import keeps the sources open.
+
+    Args:
+        options: files, and the assignment of sources to planned strikes.
+        progress: called with a text, the number of finished images or strikes and of all.
+
     Raises:
-        ImportRefused: a source cannot be read or is of another camera, or the strikes cannot be assigned.
+        ImportRefused: a source cannot be read, is of another camera or shows no tag of the object, the plan
+            is of another object, the strikes cannot be assigned, or the camera's pose is not determined.
         OutputError: the disk has no room for the videos that will be stored.
         ShapeError, DocumentError, CalibrationError: the object's, the plan's or the camera's file cannot be
             used.
@@ -244,7 +271,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
 
 
 def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
-    """Remarks of the sources; a remark that several share is given once."""
+    """Yield the sources' remarks with their names; a remark that several share is given once."""
     sources_of: dict[str, list[str]] = {}
     for source in sources:
         for remark in source.remarks:
@@ -254,7 +281,15 @@ def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
 
 
 def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
-    """Refuse a full disk before the search: videos stored as coded need as much room as their files."""
+    """Check, before the search, that the disk has room for the videos stored as coded.
+
+    Args:
+        folder: folder on the disk; None for no check.
+        kept: videos that need as much room as their files.
+
+    Raises:
+        OutputError: the disk has less room.
+    """
     needed = sum(video.path.stat().st_size for video in kept)
     if folder is not None and (free := shutil.disk_usage(folder).free) < needed:
         raise OutputError(
@@ -289,7 +324,13 @@ def _are_files(sources: Sequence[FrameSource]) -> bool:
 
 
 def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
-    """Image store of each source that would otherwise be decoded twice; None for the other sources."""
+    """Create an image store (spool) for each source that would otherwise be decoded twice, else None.
+
+    Args:
+        options: options of the import, with the folder for the images.
+        sources: open sources.
+        stack: closes the stores.
+    """
     if options.aside is None or options.whole or _storable_videos(sources) is not None or _are_files(sources):
         return [None for _ in sources]
     return [
@@ -298,20 +339,31 @@ def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitS
 
 
 class _Search(NamedTuple):
-    """Search of sources for strikes."""
+    """Search of sources for strikes, with its options."""
 
     markers: Sequence[int | str]
+    """names of the object's markers"""
     every_strike: bool
     """True to store the images of all strikes of a source, False for those of its first strike only"""
     directions: frozenset[bool]
-    """directions in which the plan's strikes turn in the image, True for clockwise"""
+    """directions in which the plan's strikes turn a marker in the image, True for clockwise"""
     progress: Progress
+    """called with a text, the number of images searched and of all"""
 
     def run(self, path: Path, source: FrameSource, spool: Spool | None) -> Clip:
-        """Search a source to its end for onsets; keep the images of its strikes in `spool`, if given.
+        """Search a source to its end for onsets of strikes.
+
+        Args:
+            path: path of the source.
+            source: the open source.
+            spool: store that keeps the images of the strikes; None to keep none.
+
+        Returns:
+            The source with its onsets.
 
         Raises:
-            ImportRefused: no tag of the object is seen, or a video's rate is not constant.
+            ImportRefused: no tag of the object is seen, the source cannot be read, or the rate of a
+                slow-motion video is not constant.
         """
         frame_ns = 1e9 / source.rate_hz
         finder = OnsetFinder(self.markers, frame_ns, self.directions)

@@ -35,11 +35,13 @@ class _Interval:
     """Interval within which every image is stored, ends included."""
 
     start_ns: int
+    """first time on the source's clock [ns]"""
     end_ns: int
+    """last time on the source's clock [ns]"""
 
 
 class Spool:
-    """Image store of one source, to be used in a `with` statement.
+    """Store of some images of one source while it is searched, to be used in a `with` statement.
 
     Args:
         source: the source that is searched.
@@ -58,7 +60,7 @@ class Spool:
         self._fd = -1
 
     def add(self, frame: TimedImage) -> None:
-        """Add the source's next image."""
+        """Take the source's next image, copied; it is stored on disk if an interval to keep contains it."""
         slot = self._slots[self._added % len(self._slots)]
         self._added += 1
         slot[:] = frame.image
@@ -67,7 +69,14 @@ class Spool:
             self._append(frame.time_ns, slot)
 
     def keep(self, start_ns: int, end_ns: int) -> None:
-        """Store the images of this interval [ns], both those still held and those to come."""
+        """Store the images of an interval on disk, both those still held in memory and those to come.
+
+        Nothing is stored if no image of it is held or the disk has no room: they are decoded again later.
+
+        Args:
+            start_ns: first time on the source's clock [ns], included.
+            end_ns: last time on the source's clock [ns], included.
+        """
         wanted = [(time_ns, image) for time_ns, image in self._latest if time_ns >= start_ns]
         if not wanted or not self._has_room(end_ns - start_ns):
             return
@@ -83,7 +92,15 @@ class Spool:
                 break
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Images from `start_ns` to `end_ns`, both included: stored ones, otherwise decoded again."""
+        """Yield the images from `start_ns` to `end_ns`: stored ones if there are, others decoded again.
+
+        Args:
+            start_ns: first time on the source's clock [ns], included; None for the first image.
+            end_ns: last time on the source's clock [ns], included; None for the last image.
+
+        Raises:
+            ImportRefused: the source cannot be read.
+        """
         kept = self._interval_ending_at(end_ns)
         if kept is None or start_ns is None or end_ns is None:
             yield from self._source.frames(start_ns, end_ns)
@@ -100,7 +117,7 @@ class Spool:
             yield TimedImage(self._times[number], image)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of stored images, which removes it."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -121,12 +138,20 @@ class Spool:
         return next((each for each in self._intervals if each.start_ns <= end_ns <= each.end_ns), None)
 
     def _has_room(self, length_ns: int) -> bool:
-        """True if the disk has room for this interval and then for a recording with all intervals."""
+        """True if the disk has room for a further interval, and then for a recording with all of them.
+
+        Args:
+            length_ns: length of the further interval [ns].
+        """
         more = math.ceil(length_ns * 1e-9 * self._source.rate_hz)
         return shutil.disk_usage(self._folder).free > (len(self._times) + 2 * more) * self._size
 
     def _append(self, time_ns: int, image: NDArray[np.uint8]) -> bool:
-        """Write an image; False if the disk is full, and its interval is decoded again."""
+        """Append an image (height, width) to the file.
+
+        Returns:
+            False if it cannot be written; the latest interval is then forgotten, to be decoded again.
+        """
         try:
             if self._fd < 0:
                 self._fd = _unnamed_file(self._folder)
@@ -140,6 +165,6 @@ class Spool:
 
 
 def _unnamed_file(folder: Path) -> int:
-    """Descriptor of an open file without a name, which the system removes when it is closed."""
+    """Open a file without a name in `folder`, which the system removes when its descriptor is closed."""
     with tempfile.TemporaryFile(dir=folder) as file:
         return os.dup(file.fileno())

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 
 def render_import(prepared: PreparedImport) -> list[str]:
-    """Print a line per strike with its source and times, then remarks on sources and camera.
+    """Print a table of the strikes with sources and times, frame rate and formats, and remarks.
+
+    Remarks go to standard error.
 
     Returns:
-        The sources' remarks that were printed.
+        The remarks that were printed.
     """
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("strike", "source", "tags at rest"):
@@ -56,7 +58,7 @@ def render_import(prepared: PreparedImport) -> list[str]:
 
 
 def render_written(written: Written, shown: list[str]) -> None:
-    """Print the recording written, with remarks that were not printed before."""
+    """Print the recording written, after remarks that are not in `shown` (printed before)."""
     _remark([remark for remark in written.remarks if remark not in shown])
     size = f"{written.size / 1e6:.1f} MB"
     click.echo(

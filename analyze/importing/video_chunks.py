@@ -1,4 +1,4 @@
-"""Gathers coded pictures into chunks that begin with a key picture; compresses chunks of small pictures."""
+"""Gathers coded pictures into chunks of a recording, and compresses chunks of small pictures."""
 
 from __future__ import annotations
 
@@ -34,43 +34,47 @@ class VideoChunk(NamedTuple):
     """A chunk of coded pictures."""
 
     messages: VideoMessages
+    """times, sequence numbers and sizes of the n pictures"""
     records: list[memoryview]
-    """whole message records"""
+    """n whole MCAP message records, one for each picture"""
 
 
 class PreparedChunk(NamedTuple):
     """A chunk with its checksums and index, ready to be written."""
 
     buffers: Sequence[Buffer]
+    """parts of the chunk's records, compressed or as they are"""
     size: ChunkSize
+    """sizes, checksum and kind of compression of the chunk"""
     index_entries: bytes
     """packed entries of its message index, by time"""
     hashed: list[HashedMessage]
+    """time, size and data, or checksum of large data, of each message for the recording's content hash"""
 
 
 @dataclass
 class OpenChunk:
-    """A chunk that still grows."""
+    """A chunk of coded pictures that still grows."""
 
     _messages: list[VideoMessages] = field(default_factory=list)
     _records: list[memoryview] = field(default_factory=list)
     size: int = 0
-    """bytes of its pictures"""
+    """size of its pictures [bytes]"""
 
     def add(self, messages: VideoMessages, records: list[memoryview]) -> None:
-        """Append messages and their whole records."""
+        """Append pictures: their messages' times, numbers and sizes, and their whole records."""
         self._messages.append(messages)
         self._records += records
         self.size += int(messages.sizes.sum())
 
     def closed(self) -> VideoChunk:
-        """Chunk of everything added; nothing may be added afterwards."""
+        """Chunk of everything added, at least one picture; nothing may be added afterwards."""
         columns = [np.concatenate(column) for column in zip(*self._messages, strict=True)]
         return VideoChunk(VideoMessages(*columns), self._records)
 
 
 def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
-    """Compute a chunk's checksums and message index, and compress it where that saves space."""
+    """Compute a chunk's checksums and message index; compress it if its pictures are small and it shrinks."""
     crc = 0
     hashed: list[HashedMessage] = []
     for time_ns, record in zip(chunk.messages.times_ns.tolist(), chunk.records, strict=True):
@@ -91,7 +95,12 @@ def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
 
 
 def _index_entries(times_ns: NDArray[np.int64], sizes: NDArray[np.int64]) -> bytes:
-    """Packed message index of records of these sizes (n,) and log times (n,) [ns]."""
+    """Packed MCAP message index, by time, of n consecutive records.
+
+    Args:
+        times_ns: (n,) log times [ns].
+        sizes: (n,) sizes of the records [bytes].
+    """
     offsets = np.cumsum(sizes) - sizes
     order = np.argsort(times_ns, kind="stable")
     return np.stack((times_ns[order], offsets[order]), axis=1).astype("<u8").tobytes()

@@ -1,4 +1,4 @@
-"""Strike windows: the part of each source that shows a planned strike."""
+"""Assigns parts of the sources, the strike windows, to the planned strikes that they show."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ MIN_FRAMES_AFTER_ONSET = 720
 
 @dataclass(frozen=True)
 class Clip:
-    """A source that was searched for strikes."""
+    """A source of images and, if it was searched for strikes, the onsets found in it."""
 
     path: Path
+    """path of the source"""
     onsets: tuple[Onset, ...] = ()
-    """onsets in the order of their times"""
+    """onsets of strikes (a marker at rest begins to tip) in the order of their times"""
     last_ns: int | None = None
-    """time of the last image; None if it was not searched"""
+    """time of the last image on the source's clock [ns]; None if the source was not searched"""
     frame_ns: float = 0.0
-    """interval between two images by the source's times"""
+    """interval between two images by the source's times [ns]; 0 if the source was not searched"""
     rested: bool = False
     """True if a marker was at rest in view at any time"""
 
     @property
     def why_no_strike(self) -> str:
-        """Reason why no strike is found, with a remedy."""
+        """Reason why no strike was found in the searched clip, with a remedy, as part of a sentence."""
         if not self.rested:
             return (
                 "its tag is seen, but is never at rest: put the camera on a stand and take your hand off the "
@@ -49,29 +50,39 @@ class Clip:
 
 
 def window_around(onset: Onset, frame_ns: float) -> tuple[int, int]:
-    """Start and end of a strike's window, both included, unless a strike or the clip's end cuts it."""
+    """Start and end of a strike's window on the source's clock, both included [ns].
+
+    It begins `BEFORE_ONSET_NS` before the onset, but not before the marker rested. The next strike and the
+    clip's end, which may cut it, are not considered here.
+
+    Args:
+        onset: onset of the strike.
+        frame_ns: interval between two images [ns].
+    """
     after_ns = max(AFTER_ONSET_NS, round(MIN_FRAMES_AFTER_ONSET * frame_ns))
     return max(onset.time_ns - BEFORE_ONSET_NS, onset.rest_ns), onset.time_ns + after_ns
 
 
 @dataclass(frozen=True)
 class StrikeWindow:
-    """The images of one strike."""
+    """Part of a source that shows one strike."""
 
     clip: int
     """index of the source"""
     plan_strike_id: str
+    """id of the strike in the plan"""
     attempt: int
+    """number of the attempt at this planned strike, from 1"""
     start_ns: int | None
-    """on the source's clock; None for its first image"""
+    """first time on the source's clock [ns], included; None for the source's first image"""
     end_ns: int | None
-    """on the source's clock, included; None for its last image"""
+    """last time on the source's clock [ns], included; None for the source's last image"""
     onset: Onset | None
-    """None if it was not searched for, or not found"""
+    """onset of the strike; None if it was not searched for, or not found"""
 
     @property
     def strike_id(self) -> str:
-        """Id of the strike in the recording."""
+        """Id of the strike in the recording: PLANNED_ID.ATTEMPT."""
         return f"{self.plan_strike_id}.{self.attempt}"
 
 
@@ -83,11 +94,12 @@ def one_window_per_clip(
     Args:
         clips: clips in the order in which they were given.
         planned: ids of the plan's strikes, in its order.
-        strike_ids: ids of the clips' strikes, in the clips' order. If empty, the clips' file names are the
-            ids if all of them are ids of the plan; otherwise the plan's order applies.
+        strike_ids: planned ids of the clips' strikes, in the clips' order; `SKIPPED` leaves a clip out. If
+            empty, the clips' file names are the ids if all of them are ids of the plan; otherwise the plan's
+            order applies.
 
     Raises:
-        ImportRefused: the clips cannot be assigned to strikes.
+        ImportRefused: numbers of clips and ids do not fit, or an id is not in the plan.
     """
     names = [clip.path.stem for clip in clips]
     if not strike_ids and len(clips) > len(planned) and not set(names) <= set(planned):
@@ -112,10 +124,11 @@ def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) ->
     Args:
         clip: clip that was searched for onsets.
         planned: ids of the plan's strikes, in its order.
-        strike_ids: ids of the onsets' strikes, in their order; if empty the plan's order.
+        strike_ids: planned ids of the onsets' strikes, in the onsets' order, `SKIPPED` to leave one out; if
+            empty the plan's order.
 
     Raises:
-        ImportRefused: the onsets cannot be assigned to strikes.
+        ImportRefused: there is no onset, the numbers of onsets and ids differ, or an id is not in the plan.
     """
     found = len(clip.onsets)
     at = ", ".join(f"{onset.time_ns * 1e-9:.1f}" for onset in clip.onsets)

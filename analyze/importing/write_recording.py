@@ -61,13 +61,17 @@ class Written:
     """An imported recording."""
 
     path: Path
+    """path of the recording"""
     content_id: str
+    """hash of the recording's messages"""
     size: int
-    """bytes"""
+    """size of the recording [bytes]"""
     images: int
+    """number of images written"""
     strikes: int
+    """number of strike windows of the import, including those without images"""
     remarks: tuple[str, ...]
-    """remarks on missing frames and files that end early"""
+    """remarks for the user on sources and camera, missing frames and strikes left out"""
 
 
 @dataclass
@@ -75,10 +79,18 @@ class _LogTimes:
     """Log times of a strike's first and last image."""
 
     first_ns: int | None = None
+    """earliest log time [ns]; None without images"""
     last_ns: int = 0
+    """latest log time [ns]"""
 
     def add_range(self, at_ns: int, times_ns: NDArray[np.int64], window: StrikeWindow) -> None:
-        """Add the frames, at increasing times, that lie in a window; the source begins at `at_ns`."""
+        """Add the images of a source that lie in a strike's window.
+
+        Args:
+            at_ns: log time of the source's start [ns].
+            times_ns: (n,) times of the images since the source's start [ns], increasing.
+            window: the strike's window on the source's clock.
+        """
         first = 0 if window.start_ns is None else int(np.searchsorted(times_ns, window.start_ns, "left"))
         last = (
             len(times_ns) if window.end_ns is None else int(np.searchsorted(times_ns, window.end_ns, "right"))
@@ -88,15 +100,16 @@ class _LogTimes:
             self.add(at_ns + int(times_ns[last - 1]))
 
     def add(self, log_time_ns: int) -> None:
-        """Add one image."""
+        """Add one image at a log time [ns]."""
         self.first_ns = log_time_ns if self.first_ns is None else min(self.first_ns, log_time_ns)
         self.last_ns = max(self.last_ns, log_time_ns)
 
 
 class _Session:
-    """Writer of an import's messages: the sources, then the strikes.
+    """Writer of an import's messages: the sources' images, then the strikes.
 
-    Frames are numbered over all sources, and the sources follow each other on one clock.
+    Images are numbered over all sources, and the sources follow each other on one clock, `SOURCE_GAP_NS`
+    apart. Sources without a strike are left out.
     """
 
     def __init__(self, prepared: PreparedImport, writer: RecordingWriter, progress: Progress) -> None:
@@ -113,7 +126,12 @@ class _Session:
         self._meta_topic = topics.frame_meta(CAMERA)
 
     def write(self) -> None:
-        """Write all sources, then the strikes."""
+        """Write head, topics, calibration, the images of all sources, then the strikes.
+
+        Raises:
+            ImportRefused: a source cannot be read.
+            OutputError: the file cannot be written.
+        """
         writer, prepared = self._writer, self._prepared
         writer.write_head(_manifest(prepared, self.anchor_ns), _attachments(prepared))
         calibration = topics.camera_calibration(CAMERA)
@@ -157,7 +175,7 @@ class _Session:
     def _messages(
         self, source: FrameSource, window: StrikeWindow
     ) -> Iterator[tuple[int, tuple[Buffer, ...]]]:
-        """Time on the source's clock and message of each image in a window."""
+        """Yield time on the source's clock [ns] and message, in parts, of each image in a window."""
         if self._prepared.are_files:
             for time_ns, file in source.files(window.start_ns, window.end_ns):
                 yield time_ns, image_messages.compressed_image(CAMERA, self._at_ns + time_ns, file)
@@ -195,7 +213,15 @@ class _Session:
         self._sequence = last
 
     def _video_chunk(self, chunk: OpenChunk, lost: dict[int, tuple[int, int]]) -> None:
-        """Write a chunk of video, with FrameMeta for its first frame and each frame that follows a gap."""
+        """Write a chunk of video, with FrameMeta for its first frame and each frame that follows a gap.
+
+        Nothing is written for an empty chunk.
+
+        Args:
+            chunk: the chunk, which must not grow afterwards.
+            lost: by frame number: time on the source's clock [ns] and number of frames missing before it;
+                those written are removed.
+        """
         if not chunk.size:
             return
         closed = chunk.closed()
@@ -250,7 +276,7 @@ class _Session:
         )
 
     def _origin(self, window: StrikeWindow) -> str:
-        """Log text that names the source of a strike and the time of its onset."""
+        """Text for the recording's log that names the source of a strike and the time of its onset."""
         clip = self._prepared.clips[window.clip]
         text = f"strike {window.strike_id}: of {clip.path.name}; the contact was not measured"
         if window.onset is None:
@@ -268,18 +294,26 @@ def _image_topic(prepared: PreparedImport) -> topics.Topic:
 
 
 def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
-    """Slices of pictures, each beginning with a key picture, and whether it does: the first may not."""
+    """Divide pictures before each key picture; yields each part's slice, and True if a key picture begins it.
+
+    Only the first part may begin without a key picture. `keys` (n,) is True for key pictures.
+    """
     begins = np.flatnonzero(keys).tolist()
     for start, stop in pairwise(sorted({0, len(keys), *begins})):
         yield slice(start, stop), bool(keys[start])
 
 
 def write_recording(prepared: PreparedImport, output: Path, progress: Progress = no_progress) -> Written:
-    """Write the recording; on failure no file is left.
+    """Write a prepared import as a recording; on failure no file is left.
+
+    Args:
+        prepared: the import.
+        output: path of the recording.
+        progress: called with a text, the number of images written and of all.
 
     Raises:
-        OutputError: it exists already, or cannot be written.
-        ImportRefused: a source cannot be read to its end.
+        OutputError: the file exists already, or cannot be written.
+        ImportRefused: a source cannot be read.
     """
     with RecordingWriter(output) as writer:
         session = _Session(prepared, writer, progress)

@@ -42,14 +42,20 @@ class Message(NamedTuple):
     """One message, its data in parts."""
 
     log_time_ns: int
+    """log time [ns]"""
     sequence: int
+    """sequence number on the topic"""
     parts: Sequence[Buffer]
+    """buffers that form the encoded message one after the other"""
 
 
 def refuse_taken(path: Path) -> None:
-    """Raise OutputError if a recording, finished or begun, has this path.
+    """Check that neither this path nor its `.part` file exists; call it before a long video is read, too.
 
-    Call it before a long video is read, too.
+    A folder at this path is not refused.
+
+    Raises:
+        OutputError: a recording, finished or begun, has this path.
     """
     if path.exists() and not path.is_dir():
         raise OutputError(f"{path}: exists already: choose another name or move it away")
@@ -59,7 +65,12 @@ def refuse_taken(path: Path) -> None:
 
 
 class RecordingWriter:
-    """A recording being written. Use it in a `with` statement: after an error nothing is left.
+    """Writer of a recording. Use it in a `with` statement: unless `finish` was called nothing is left.
+
+    Call `write_head`, `add_topics`, the other `write_` methods, and `finish`, in this order.
+
+    Args:
+        path: path of the finished recording.
 
     Raises:
         OutputError: the file exists already, or cannot be written.
@@ -88,13 +99,18 @@ class RecordingWriter:
 
     @property
     def size(self) -> int:
-        """Bytes written so far."""
+        """Number of bytes written or queued so far; messages of `write_small` may still be missing."""
         return self._records.size
 
     def write_head(self, manifest: SessionManifest, attachments: Sequence[tuple[str, str, bytes]]) -> None:
-        """Write the manifest and the attachments (name, media type, content).
+        """Write the manifest and the attached files; call it before anything else.
 
-        Call it before anything else.
+        Args:
+            manifest: description of the session.
+            attachments: name, media type and content of each file.
+
+        Raises:
+            OutputError: the file cannot be written.
         """
         text = canonical_json(manifest)
         self._manifest_sha256 = sha256_text(text)
@@ -103,20 +119,24 @@ class RecordingWriter:
             self._records.write_attachment(AttachmentRecord(name, media_type, 0, data))
 
     def add_topics(self, *topics: Topic) -> None:
-        """Declare topics; after the head, before messages."""
+        """Declare the recording's topics, after the head and before messages."""
         for topic in topics:
             number = len(self._channels) + 1
             self._records.add_topic(topic, number)
             self._channels[topic.name] = number
 
     def channel_id(self, topic: Topic) -> int:
-        """Channel number of a declared topic."""
+        """Channel id of a declared topic in the file.
+
+        Raises:
+            KeyError: the topic was not declared.
+        """
         return self._channels[topic.name]
 
     def write_chunk(self, topic: Topic, messages: Sequence[Message]) -> None:
-        """Write messages of an image topic as one chunk.
+        """Write messages of an image topic as one chunk; nothing without messages.
 
-        Their parts are written later and must stay unchanged until then.
+        Their parts are written later, by another thread, and must stay unchanged.
 
         Raises:
             OutputError: an earlier chunk could not be written.
@@ -143,7 +163,11 @@ class RecordingWriter:
         self._records.write_chunk(buffers, at, crc, {channel_id: places})
 
     def write_video(self, topic: Topic, chunk: VideoChunk) -> None:
-        """Write coded pictures as one chunk; errors as for `write_chunk`."""
+        """Write coded pictures as one chunk; the records are written later and must stay unchanged.
+
+        Raises:
+            OutputError: an earlier chunk could not be written.
+        """
         channel_id, times, ready = self._channels[topic.name], chunk.messages.times_ns, prepare_chunk(chunk)
         self._hash.add_all(topic.name, ready.hashed)
         span = int(times.min()), int(times.max())
@@ -151,10 +175,10 @@ class RecordingWriter:
         self._records.write_packed_chunk(packed, ready.buffers, channel_id, len(times))
 
     def write_small(self, topic: Topic, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Write one message of a small topic.
+        """Add one message of a small topic, which is gathered with others to a chunk of 64 KiB.
 
         Raises:
-            OutputError: as from `write_chunk`.
+            OutputError: an earlier chunk could not be written.
         """
         self._hash.add(topic.name, log_time_ns, len(data), data)
         self._pending.add(self._channels[topic.name], sequence, log_time_ns, log_time_ns, data)
@@ -162,10 +186,13 @@ class RecordingWriter:
             self._flush_small()
 
     def finish(self) -> str:
-        """Write pending messages, seal and summary, rename the file, and return its content id.
+        """Write pending messages, seal (record with the checksums) and summary, and rename the file.
+
+        Returns:
+            Content id: hash of the messages.
 
         Raises:
-            OutputError: the disk refuses, or the name was taken meanwhile.
+            OutputError: the file cannot be written, or the name was taken meanwhile.
         """
         self._flush_small()
         content_id = self._hash.hexdigest()
@@ -194,7 +221,7 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Remove the file unless it was finished."""
+        """End the writing thread, and remove the `.part` file unless the recording was finished."""
         self._join()
         if self._fd >= 0:
             os.close(self._fd)
@@ -213,7 +240,7 @@ class RecordingWriter:
         self._queue.put(buffers)
 
     def _write_queued(self) -> None:
-        """Body of the writing thread."""
+        """Write queued buffers until None comes; the writing thread's body. The first error is kept."""
         while (buffers := self._queue.get()) is not None:
             try:
                 if self._failure is None:
