@@ -1,1 +1,1 @@
-"""Printing of tags and calibration boards: their codes, and true-to-scale sheets."""
+"""Prints tags and calibration boards: their codes, and true-to-scale sheets."""

@@ -21,7 +21,7 @@ QUIET_CELLS = 1
 
 @cache
 def dictionary(family: str) -> cv2.aruco.Dictionary:
-    """OpenCV dictionary of a family.
+    """OpenCV dictionary (bit patterns) of a tag family such as "36h11".
 
     Raises:
         TagError: the family is unknown.
@@ -32,13 +32,19 @@ def dictionary(family: str) -> cv2.aruco.Dictionary:
 
 
 def count(family: str) -> int:
-    """Number of tags in a family; their ids begin at 0."""
+    """Number of tags in a family; their ids begin at 0.
+
+    Raises:
+        TagError: the family is unknown.
+    """
     return len(dictionary(family).bytesList)
 
 
 @cache
 def cells(family: str, tag_id: int) -> NDArray[np.bool_]:
-    """Cells (n, n) of a tag, True for white; row 0 is the top, and the outermost ring is the black border.
+    """Cells (n, n) of a tag, True for white, read-only.
+
+    Row 0 is the top; the outermost ring is the black border.
 
     Raises:
         TagError: the family is unknown, or has no such id.

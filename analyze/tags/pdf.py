@@ -1,4 +1,4 @@
-"""True-to-scale PDF of sheets: matplotlib's backend writes points of 1/72 inch exactly as given."""
+"""Writes sheets as a true-to-scale PDF; matplotlib's backend writes points of 1/72 inch exactly as given."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write_pdf(pages: Sequence[Page], output: Path) -> None:
 
 
 def pdf_bytes(pages: Sequence[Page]) -> bytes:
-    """PDF of the pages, byte for byte the same on every run."""
+    """Content of a PDF file of the pages, byte for byte the same on every run with the same matplotlib."""
     data = io.BytesIO()
     with (
         mpl.rc_context({"font.family": "DejaVu Sans"}),
@@ -62,7 +62,7 @@ def _figure(page: Page) -> Figure:
 
 
 class _Sheet:
-    """Drawing area of a page, with coordinates in millimetres."""
+    """Drawing area of a page, with coordinates in millimetres from the lower left corner, y up."""
 
     def __init__(self, figure: Figure, page: Page) -> None:
         self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
@@ -100,7 +100,7 @@ class _Sheet:
         colour: str = INK,
         dash: bool = False,
     ) -> None:
-        """Draw a straight line between two points [mm]."""
+        """Draw a straight line between two points (x, y) [mm], of a width in mm, dashed if `dash`."""
         points = np.array([start, end]) * self._scale
         line = Line2D(
             points[:, 0],
@@ -117,7 +117,16 @@ class _Sheet:
     def write(
         self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False
     ) -> None:
-        """Write one line of text [mm]: start at x, baseline at y; if `turned`, end at x and middle at y."""
+        """Write one line of horizontal text.
+
+        Args:
+            x: start of the text [mm]; its end if `turned`.
+            y: baseline of the text [mm]; its middle if `turned`.
+            text: the text.
+            points: font size [1/72 inch].
+            bold: True for bold letters.
+            turned: True to place the text to the left of (x, y), as beside a vertical ruler.
+        """
         where = np.array([x, y]) * self._scale
         self._figure.text(
             where[0],
@@ -154,7 +163,7 @@ def _draw_tag(sheet: _Sheet, placed: PlacedTag) -> None:
 
 
 def _draw_origin(sheet: _Sheet, x: float, y: float) -> None:
-    """Draw arrows along the board's x and y from its origin, just outside the squares."""
+    """Draw arrows along the board's x and y from its origin (x, y) [mm], just outside the squares."""
     away, long, head = 1.0, 9.0, 1.4
     letters = {"x": (x + long + 1.0, y - away - 0.8), "y": (x - away - 0.7, y + long + 1.0)}
     for start, along, name in (

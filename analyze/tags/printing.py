@@ -1,4 +1,4 @@
-"""Printing of tags or a calibration board from the user's options (`analyze print-tags`)."""
+"""Prints tags or a calibration board to a PDF, from the user's options (`analyze print-tags`)."""
 
 from __future__ import annotations
 
@@ -21,12 +21,15 @@ class PrintOptions:
     """Options for sheets of tags; None for the default."""
 
     family: str | None = None
+    """Tag family; None for 36h11."""
     ids: str | None = None
-    """Ids such as `0-11` or `0,3,7`."""
+    """Ids such as `0-11` or `0,3,7`; None for `0-11`."""
     size_mm: float | None = None
+    """Edge length of the black square [mm]; None for 30 mm."""
     object_path: Path | None = None
-    """Object file whose tags are printed, in place of family, ids and size."""
+    """Object file whose tags are printed, in place of family, ids and size; None to use those."""
     paper: str = "A4"
+    """Paper, A4 or Letter."""
 
 
 @dataclass(frozen=True)
@@ -34,20 +37,26 @@ class BoardOptions:
     """Options for a calibration board; None for the default."""
 
     family: str | None = None
+    """Tag family; None for 5x5_100."""
     squares: str = "7x9"
     """Columns x rows."""
     square_mm: float = 22.0
+    """Edge length of a square [mm]."""
     marker_mm: float | None = None
-    """Edge length of the tags; None for 0.7 of the squares'."""
+    """Edge length of the tags [mm]; None for 0.7 of the squares'."""
     paper: str = "A4"
+    """Paper, A4 or Letter."""
 
 
 def print_tags(options: PrintOptions, output: Path) -> str:
-    """Write sheets of tags, and return a line that describes them.
+    """Write sheets of tags as a PDF.
+
+    Returns:
+        Line for the user with file, number and sizes of the tags, and pages.
 
     Raises:
-        TagError: a family, id or paper is unknown, or a size does not fit.
-        ShapeError: the object file is not usable.
+        TagError: a family, id or paper is unknown, the ids are not understood, or a size does not fit.
+        ShapeError: the object file is missing or cannot be used.
         OutputError: the file cannot be written.
     """
     if options.object_path is not None:
@@ -68,10 +77,14 @@ def print_tags(options: PrintOptions, output: Path) -> str:
 
 
 def print_board(options: BoardOptions, output: Path) -> str:
-    """Write a ChArUco board and return a line that describes it.
+    """Write a calibration board (ChArUco) as a PDF of one page.
+
+    Returns:
+        Line for the user with file and layout of the board.
 
     Raises:
-        TagError: the family or paper is unknown, or the board is impossible or does not fit.
+        TagError: the family or paper is unknown, `squares` is not understood, or the board is impossible or
+            does not fit on the paper.
         OutputError: the file cannot be written.
     """
     board = parse_board(options)
@@ -81,10 +94,10 @@ def print_board(options: BoardOptions, output: Path) -> str:
 
 
 def parse_board(options: BoardOptions) -> Board:
-    """Board that the options describe.
+    """Parse the board that the options describe; the paper is not considered.
 
     Raises:
-        TagError: `squares` is not columns x rows, or the board is impossible.
+        TagError: `squares` is not columns x rows, the family is unknown, or the board is impossible.
     """
     columns, _, rows = options.squares.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and len(columns) < 4 and len(rows) < 4):

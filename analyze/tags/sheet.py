@@ -35,19 +35,25 @@ class Tag:
     """Tag to be printed."""
 
     family: str
+    """Tag family."""
     id: int
+    """Number of the tag in its family, from 0."""
     size_mm: float
     """Edge length [mm] of the black square."""
 
 
 @dataclass(frozen=True)
 class Rect:
-    """Black rectangle: lower left corner and size [mm]."""
+    """Black rectangle on a page: lower left corner and size [mm]."""
 
     x: float
+    """Left edge."""
     y: float
+    """Lower edge."""
     width: float
+    """Size across."""
     height: float
+    """Size upwards."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,7 @@ class PlacedTag:
     """Tag with its position on a page [mm]."""
 
     tag: Tag
+    """Tag to be printed."""
     x: float
     """Left edge of the black square."""
     y: float
@@ -67,7 +74,7 @@ class PlacedTag:
 
     @property
     def black(self) -> list[Rect]:
-        """Rectangles of the black cells."""
+        """Black rectangles of the tag on the page, one per run of black cells in a row."""
         return black_rectangles(
             families.cells(self.tag.family, self.tag.id), self.x, self.y, self.tag.size_mm
         )
@@ -81,33 +88,44 @@ class Board:
     """
 
     family: str
+    """Tag family."""
     columns: int
+    """Number of squares across."""
     rows: int
+    """Number of squares from top to bottom."""
     square_mm: float
+    """Edge length [mm] of a square."""
     marker_mm: float
+    """Edge length [mm] of a tag's black square."""
 
 
 @dataclass(frozen=True)
 class Page:
-    """Contents of one sheet of paper; lengths in mm."""
+    """Contents of one sheet of paper; lengths in mm, positions from the lower left corner, y up."""
 
     width: float
+    """Width of the paper."""
     height: float
+    """Height of the paper."""
     heading: str
+    """Text at the top."""
     tags: tuple[PlacedTag, ...] = ()
+    """Tags with their positions; empty for a board."""
     black: tuple[Rect, ...] = ()
-    """Black squares and tag cells of a board."""
+    """Black squares and tag cells of a board; empty for sheets of tags."""
     caption: str = ""
+    """Text below a board."""
     caption_at: tuple[float, float] = (0.0, 0.0)
+    """Start of the caption."""
     origin: tuple[float, float] | None = None
     """Origin of a board's frame, with x to the right and y up; None for sheets of tags."""
 
 
 def parse_ids(text: str) -> list[int]:
-    """Tag ids in a text such as `0-11`, `3` or `0-3,7`, without repetitions.
+    """Parse tag ids in a text such as `0-11`, `3` or `0-3,7`, in the order given, without repetitions.
 
     Raises:
-        TagError: the text is not of this form.
+        TagError: the text is not of this form, or a range runs backwards.
     """
     found: list[int] = []
     for part in text.split(","):
@@ -122,7 +140,12 @@ def parse_ids(text: str) -> list[int]:
 
 
 def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
-    """Pages with the tags in rows, in the order given.
+    """Lay out tags in rows on as many pages as needed, in the order given.
+
+    Args:
+        tags: tags to be printed.
+        paper: name of the paper, A4 or Letter.
+        heading: text at the top of each page; the page's number is added.
 
     Raises:
         TagError: paper, family or id is unknown, or a tag is too small or too large for the paper.
@@ -157,7 +180,11 @@ def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
 
 
 def board_page(board: Board, paper: str) -> Page:
-    """Page with the board in its centre.
+    """Lay out a calibration board on one page, in the middle of the space beside the rulers.
+
+    Args:
+        board: the board.
+        paper: name of the paper, A4 or Letter.
 
     Raises:
         TagError: paper or family is unknown, or the board is impossible or too large for the paper.
@@ -207,10 +234,11 @@ def board_page(board: Board, paper: str) -> Page:
 
 
 def refuse_impossible(board: Board) -> None:
-    """Refuse a board that is impossible on any paper.
+    """Check that a board is possible on some paper.
 
     Raises:
-        TagError: the family is unknown; the board has too few squares, too small tags, or too many tags.
+        TagError: the family is unknown, or the board has too few squares, too small or too many tags, or
+            squares too small for a white rim around the tags.
     """
     if min(board.columns, board.rows) < MIN_SQUARES:
         raise TagError(
@@ -234,7 +262,14 @@ def refuse_impossible(board: Board) -> None:
 
 
 def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
-    """Rectangles of the black cells of a tag with lower left corner (x, y), one per run of cells in a row."""
+    """Black rectangles of a tag, one per run of black cells in a row.
+
+    Args:
+        cells: (n, n) cells of the tag, True for white, row 0 at the top.
+        x: left edge of the tag on the page [mm].
+        y: lower edge of the tag on the page [mm].
+        size: edge length of the tag [mm].
+    """
     many = len(cells)
     cell = size / many
     rectangles: list[Rect] = []
