@@ -1,1 +1,1 @@
-"""The Result document: numbers of an estimate with units, intervals, warnings and a verdict in words."""
+"""Result document (JSON): numbers of an estimate with units, intervals, warnings and a verdict in words."""

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def disagreement_texts(agreements: Agreements) -> Iterator[str]:
-    """Yield a sentence per strike whose estimators disagree, and one if the paper's c differs from ours."""
+    """Yield a sentence per disagreement of two estimators of a strike, and one on the centres of mass.
+
+    The last is yielded only if the paper's centre of mass (VISAPP 2013) differs from ours by more than 3 sd.
+    """
     for each in agreements.estimators:
         yield f"strike {each.strike_id}: {estimator_difference_text(each)}"
     centres = agreements.centres
@@ -26,7 +29,10 @@ def disagreement_texts(agreements: Agreements) -> Iterator[str]:
 
 
 def estimator_difference_text(each: EstimatorDisagreement) -> str:
-    """Clause on the difference between two estimators of one strike, in phi or k, and its significance."""
+    """Clause on the difference between two estimators of one strike, with its significance in sd.
+
+    The difference is in k (m g R / I_edge) if it is given there, otherwise in the balance angle φ.
+    """
     if each.k_off is not None:
         return (
             f"k by {each.other} differs from {each.used}'s by {100 * each.k_off:+.1f} %, {each.sigmas:.1f}"

@@ -1,4 +1,4 @@
-"""Answer: an estimate with its Result document, the input of reports, replays, exports and archives."""
+"""Answer: an estimate with its Result document (JSON), the input of reports, replays and exports."""
 
 from __future__ import annotations
 
@@ -23,11 +23,13 @@ class Answer:
     """Estimate of one object, with the Result document built from it."""
 
     estimate: Estimate
+    """the estimate with its checks and evidence"""
     result: Result
+    """its numbers with units and intervals, warnings and verdict"""
 
     @classmethod
     def from_estimate(cls, estimate: Estimate) -> Answer:
-        """Build the Result document of an estimate."""
+        """Answer that holds an estimate and the Result document built from it."""
         return cls(estimate, result_document(estimate))
 
     def json(self) -> str:
@@ -41,12 +43,20 @@ def answer_recordings(
     """Estimate one object from one or several recordings and build the Result document.
 
     Args:
-        paths: recordings (MCAP).
-        options: choices of the user.
-        progress: called with (text, done, total) before each strike.
+        paths: recordings (MCAP), in any order.
+        options: choices of the user; None for the defaults.
+        progress: called with (text, done, total) before each strike, and before the estimate.
+
+    Returns:
+        The estimate with its Result document.
 
     Raises:
-        RecordingError, MergeError, ShapeError, PlanError, EstimationError: see `estimate_recordings`.
+        RecordingError: a file cannot be read.
+        MergeError: the recordings are not of one object, or one is named twice.
+        ShapeError: the object's shape cannot be used.
+        PlanError: a plan is of another object.
+        TrackingError: no marker of any strike of a recording can be tracked.
+        EstimationError: fewer than three strikes can be used, or an excluded strike does not exist.
     """
     return Answer.from_estimate(estimate_recordings(paths, options, progress))
 
@@ -54,7 +64,15 @@ def answer_recordings(
 def answer_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Answer:
     """Estimate one object from fitted motions and build the Result document; no files are read.
 
+    Args:
+        evidence: fitted motions of all strikes, with object, shape and plan.
+        options: choices of the user; None for the defaults.
+
+    Returns:
+        The estimate with its Result document.
+
     Raises:
-        EstimationError: fewer than three strikes can be used.
+        EstimationError: fewer than three strikes can be used, or parts or filling cannot be estimated.
+        ShapeError: a label of the object file names a part that the shape does not have.
     """
     return Answer.from_estimate(estimate_evidence(evidence, options))

@@ -1,4 +1,4 @@
-"""The verdict in sentences: which parts of a result to trust, which to doubt, which strikes to repeat."""
+"""Verdict on an estimate in sentences: parts of it to trust, parts to doubt, strikes to repeat."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ masses are trusted; above the second, they are reported as not determined"""
 
 
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
-    """Sentences on an estimate, most important first; each begins with trust, doubt or repeat.
+    """Sentences on an estimate: first what to trust, then what to doubt, last which strikes to repeat.
+
+    Each begins with one of these three words. None begins with trust if the centre of mass lies outside the
+    hull, or if gravity or a moment is impossible at possible frame rates.
 
     Args:
         estimate: the estimate.
-        frame_times: frame times of its recordings, as the result holds them.
+        frame_times: frame times of its recordings, as the Result document holds them.
     """
     checks = estimate.checks
     wrong_rates = [each for each in frame_times if not each.possible]
@@ -72,6 +75,7 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
 
 
 def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
+    """Yield sentences on what to trust: centre of mass, measured tensor entries, `regions` if it says so."""
     com, predictions = estimate.com, estimate.predictions
     if com.observed:
         worst = 1e3 * SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
@@ -87,6 +91,10 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 
 
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
+    """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
+
+    `regions` is the sentence on the region masses, which is yielded if it begins with doubt.
+    """
     observed = estimate.com.observed
     if not observed:
         yield "doubt the centre of mass along the direction that is not observed: it comes from the shape"
@@ -99,7 +107,9 @@ def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
 
 
 def regions_text(distribution: MassDistribution, mass: float) -> str:
-    """Sentence on how far the region masses can be trusted; it begins with trust or doubt.
+    """Sentence on how far the masses of shell and interior parts can be trusted.
+
+    It begins with trust or doubt, by the half width of the least certain region's interval over the mass.
 
     Args:
         distribution: region masses with their intervals.
@@ -126,13 +136,14 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
 
 
 def _ranges(names: Sequence[str], ends: Array) -> str:
+    """Text of the ranges `ends` (n, 2) [kg] of named masses, in grams."""
     return ", ".join(
         f"{name} {1e3 * low:.3g} to {1e3 * high:.3g} g" for name, (low, high) in zip(names, ends, strict=True)
     )
 
 
 def gravity_text(checks: Checks) -> str:
-    """Sentence on the difference between gravity by the strikes and as stated, with the remedy."""
+    """Sentence on the difference between gravity as estimated and as stated, with 95 % range and remedy."""
     gravity = checks.gravity
     return (
         f"gravity by the strikes differs by {100 * gravity.relative:+.0f} ±"
@@ -142,7 +153,11 @@ def gravity_text(checks: Checks) -> str:
 
 
 def prediction_text(prediction: StrikePrediction) -> str:
-    """Clause on the difference of a strike from its prediction by all others, in phi, k and theta(t)."""
+    """Clause on the difference of a strike from its prediction by all others, with 95 % ranges.
+
+    It gives the balance angle φ, k (m g R / I_edge) where it was used, and the tipping angle θ at the worst
+    frame.
+    """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     text = (
         f"φ differs by {np.degrees(left_out.phi_off):+.2f}° from the prediction by the others (±"
@@ -158,6 +173,7 @@ def prediction_text(prediction: StrikePrediction) -> str:
 
 
 def _entries(inertial: InertialParameters, measured: bool) -> str:
+    """Names of the tensor's entries that are measured, or not, separated by commas; "" if there are none."""
     return ", ".join(
         tensor_entry_name((i, j)) for i, j in TENSOR_ENTRIES if bool(inertial.measured[i, j]) == measured
     )

@@ -37,9 +37,10 @@ OUTLIER_P_VALUE = 1e-3
 
 @dataclass(frozen=True)
 class Session:
-    """Answer of one session, and its agreement with all others."""
+    """Answer of one session (one recording), and its agreement with all others."""
 
     head: RecordingHead
+    """identity and contents of the recording"""
     answer: Answer
     """answer from this session alone; axis ids as in the joint estimate, strike ids as recorded"""
     setup: int
@@ -49,7 +50,10 @@ class Session:
 
     @property
     def p_value(self) -> float:
-        """Probability that chance alone makes this session differ from all others as much, or more."""
+        """Probability that chance alone makes this session differ from all others as much, or more.
+
+        It compares their centres of mass.
+        """
         return chi_squared_p_value(self.against_others.chi_squared, 3)
 
 
@@ -66,17 +70,24 @@ class SessionComparison:
 
     @property
     def p_value(self) -> float:
-        """Probability that sessions with one common centre of mass differ as much, or more, by chance."""
+        """Probability that sessions with one common centre of mass differ as much, or more, by chance.
+
+        It is that of chi squared with three degrees of freedom per session but the first.
+        """
         return chi_squared_p_value(self.together.chi_squared, self.degrees_of_freedom)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Degrees of freedom of chi squared of all sessions: three per session but the first."""
+        """Degrees of freedom of the sessions' chi squared: three coordinates per session but the first."""
         return 3 * (len(self.sessions) - 1)
 
     @property
     def outlier(self) -> int | None:
-        """Index of the session that differs from the others beyond chance; None if there is none."""
+        """Index in `sessions` of the session that differs most from the others, if beyond chance.
+
+        None if no p-value is below `OUTLIER_P_VALUE` over the number of sessions, or there are fewer than
+        three.
+        """
         p_values = [session.p_value for session in self.sessions]
         worst = int(np.argmin(p_values))
         return worst if len(p_values) > 2 and p_values[worst] < OUTLIER_P_VALUE / len(p_values) else None
@@ -90,17 +101,24 @@ class SessionComparison:
 def compare_recordings(
     paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> SessionComparison:
-    """Estimate each recording by itself and all together, and test their agreement.
+    """Estimate each recording by itself and all together, and test whether their centres of mass agree.
 
     Args:
-        paths: two or more recordings (MCAP) of one object.
-        options: choices of the user.
+        paths: two or more recordings (MCAP) of one object, each one session.
+        options: choices of the user; None for the defaults.
         progress: called with (text, done, total) before each strike and each estimate.
+
+    Returns:
+        Answers of the sessions by start time, the joint answer, and the tests.
 
     Raises:
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
-        EstimationError: a session has too few good strikes for an answer of its own.
+        ShapeError: the object's shape cannot be used.
+        PlanError: a plan is of another object.
+        TrackingError: no marker of any strike of a recording can be tracked.
+        EstimationError: a session has too few good strikes for an answer of its own, or an excluded strike
+            does not exist.
     """
     options = options or EstimateOptions()
     heads = by_start_time([read_head(path) for path in paths])
@@ -128,7 +146,15 @@ def compare_recordings(
 def compare_evidence(
     read: Sequence[Evidence], options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> SessionComparison:
-    """Compare sessions from fitted motions; `options.exclude` holds merged strike ids (`2:s3.1`).
+    """Compare sessions of one object from their fitted motions; no files are read.
+
+    Args:
+        read: evidence (fitted motions) of two or more recordings, in any order.
+        options: choices of the user; `exclude` holds merged strike ids (`2:s3.1`: s3.1 of the second).
+        progress: called with (text, done, total) before each estimate.
+
+    Returns:
+        Answers of the sessions by start time, the joint answer, and the tests.
 
     Raises:
         MergeError: the recordings are not of one object.
@@ -179,12 +205,12 @@ def compare_evidence(
 
 
 def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
-    """Probability of this chi squared, or a larger one, by chance alone."""
+    """Probability of this chi squared, or a larger one, by chance alone; a negative one counts as 0."""
     return float(chdtrc(degrees_of_freedom, max(chi_squared, 0.0)))
 
 
 def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
-    """Agreement of groups of strikes: gain in chi squared if each group has its own centre of mass.
+    """Agreement of groups of strikes: decrease of chi squared if each group has its own centre of mass.
 
     Args:
         joint: estimate from all strikes.
@@ -203,7 +229,10 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
 
 
 def _setups(heads: Sequence[RecordingHead]) -> list[int]:
-    """Number of each session's set-up, from 0: equal rig name, tilt sd, level and calibration make one."""
+    """Number of each session's set-up, counted from 0 by first appearance.
+
+    A set-up is one rig name, sd of the table's tilt, level reading and calibration of all cameras.
+    """
     found: list[tuple[str, ...]] = []
     for head in heads:
         manifest = head.manifest

@@ -52,7 +52,10 @@ if TYPE_CHECKING:
 
 
 def result_document(estimate: Estimate) -> Result:
-    """Result document of an estimate; the same estimate gives the same bytes."""
+    """Result document of an estimate: its numbers with units and intervals, warnings and a verdict.
+
+    Numbers are rounded, so that the same estimate gives the same bytes.
+    """
     evidence, inertial = estimate.evidence, estimate.inertial
     frame_times = frame_times_documents(estimate.frame_rates)
     label = filling_label(evidence)
@@ -90,7 +93,10 @@ def result_document(estimate: Estimate) -> Result:
 
 
 def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
-    """One row per strike, in recording order; excluded strikes keep their verdict as reason."""
+    """Outcomes of all strikes, in recording order, with their leave-one-out predictions where used.
+
+    An excluded strike has verdict EXCLUDED, and its own verdict in the reason.
+    """
     evidence, planes = estimate.evidence, estimate.fitted_planes
     index = {plane.strike_id: i for i, plane in enumerate(planes)}
     predictions = {each.left_out.strike_id: prediction_document(each) for each in estimate.predictions}
@@ -114,6 +120,7 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
 
 
 def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
+    """Ids and hashes of recordings, object, plan and settings that the result was computed from."""
     settings = f"{sorted(options.exclude)} {options.estimator} {options.seed}"
     recordings = evidence.recordings
     one = recordings[0]
@@ -138,6 +145,7 @@ def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
 
 
 def _merged_recording(number: int, head: RecordingHead) -> JoinedRecording:
+    """Entry of one of several recordings, which count from 1 by start time, in the result's inputs."""
     manifest = head.manifest
     return JoinedRecording(
         number=number,
@@ -149,7 +157,14 @@ def _merged_recording(number: int, head: RecordingHead) -> JoinedRecording:
 
 
 def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """Scalar with its 95 % interval, whose lower end is at least `lowest` (0 for a positive quantity)."""
+    """Observed scalar with its 95 % interval, value ± 1.96 sd.
+
+    Args:
+        value: value in `unit`.
+        sd: its standard deviation.
+        unit: name of the unit.
+        lowest: lower bound of the interval's lower end; None for no bound.
+    """
     low = value - SIGMAS_95 * sd
     return Quantity(
         value=value,
@@ -161,7 +176,10 @@ def quantity(value: float, sd: float, unit: str, lowest: float | None = None) ->
 
 
 def com_quantity(com: CentreOfMass) -> Quantity:
-    """Centre of mass in O [m] with covariance (3, 3) [m²] and unobserved direction."""
+    """Centre of mass (3,) [m] in the object frame O, with 95 % intervals and covariance (3, 3) [m²].
+
+    The unobserved direction is None if the strikes determine all three coordinates.
+    """
     sd = np.sqrt(np.diag(com.covariance))
     direction = com.unobserved_direction
     return Quantity(
@@ -180,7 +198,11 @@ def com_quantity(com: CentreOfMass) -> Quantity:
 
 
 def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Inertia tensor about c in the axes of O [kg m²]; `observed` only if every entry was measured."""
+    """Inertia tensor (3, 3) [kg m²] about the centre of mass, axes of the object frame O.
+
+    Standard deviations and 95 % intervals are listed by rows, nine each. It counts as observed, with source
+    "measured", only if strikes determine every entry; otherwise its source is "prior".
+    """
     sd = parameters.inertia_sd
     every = bool(parameters.measured.all())
     return Quantity(
@@ -198,7 +220,11 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
-    """Moments of inertia [kg m²] per pivot axis, about the edge and about the parallel axis through c."""
+    """Moments of inertia [kg m²] of each pivot axis of the parameters, with 95 % intervals.
+
+    One is about the contact line on the edge at balance, one about the parallel axis through the centre of
+    mass, whose interval has no negative end.
+    """
     return [
         AxisMoment(
             axis_id=axis.axis_id,
@@ -211,7 +237,11 @@ def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
 
 
 def regions_document(distribution: MassDistribution) -> Regions:
-    """Region masses with intervals, dividing plane and naive answers."""
+    """Masses [kg] of the shell and the two interior parts with 95 % intervals, in the Result's form.
+
+    With the dividing plane of the interior in the object frame O, naive answers for comparison, and the
+    shell's thickness [m] where it was estimated.
+    """
     sd = np.sqrt(np.diag(distribution.covariance))
     return Regions(
         regions=[
@@ -246,7 +276,10 @@ def regions_document(distribution: MassDistribution) -> Regions:
 
 
 def parts_document(found: PartMasses) -> Parts:
-    """Masses [kg] and densities [kg/m³] of the labelled parts."""
+    """Masses [kg] and densities [kg/m³] of the object's labelled parts with 95 % intervals.
+
+    With the naive answer, one density for all, and the rms misfit of the moments.
+    """
     sd = np.sqrt(np.diag(found.covariance))
 
     def quantities(i: int, unit: str, per: float) -> Quantity:
@@ -271,6 +304,7 @@ def parts_document(found: PartMasses) -> Parts:
 
 
 def _paper_regions(distribution: MassDistribution, paper: PaperRegions | None) -> Regions | None:
+    """Region masses [kg] and dividing plane by the paper's method, without intervals; None if it has none."""
     if paper is None:
         return None
     return Regions(
@@ -291,15 +325,19 @@ def strike_result(
     com: CentreOfMass,
     scale: Scale,
 ) -> StrikeResult:
-    """Outcome of one strike.
+    """Outcome of one strike: verdict, fitted values, and its part in the estimate.
 
     Args:
         motion: motion and fits of the strike.
         planned: the planned strike that it carried out.
-        planes: equi-planes of the strikes used.
+        planes: equi-planes (through pivot line and centre of mass) of the strikes used.
         index: index of the strike in `planes` and in `com`'s arrays; None if it was not used.
         com: centre of mass, whose residuals and distances belong to the strikes used.
-        scale: mass and gravity from which I_edge follows.
+        scale: mass and gravity from which I_edge = m g R / k follows.
+
+    Returns:
+        Row of the Result document. Without a fit it has no balance angle and no k; without use no residual
+        and no I_edge.
     """
     fit = motion.fit
     values: dict[str, Any] = {}
@@ -343,7 +381,11 @@ def strike_result(
 
 
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:
-    """Leave-one-out prediction of a strike; k is for gravity at the place where the strike was made."""
+    """Prediction of a strike from all others, in the Result's form: balance angle, k, worst frame.
+
+    k = m g R / I_edge is for gravity at the place where the strike was made. The sd are the prediction's
+    alone, without the measurement's.
+    """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
     return PredictionResult(
@@ -361,10 +403,12 @@ def prediction_document(prediction: StrikePrediction) -> PredictionResult:
 
 
 def _k_quantity(fit: MotionFit) -> Quantity | None:
+    """Fitted k [rad/s²] with its 95 % interval; None if the estimator does not report it."""
     return None if fit.k is None else quantity(fit.k, math.sqrt(fit.covariance[1, 1]), "rad/s^2")
 
 
 def _alternative(fit: MotionFit) -> AlternativeFit:
+    """Entry of another estimator's fit: balance angle [rad], k, and the assumptions that were violated."""
     return AlternativeFit(
         estimator=fit.estimator,
         phi=quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad"),
@@ -375,10 +419,10 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
 
 
 def result_json(result: Result) -> str:
-    """The document as one line of JSON with sorted keys; the same recording gives the same bytes."""
+    """Result document as one line of JSON with sorted keys; the same recording gives the same bytes."""
     return canonical_json(result)
 
 
 def _clean(matrix: Array, fraction: float = 1e-9) -> Array:
-    """Set entries below `fraction` of the largest to 0, which removes rounding noise."""
+    """Copy of an array with entries below `fraction` of the largest set to 0, to remove rounding noise."""
     return np.where(np.abs(matrix) < fraction * np.abs(matrix).max(), 0.0, matrix)

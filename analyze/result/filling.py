@@ -17,7 +17,10 @@ MAX_MISFIT = 2.5
 
 
 def filling_document(name: str, found: FillLevel) -> Filling:
-    """Entry of a filling in the Result document.
+    """Entry of a filling in the Result document, with 95 % intervals.
+
+    The level [m] is measured from the origin of the object frame O along the direction that pointed upwards
+    when the object was filled.
 
     Args:
         name: name of the filling in the object file.
@@ -37,7 +40,10 @@ def filling_document(name: str, found: FillLevel) -> Filling:
 
 
 def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
-    """Warnings about a filling: its assumption, quantities that the moments leave open, a misfit."""
+    """Yield warnings about a filling: its assumption, a misfit, quantities that the moments leave open.
+
+    The first, that the filling moves with the object, is always given; nothing is yielded for None.
+    """
     if filling is None:
         return
     text = (
@@ -72,6 +78,7 @@ def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
 
 
 def _quantity(found: Marginal, unit: str, frame: str | None = None) -> Quantity:
+    """Posterior of one quantity in the Result's form: value, sd, 95 % interval, unit, frame if it has one."""
     return Quantity(
         value=found.value,
         sd=found.sd,

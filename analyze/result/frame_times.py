@@ -17,11 +17,12 @@ DROP_TEST = "film a drop: analyze calibrate --drop"
 
 
 def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:
-    """Entries of checked frame rates in the Result document."""
+    """Entries of checked frame rates in the Result document, one per rate in their order."""
     return [_document(each) for each in rates]
 
 
 def _document(rate: FrameRate) -> FrameTimes:
+    """Entry of one recording's frame times: stated rate, its bounds and estimate by the strikes."""
     check = rate.check
     return FrameTimes(
         recording=rate.recording,
@@ -42,11 +43,12 @@ def _document(rate: FrameRate) -> FrameTimes:
 
 
 def _ratio(value: float, sd: float) -> Quantity:
+    """Unitless ratio with its 95 % interval."""
     return Quantity(value=value, sd=sd, unit="1", interval95=[value - SIGMAS_95 * sd, value + SIGMAS_95 * sd])
 
 
 def wrong_text(times: FrameTimes) -> str:
-    """Sentence on why the stated frame rate is impossible, with the remedy."""
+    """Sentence on why the stated frame rate is impossible, with the likely rate if known, and the remedy."""
     rate, limits, ratio = times.frame_rate_hz, times.rate_limits or [0.0, 0.0], times.rate_ratio
     if limits[0] <= 1 <= limits[1] and ratio is not None:
         why = (
@@ -72,7 +74,7 @@ def wrong_text(times: FrameTimes) -> str:
 
 
 def unchecked_text(times: FrameTimes) -> str:
-    """Sentence that the strikes do not determine the frame rate closely, with the remedy."""
+    """Sentence that the strikes do not determine the frame rate closely, or not at all, with the remedy."""
     if times.rate_limits is None:
         return f"these strikes cannot check the frame rate: {DROP_TEST}"
     low, high = times.rate_limits
@@ -87,7 +89,7 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
     """Lines on the origin and the check of frame times, one or two per recording.
 
     Args:
-        times: entries of the Result document.
+        times: entries of the Result document; None if no recording's times come from a file's time stamps.
         several: True to name the recording in each line.
     """
     found: list[str] = []
@@ -117,9 +119,11 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
 
 
 def _ratio_text(ratio: Quantity) -> str:
+    """Ratio with the half width of its 95 % interval, to three decimals."""
     value, sd = (each if isinstance(each, float) else 0.0 for each in (ratio.value, ratio.sd))
     return f"{value:.3f} ± {SIGMAS_95 * sd:.3f}"
 
 
 def _factor_text(ratio: float) -> str:
+    """Factor to two decimals, or to none from 10 on."""
     return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0f}"

@@ -40,17 +40,21 @@ class EarlierResults:
 def read_given(
     paths: Sequence[Path], object_sha256: str, mass: float, rig: RigConfig | None
 ) -> EarlierResults:
-    """Read earlier results; recordings among them become one estimate.
+    """Read earlier results of an object for its next plan; recordings among them become one estimate.
 
     Args:
         paths: recordings (.mcap) and results (JSON), at least one.
         object_sha256: hash of the object to plan for.
-        mass: its mass [kg].
+        mass: mass of that object [kg].
         rig: rig to plan for; None for that of the latest recording.
+
+    Returns:
+        Centre of mass, inertia and strikes merged from all files, and the impacts that recordings measured.
 
     Raises:
         RecordingError, MergeError, EstimationError: the recordings cannot be estimated together.
         PlanError: a file is no result, is of another object, or holds a recording that another holds too.
+        DocumentError: a result holds an entry that cannot be used.
     """
     recordings = [path for path in paths if path.suffix == RECORDING_SUFFIX]
     together_name = ", ".join(map(str, recordings))
@@ -82,6 +86,7 @@ def read_given(
 
 
 def _refuse_other_object(name: str, found: str, wanted: str) -> None:
+    """Raise PlanError unless the object's hash `found` in the file `name` is the one `wanted`."""
     if found != wanted:
         raise PlanError(
             f"{name}: is of another object, or of this one before its file was changed: give a result of this"
@@ -92,9 +97,15 @@ def _refuse_other_object(name: str, found: str, wanted: str) -> None:
 def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]:
     """Impact and outcome of each strike used whose speed was measured by the rig's striker.
 
+    A strike needs a positive balance angle, k, I_edge and energy ratio, and a striker that equals the rig's
+    in rig name, kind and arm length.
+
     Args:
         answer: answer from the recordings.
         rig: rig that the plan is for; None for that of the latest recording.
+
+    Returns:
+        One entry per such strike, in recording order; empty if there is none.
     """
     evidence = answer.estimate.evidence
     wanted = (
@@ -124,12 +135,16 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
 
 
 def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
-    """Prior for the planner from a Result.
+    """Earlier result in the planner's form: centre of mass, inertia per kilogram, strikes made.
 
     Args:
         result: an earlier result of the object.
         name: name of the result, for messages.
-        mass: mass of the object [kg].
+        mass: mass of the object [kg], by which its inertia is divided.
+
+    Returns:
+        Centre of mass and inertia in the object frame O, the strikes used with the sd of their balance angle
+        and k, and the directions of the struck axes.
 
     Raises:
         PlanError: the result holds no strike that was used, or no centre of mass.
@@ -163,16 +178,16 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
 
 
 def _device(head: RecordingHead) -> tuple[object, object, object]:
-    """Identity of the striker that made a recording: rig, kind and arm length."""
+    """Identity of the striker that made a recording: rig name, kind and arm length; None where not stated."""
     manifest = head.manifest
     return manifest.rig.get("name"), manifest.striker.get("kind"), manifest.striker.get("arm_length_m")
 
 
 def read_result(path: Path) -> Result:
-    """Read a Result that `analyze estimate --json` printed.
+    """Read the Result document (JSON) that `analyze estimate --json` printed to the file at `path`.
 
     Raises:
-        PlanError: the file is no result.
+        PlanError: the file does not exist, cannot be read, or is no JSON.
         DocumentError: the result holds an entry that cannot be used.
     """
     try:
@@ -191,7 +206,7 @@ def read_result(path: Path) -> Result:
 
 
 def _recordings(result: Result) -> set[str]:
-    """Ids of the recordings that a result uses."""
+    """Ids of the recordings that a result was estimated from."""
     inputs = result.inputs
     return (
         {inputs.recording_id}
@@ -201,8 +216,10 @@ def _recordings(result: Result) -> set[str]:
 
 
 def _directions(result: Result) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    """Unit direction (3,) of each axis with moments, in the object frame O, by axis id."""
     return {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments}
 
 
 def _scalar_or(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:
+    """Value of a quantity if it is a number, `otherwise` if it is a list or None."""
     return value if isinstance(value, float | int) else otherwise

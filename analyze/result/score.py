@@ -1,4 +1,7 @@
-"""Errors of an estimate against the ground truth of a virtual recording. The only reader of /truth/."""
+"""Errors of an estimate against the ground truth (topics under /truth/) of a virtual recording.
+
+No other part of the estimation or its results reads the ground truth.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +28,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TipTruth:
-    """True balance angle, moment and distance of one strike about its planned pivot."""
+    """True balance angle, moment of inertia and distance of one strike about its planned pivot."""
 
     phi: float
-    """balance angle [rad]: c stands above the centre line of the edge's rounding"""
+    """balance angle [rad]: the centre of mass c stands above the centre line of the edge's rounding"""
     i_edge: float
-    """moment of inertia about the contact line at balance [kg m²], m*g*R/k = I_c,l + m*(R + rho)²"""
+    """moment of inertia about the contact line at balance [kg m²], m*g*R/k = I_c,l + m*(R + rho)²; I_c,l is
+    the moment about the parallel line through c, rho the edge's radius"""
     distance: float
     """distance R of c from that centre line [m]"""
 
 
 def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
-    """True phi and I_edge about the centre line of the edge's rounding (method 3)."""
+    """True balance angle, moment about the contact line and distance of one strike (method.md, section 3).
+
+    Args:
+        planned: rest pose and pivot of the strike; the pivot lies on the centre line of the edge's rounding.
+        body: ground truth: mass, centre of mass and inertia about it, in the object frame O.
+    """
     direction = np.array(planned.pivot.direction)
     direction = direction / np.linalg.norm(direction)
     up = np.array(planned.R_world_object)[2]
@@ -49,15 +58,23 @@ def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
 
 
 def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
-    """Errors of an answer against the ground truth in the recording at `path`, ready for JSON.
+    """Errors of an answer against the ground truth of a virtual recording, as a table ready for JSON.
 
-    Lists run over the strikes used (`strike_ids`). Region errors are the paper's metric, the mean over
-    regions of |dm| / M, and the mass in the wrong region, sum |dm| / 2M. "Upper" is the true side of the
-    dividing plane; the two interior names of the estimate are swapped where its plane points to the other
-    side.
+    Lists run over the strikes used (`strike_ids`), and `i_edge_relative_error` over those with a k. Region
+    errors are the paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region,
+    sum abs(dm) / 2M, with dm the error of a region's mass and M the object's mass; both are None if the truth
+    has no three regions. "Upper" is the true side of the dividing plane; the two interior names of the
+    estimate are swapped where its plane points to the other side.
+
+    Args:
+        path: recording that holds the ground truth.
+        answer: answer from that recording, or from several of the same object.
+
+    Returns:
+        Errors by name; the unit ends each name (m, rad, kg_m2, kg), errors called relative are unitless.
 
     Raises:
-        RecordingError: the recording holds no ground truth.
+        RecordingError: the recording holds no ground truth, or is damaged.
     """
     body = read_truth(path).body
     estimate, result = answer.estimate, answer.result
@@ -97,10 +114,17 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
 
 
 def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | None:
-    """Score of an answer as of `score_answer`; None unless all recordings are virtual.
+    """Errors of an answer against the recordings' ground truth; None unless all recordings hold one.
+
+    Args:
+        paths: recordings that the answer was estimated from, at least one.
+        answer: the answer.
+
+    Returns:
+        The table of `score_answer`, ready for JSON.
 
     Raises:
-        RecordingError: the recordings hold different ground truths.
+        RecordingError: the recordings hold different ground truths, or one cannot be read.
     """
     if not all(_holds_truth(path) for path in paths):
         return None
@@ -110,6 +134,8 @@ def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | 
 
 def refuse_without_truth(paths: Sequence[Path]) -> None:
     """Raise RecordingError unless all recordings hold one ground truth; call it before the estimate.
+
+    Only the truth of the object itself is compared, not that of rig and session.
 
     Raises:
         RecordingError: a recording holds no ground truth, or another than the first, or cannot be read.
@@ -130,17 +156,22 @@ def refuse_without_truth(paths: Sequence[Path]) -> None:
 
 
 def _object_truth(body: pb.TruthBody) -> list[float]:
-    """Ground truth of the object itself, without that of rig and session."""
+    """Ground truth of the object itself as numbers to compare: masses, inertia, regions, edge radius.
+
+    That of rig and session (friction, table tilt, camera) is left out.
+    """
     own = (body.com_object, body.inertia_com, body.region_mass_kg, body.region_plane)
     return [body.mass_kg, body.edge_radius_m, *(value for part in own for value in part)]
 
 
 def _holds_truth(path: Path) -> bool:
+    """True if the recording at `path` holds a ground truth of its object."""
     with open_recording(path) as recording:
         return any(topic.name == topics.TRUTH_BODY.name and topic.count > 0 for topic in recording.topics())
 
 
 def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
+    """Errors of the masses of shell, upper and lower part; two entries of None without true regions."""
     if len(body.region_mass_kg) != 3:
         return {"region_mass_error_relative": None, "mass_in_wrong_region": None}
     truth = np.array(body.region_mass_kg)
@@ -173,15 +204,24 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
 
 
 def _mean_region_error(masses: Array, truth: Array) -> float:
+    """Mean absolute error of the region masses (3,) over the total true mass."""
     return float(np.abs(masses - truth).mean() / truth.sum())
 
 
 def _scalar(quantity: Any) -> float:
+    """Value of a scalar quantity."""
     return float(quantity.value)
 
 
 def render_score(score: dict[str, Any]) -> None:
-    """Print a score as tables."""
+    """Print the errors of an answer on the terminal: a table of the strikes, then two lines of text.
+
+    The lines give the errors of the centre of mass and of the region masses, the latter only if there are
+    true ones.
+
+    Args:
+        score: the table of `score_answer`.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table

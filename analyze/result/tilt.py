@@ -24,7 +24,12 @@ TILT_REMEDY = (
 
 
 def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
-    """Tilts of the table [rad], one per levelling, with their origin."""
+    """Tilts of the table against gravity [rad] towards the world's x and y, one pair per levelling.
+
+    A levelling is a set-up of the table with one unknown tilt. Each value has a 95 % interval and its source:
+    measured by the strikes, given by a level's reading, or the prior; each pair has the numbers of its
+    recordings, from 1.
+    """
     levels = levelling_indices(evidence.recordings)
     found: list[TableTilt] = []
     for level, tilt in enumerate(com.tilts):
@@ -46,7 +51,10 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] of a tilt towards W's x that is only assumed; 0 if there is none."""
+    """Largest sd [rad] of a table tilt towards x of the world frame W that is only assumed.
+
+    0 if the tilts of all levellings were measured by strikes or read from a level.
+    """
     assumed = [
         float(tilt.prior_sd[0])
         for level, tilt in enumerate(com.tilts)
@@ -58,6 +66,11 @@ def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
 def _sources(
     com: CentreOfMass, evidence: Evidence, level: int
 ) -> list[Literal["measured", "given", "prior"]]:
+    """Sources of the tilts of one levelling towards x and y, in this order.
+
+    Measured if the strikes reduced the sd below `MEASURED_FRACTION` of the prior's, given if a level's
+    reading states it, prior otherwise.
+    """
     tilt = com.tilts[level]
     read = evidence.recordings[levelling_indices(evidence.recordings).index(level)].manifest.level
     given = [read is not None, read is not None and read.towards_y_sd_rad is not None]
@@ -68,7 +81,10 @@ def _sources(
 
 
 def tilt_lines(result: Result) -> list[str]:
-    """Lines on the tilt of the table, one per levelling."""
+    """Lines of text on the tilt of the table [°], one per levelling; empty if the result has no tilt.
+
+    With several levellings each line names its recordings.
+    """
     tilts = result.table_tilt or []
     return [
         _line(
@@ -82,6 +98,7 @@ def tilt_lines(result: Result) -> list[str]:
 
 
 def _line(tilt: TableTilt, name: str) -> str:
+    """Line on a tilt towards the world's x with its 95 % range [°] and source; it begins with `name`."""
     origin = {
         "measured": "measured by the strikes",
         "given": "by the rig file's level reading",

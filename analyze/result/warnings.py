@@ -1,4 +1,4 @@
-"""Warnings of a result: each a code for programs and a sentence for people."""
+"""Warnings about an estimate in the Result document: each a code for programs and a sentence for people."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ MAX_NAMES = 6
 
 
 def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> list[ResultWarning]:
-    """All warnings of an estimate but those of its filling, in a fixed order.
+    """All warnings of an estimate but those of its filling, in a fixed order; empty if there are none.
 
     Args:
         estimate: the estimate.
-        frame_times: frame times of its recordings, as the result holds them.
+        frame_times: frame times of its recordings, as the Result document holds them.
     """
     return [
         *_recording_warnings(estimate),
@@ -70,10 +70,12 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
 
 
 def _warning(code: WarningCode, text: str) -> ResultWarning:
+    """Entry of a warning in the Result document."""
     return ResultWarning(code=code, text=text)
 
 
 def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield warnings of missing files, planned strikes that were not made, and recordings that disagree."""
     evidence = estimate.evidence
     several = len(evidence.recordings) > 1
     for number, recording in enumerate(evidence.recordings, 1):
@@ -98,6 +100,7 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield warnings of the user's choices: another object file, excluded strikes, few strikes."""
     if estimate.evidence.object_path_used:
         text = (
             "the object file given replaces the recording's; the edges are the plan's, with the rounding of"
@@ -118,6 +121,7 @@ def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield warnings of a centre of mass that has an unobserved direction, or lies outside the hull."""
     direction = estimate.com.unobserved_direction
     if direction is not None:
         x, y, z = direction
@@ -135,6 +139,7 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Iterator[ResultWarning]:
+    """Yield warnings of stated frame rates, of recordings and strikes, that are wrong or unchecked."""
     several = len(evidence.recordings) > 1
     for each in frame_times:
         recording = f"recording {each.recording}: " if several else ""
@@ -148,7 +153,11 @@ def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Ite
 
 
 def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[ResultWarning]:
-    """Warnings of the checks; a wrong frame rate is reported alone, since it causes the others."""
+    """Yield warnings of failed checks: impossible moments, gravity, strikes that were not predicted.
+
+    Without `rates_possible`, that is with a wrong frame rate, moments and gravity are not reported, since it
+    causes both.
+    """
     checks = estimate.checks
     if checks.impossible_axes and rates_possible:
         text = f"no mass within the shape has the moments measured about {_names(checks.impossible_axes)}:"
@@ -164,6 +173,7 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
 
 
 def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield warnings of strikes used: outliers, poor fits, rocked back; then of estimators that disagree."""
     for plane, robust in zip(estimate.fitted_planes, estimate.com.robust, strict=True):
         if robust < MIN_ROBUST_WEIGHT:
             text = f"strike {plane.strike_id} disagrees with the others; its robust weight is {robust:.0%}"
@@ -194,6 +204,7 @@ def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield a warning if a table's tilt towards the world's x is only assumed."""
     assumed = assumed_tilt(estimate.com, estimate.evidence)
     if assumed > 0:
         text = (
@@ -204,6 +215,7 @@ def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
+    """Yield a warning that names the tensor's entries that come from the shape, if there are any."""
     if not inertial.measured.all():
         entries = [
             tensor_entry_name((i, j)) for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]
@@ -214,6 +226,7 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
 
 
 def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[ResultWarning]:
+    """Yield warnings of region masses: shell thickness not given, moments not explained, or a large sd."""
     if distribution.shell is not None:
         shell = distribution.shell
         low, high = (f"{1e3 * end:.1f}" for end in shell.interval)
@@ -240,6 +253,7 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
 
 
 def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
+    """Yield warnings of contacts that roll: on a round rim, on an uneven flank, or not modelled."""
     evidence, planes = estimate.evidence, estimate.fitted_planes
     on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}
     if rims := sorted({plane.axis_id for plane in planes if plane.axis_id in on_rim}):
@@ -284,6 +298,7 @@ def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
 
 
 def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
+    """Yield warnings of unknown markers, markers without a pose in the object file, and lost frames."""
     for strike_id, report in evidence.tracking.items():
         if report.unknown_ids:
             text = (
@@ -313,6 +328,7 @@ def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
 
 
 def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
+    """Yield a warning that the markers' mass is subtracted, or included; none for markers without mass."""
     mass = sum(marker.mass_kg for marker in spec.marker)
     if mass > 0 and can_subtract(spec.marker):
         text = (
@@ -328,6 +344,7 @@ def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
 
 
 def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
+    """Yield warnings of labelled parts: masses that the moments leave open, moments not explained."""
     if parts is None:
         return
     if unobserved := [
@@ -347,6 +364,7 @@ def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
 
 
 def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
+    """Yield a warning if frame times of a recording are arrival times at the host computer."""
     if any(recording.manifest.time_source is TimeSource.HOST_ARRIVAL for recording in evidence.recordings):
         text = (
             f"frame times are {TimeSource.HOST_ARRIVAL.value}, which drift and jitter: k is less certain than"
@@ -356,6 +374,7 @@ def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
 
 
 def _names(items: Sequence[str]) -> str:
+    """Names separated by commas; of more than `MAX_NAMES`, the first ones and the number of the rest."""
     return (
         ", ".join(items)
         if len(items) <= MAX_NAMES
