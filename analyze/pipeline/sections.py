@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Support function (height over the table by angle) of a curved flank about the strike's pivot point.
+    """Support function (pivot point's height over the table by tipping angle) of a curved flank.
 
     The table touches the lowest point of the whole hull, wherever along the axis it lies, so that the
     outline seen along the axis counts, not a cut.
