@@ -57,7 +57,8 @@ def write_text(output: Path, text: str) -> None:
 def write_bytes(output: Path, data: bytes) -> None:
     """Write `data` to a temporary file, fsync it and rename it to `output`.
 
-    On failure an existing `output` stays unchanged, and the temporary file is removed.
+    An existing `output` is replaced and its permissions are kept. On failure it stays unchanged, and the
+    temporary file is removed.
 
     Raises:
         OutputError: the file cannot be written.
@@ -71,7 +72,7 @@ def write_bytes(output: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        part.chmod(0o644)
+        part.chmod(output.stat().st_mode & 0o777 if output.exists() else 0o644)
         part.replace(output)
     except OSError as error:
         raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None

@@ -6,20 +6,18 @@ A person confirms every swing that may meet something.
 from __future__ import annotations
 
 import contextlib
-import os
-import re
-import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from acquire.config import RigConfig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
 from acquire.striker.calibration import MeasuredSwing, StrikerParameters
+from schemas.output_file import OutputError, write_text
 from schemas.rig_limits import MIN_ARM_SPEED_RAD_S, tip_speeds
+from schemas.toml_table import with_entry
 
 Confirm = Callable[[str], bool]
 """asks the person at the rig; False if the answer is no"""
@@ -242,8 +240,8 @@ def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
     }
 
 
-def write_striker(path: Path, entries: dict[str, str]) -> None:
-    """Set entries of the rig file's section [striker]; all other lines stay as they are.
+def write_striker(path: Path, entries: Mapping[str, str]) -> None:
+    """Set entries of the rig file's section [striker]; comments and all other entries stay as they are.
 
     The new file replaces the old one at once, by renaming.
 
@@ -252,52 +250,19 @@ def write_striker(path: Path, entries: dict[str, str]) -> None:
         entries: values, as TOML, by key; missing keys are added at the section's end.
 
     Raises:
-        ConfigError: the file cannot be read or written, or has no plain section `[striker]`.
+        ConfigError: the file cannot be read or written, or has no section written as `[striker]`.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        lines = _with_entries(text.splitlines(), entries)
-        if lines is None or not _only_changes(text, "\n".join(lines), entries):
+        text: str | None = path.read_text(encoding="utf-8")
+        for key, value in entries.items():
+            text = None if text is None else with_entry(text, "striker", key, value)
+        if text is None:
             raise ConfigError(f"{path}: no plain section [striker] found: enter these values by hand")
-        part = path.with_name(path.name + ".part")
-        with part.open("w", encoding="utf-8") as file:
-            file.write("\n".join(lines) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        part.chmod(path.stat().st_mode)
-        part.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def _with_entries(lines: list[str], entries: dict[str, str]) -> list[str] | None:
-    headers = [i for i, line in enumerate(lines) if re.match(r"\s*\[", line)]
-    start = next((i for i in headers if re.match(r"\s*\[\s*striker\s*\]\s*(#.*)?$", lines[i])), None)
-    if start is None:
-        return None
-    end = next((i for i in headers if i > start), len(lines))
-    section, missing = lines[start + 1 : end], dict(entries)
-    for i, line in enumerate(section):
-        found = re.match(r"(\s*)(\w+)(\s*=\s*)[^#]*?(\s*#.*)?$", line)
-        if found and found[2] in missing:
-            section[i] = f"{found[1]}{found[2]}{found[3]}{missing.pop(found[2])}{found[4] or ''}"
-    last = next((i for i in range(len(section), 0, -1) if section[i - 1].strip()), 0)
-    new = [f"{key} = {value}" for key, value in missing.items()]
-    return [*lines[: start + 1], *section[:last], *new, *section[last:], *lines[end:]]
-
-
-def _only_changes(before: str, after: str, entries: dict[str, str]) -> bool:
-    """True if the TOML text `after` equals `before` except for these entries of [striker].
-
-    False if a text is not TOML. TOML allows ways to write a section that an edit by lines does not recognise.
-    """
-    old: dict[str, Any]
-    try:
-        old, new = tomllib.loads(before), tomllib.loads(after)
-    except tomllib.TOMLDecodeError:
-        return False
-    old["striker"] = {**old.get("striker", {}), **{key: float(value) for key, value in entries.items()}}
-    return old == new
+        write_text(path, text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except OutputError as error:
+        raise ConfigError(str(error)) from None
 
 
 def air_swings_by_speed(swings: Sequence[MeasuredSwing]) -> list[tuple[float, list[MeasuredSwing]]]:
