@@ -106,9 +106,10 @@ def draw_body(
 
 
 def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
-    """Faces turned towards the eye, each as (nearness [m], colour, SVG path data).
+    """Faces turned towards the eye, each as a tuple of nearness [m], colour and SVG path data.
 
-    Nearness is the distance towards the eye, from the view's target. The colour follows the light.
+    Nearness is the distance of the face's centre from the view's target, along the direction to the eye. The
+    colour follows the light.
     """
     triangles, normals = body.world(body.shape.triangles), body.shape.normals @ body.R.T
     middles = triangles.mean(axis=1)

@@ -188,7 +188,7 @@ def side_name(spec: ObjectSpec, direction: Array) -> str:
 def axis_name(direction: Array) -> str:
     """Name of the side nearest to the unit `direction` (3,) in the object frame, such as "the +x side".
 
-    Between two or three axes all with a component above 0.5 are named: "the +x/+y side".
+    Where several axes have a component above 0.5, all are named: "the +x/+y side".
     """
     order = np.argsort(-np.abs(direction))
     names = [f"{'+' if direction[i] > 0 else '−'}{'xyz'[i]}" for i in order if abs(direction[i]) > 0.5]

@@ -103,7 +103,10 @@ def _striker_far(view: View, tail: Array, hit: Array) -> list[str]:
 
 
 def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
-    """SVG elements of the striker's arrow where the object hides it, and of the height of the strike.
+    """SVG elements of the strike that are drawn over the object.
+
+    They are a dotted line along the striker's arrow, a ring at the impact point, the path on the table, and
+    the height of the strike as a dimension.
 
     Args:
         view: Projection to the picture.

@@ -69,7 +69,8 @@ class Setting:
     def front_to_mark(self) -> float:
         """Distance [m] along the pivot line from the edge's near end to the mark.
 
-        The near end is that towards the eye of the pictures; for a rim it is that of the object.
+        The near end is that towards the eye of the pictures; where there is no edge (a rim), it is that of
+        the object.
         """
         return -(self.low[1] if self.edge is None else self.edge[0])
 

@@ -11,7 +11,7 @@ from analyze.types import Array
 
 @dataclass(frozen=True)
 class Frame:
-    """Drawing area of a picture [px], y down."""
+    """Drawing area of a picture: its left, top, right and bottom limits [px], y down."""
 
     left: float
     top: float
