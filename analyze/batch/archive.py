@@ -100,12 +100,11 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
         if not listed:
             raise ArchiveError(f"{place}: contains no recording (*.mcap): check the path")
         found.update({url: info for url, info in listed.items() if not _excluded(url, root, exclude)})
-    kept = found
     # A `.part` file (being written, or cut short) counts only while the complete file is missing.
     kept = {
         url: info
-        for url, info in kept.items()
-        if not (url.endswith(PART_SUFFIX) and url.removesuffix(".part") in kept)
+        for url, info in found.items()
+        if not (url.endswith(PART_SUFFIX) and url.removesuffix(".part") in found)
     }
     return [_source(urls, kept) for urls in _series(sorted(kept))]
 

@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from analyze.errors import ArchiveError
 
@@ -68,10 +67,6 @@ class BatchSettings:
         """
         if self.object_path and _sha256_of(Path(self.object_path)) != self.object_sha256:
             raise ArchiveError(f"{self.object_path}: changed during the run: start the run again")
-
-    def json(self) -> dict[str, Any]:
-        """Settings as a dict of JSON values, keyed by the fields' names."""
-        return asdict(self)
 
 
 def _sha256_of(path: Path) -> str:

@@ -15,6 +15,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.planning.footing import footing
 from analyze.planning.hypothesis import hypothesis
+from analyze.planning.information import moment_row
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
@@ -86,15 +87,6 @@ def additional_edges(
     return AdditionalEdges(
         tuple(chosen), tuple(TENSOR_ENTRIES[place] for place in wanted if not reached[place])
     )
-
-
-def moment_row(direction: Array) -> Array:
-    """Coefficients (6,) with which Ixx, Iyy, Izz, Ixy, Ixz, Iyz add up to the moment l.I.l about an axis.
-
-    Args:
-        direction: (3,) unit direction l of the axis.
-    """
-    return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 
 
 def _information(row: Array) -> Array:

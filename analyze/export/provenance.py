@@ -98,11 +98,6 @@ def printable(text: str) -> str:
     return UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
-def parse_provenance(text: str) -> dict[str, object]:
-    """Parse the text of an XML comment that `provenance_text` wrote; the inverse of that function."""
-    return json.loads(text.partition("\n")[2])
-
-
 def _json(value: object) -> str:
     text = printable(json.dumps(value, ensure_ascii=False, allow_nan=False))
     # Two hyphens in a row occur in strings only, not in JSON's numbers or brackets.

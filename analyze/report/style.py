@@ -81,11 +81,6 @@ def style() -> Iterator[None]:
         yield
 
 
-def use_style() -> None:
-    """Apply the plot style until the program ends, for a notebook that draws figures after they were made."""
-    mpl.rcParams.update(_SETTINGS)
-
-
 def plain(axes: Axes) -> None:
     """Turn axes into a drawing area with equal scales, without left and bottom border and grid."""
     axes.set_aspect("equal")

@@ -19,7 +19,7 @@ from analyze.export import write
 from analyze.export.body import ExportBody, Inertial, identifier
 from analyze.export.formats import Format
 from analyze.export.mesh import mesh_file
-from analyze.export.provenance import parse_provenance, printable, provenance_text
+from analyze.export.provenance import printable, provenance_text
 from analyze.export.read_back import read_back
 from analyze.export.usd import write_usd
 from analyze.export.write import refuse_changed_parameters, write_body
@@ -73,6 +73,11 @@ def said_in(path: Path, wanted: Format) -> dict[str, object]:
         ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot().iter(ET.Comment)
     )
     return parse_provenance(next(comments).text)
+
+
+def parse_provenance(text: str) -> dict[str, object]:
+    """JSON in a comment that `provenance_text` wrote, behind its first line."""
+    return json.loads(text.partition("\n")[2])
 
 
 @pytest.mark.parametrize("shape", SHAPES)
