@@ -1,1 +1,1 @@
-"""GigE Vision cameras: interface, Aravis driver, and the stream that maps frame times to the host clock."""
+"""GigE Vision cameras: interface, Aravis driver, stream that maps frame times to the host clock."""

@@ -1,4 +1,4 @@
-"""GigE Vision cameras through Aravis 0.8."""
+"""Camera class for GigE Vision cameras, through the library Aravis 0.8."""
 
 from __future__ import annotations
 
@@ -38,15 +38,21 @@ restarted [s]"""
 
 
 class AravisCamera(Camera):
-    """A GigE Vision camera.
+    """A GigE Vision camera. Order of calls: open, start, read (repeatedly), stop, close.
 
     Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or
     crashes (#453). The buffers lie in a BufferPool, so an image is a view. Never reopen a camera that was
     lost: make a new one.
+
+    Args:
+        config: section `camera` of the rig file.
+        clock: the host's clock.
+        borrowable_frames: number of frames whose buffers may be borrowed (kept after the next read) at a
+            time; these buffers are in addition to those of the configuration.
     """
 
     def __init__(self, config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> None:
-        """`borrowable_frames`: see Camera; these buffers are in addition to those of the configuration."""
+        """Prepare an unconnected camera; arguments are described at the class."""
         self._config, self._clock = config, clock
         self._borrowable_frames = borrowable_frames
         self._connection: Connection | None = None
@@ -71,22 +77,22 @@ class AravisCamera(Camera):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """See Camera."""
+        """Limitations of clock and receive buffer found since the camera was opened, one line each."""
         return tuple(self._warnings)
 
     @property
     def borrowable_frames(self) -> int:
-        """See Camera."""
+        """Number of frames whose buffers may be borrowed (kept after the next read) at a time."""
         return self._borrowable_frames
 
     def open(self) -> CameraInfo:
-        """Connect, write every setting, read it back and compare.
+        """Connect, write every setting, read it back and compare; return the camera's identity.
 
         Raises:
             CameraNotFound: nothing answers at the address.
             CameraSettingError: a setting reads back differently, or is out of the camera's range.
-            CameraError: another program controls the camera, it stopped answering, or it took longer than
-                `OPEN_S`.
+            CameraError: another program controls the camera, it refused a connection or stopped answering,
+                its stream or memory for it cannot be had, or all this took longer than `OPEN_S` (20 s).
         """
         done: Future[CameraInfo] = Future()
         threading.Thread(target=self._open_in_thread, args=(done,), name="aravis-open", daemon=True).start()
@@ -101,9 +107,10 @@ class AravisCamera(Camera):
             ) from None
 
     def _open_in_thread(self, done: Future[CameraInfo]) -> None:
-        """Open on a thread of its own: a call that hangs inside Aravis cannot be ended.
+        """Open the camera, and set its identity or the exception as the result of `done`.
 
-        It is abandoned, and cleaned up if it ever returns.
+        Runs on a thread of its own, because a call that hangs inside Aravis cannot be ended: it is abandoned,
+        and the camera closed if the call ever returns.
         """
         try:
             info = self._open()
@@ -162,10 +169,11 @@ class AravisCamera(Camera):
         return info
 
     def start(self) -> None:
-        """Start streaming.
+        """Start streaming; frames and losses are counted from 0 again.
 
         Raises:
             CameraLost: the camera no longer answers.
+            CameraError: the camera is not open.
         """
         _, GLib = aravis_and_glib()
         connection = self._opened()
@@ -182,10 +190,14 @@ class AravisCamera(Camera):
         self._last_frame_ns, self._last_device_ns = self._clock.monotonic_ns(), None
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next complete frame, or None if none arrived in time.
+        """Next complete frame, or None if none arrived within `timeout_s` [s].
+
+        The caller releases the frame's buffer.
 
         Raises:
-            CameraLost: the camera no longer answers, or sent no complete frame for the configured `stall_s`.
+            CameraLost: the camera no longer answers, sent no complete frame for the configured `stall_s`, or
+                its clock jumped by more than 5 s.
+            CameraError: the camera is not open.
         """
         connection = self._opened()
         now_ns = self._clock.monotonic_ns()
@@ -206,7 +218,15 @@ class AravisCamera(Camera):
             connection.stream.push_buffer(buffer)
 
     def latch_clock(self) -> ClockReading | None:
-        """Read the device clock now through the bootstrap registers. None if the camera cannot latch it."""
+        """Read the camera's clock now: latch it (store its present value) and read the stored value.
+
+        A second thread may call this while frames are read. If the first latch fails, no more are tried, and
+        a warning is added.
+
+        Returns:
+            Device time with the host's monotonic times before and after; None if the camera cannot latch its
+            clock, does not answer, is lost or is not open.
+        """
         connection = self._connection
         device = None if connection is None else connection.device  # another thread may be closing it
         if device is None or self._ticks_hz == 0 or self._lost.is_set():
@@ -226,7 +246,10 @@ class AravisCamera(Camera):
         return ClockReading(ticks * 1_000_000_000 // self._ticks_hz, before_ns, after_ns)
 
     def _warn_no_latch(self) -> None:
-        """Give up latching if it never succeeded; after a success a failure may be an isolated one."""
+        """Give up reading the camera's clock, with a warning, if no latch ever succeeded.
+
+        After a success a failure may be an isolated one, and nothing happens.
+        """
         if not self._latched_once:
             self._ticks_hz = 0
             self._warnings.append(
@@ -234,7 +257,11 @@ class AravisCamera(Camera):
             )
 
     def stop(self) -> None:
-        """Stop streaming and drop the frames that were not read."""
+        """Stop streaming and drop the frames that were not read; do nothing if the camera is lost.
+
+        Raises:
+            CameraError: the camera is not open.
+        """
         _, GLib = aravis_and_glib()
         connection = self._opened()
         if self._lost.is_set():
@@ -246,9 +273,9 @@ class AravisCamera(Camera):
         drain(connection.stream, self._config.buffers)
 
     def close(self) -> None:
-        """Release the device. Never raises.
+        """Release the camera. Never raises, and may be repeated.
 
-        A camera that answers is closed on return, a dead one in the background.
+        A camera that answers is closed on return; a dead one takes longer and is closed in the background.
         """
         with self._closing:
             connection, self._connection = self._connection, None
@@ -317,9 +344,12 @@ class AravisCamera(Camera):
         return frame
 
     def _read_ticks_hz(self, device: Any) -> int:
-        """Frequency of the device clock [Hz]; 0 if unknown.
+        """Frequency of the camera's clock [Hz]; 0 and a warning if the camera does not report it.
 
-        Aravis then silently reports system time as the device's (Aravis #153).
+        Aravis then silently reports system time as the camera's (Aravis #153).
+
+        Raises:
+            GLib.Error: the camera does not answer.
         """
         ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
         if ticks_hz == 0:
@@ -382,7 +412,10 @@ class AravisCamera(Camera):
         return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))
 
     def _close_in_background(self, connection: Connection) -> None:
-        """Close on a thread of its own: a dead camera blocks 7.5 s, three GVCP time-outs."""
+        """Close a connection on a thread of its own, and wait up to 1 s for its end.
+
+        A dead camera blocks for 7.5 s, three time-outs of the control protocol (GVCP).
+        """
         self._closer = threading.Thread(
             target=close_connection, args=(connection, self._lost.is_set()), name="aravis-close", daemon=True
         )

@@ -1,4 +1,7 @@
-"""Aravis through GObject introspection: loading, discovery, objects of a connection. Only import of gi."""
+"""Aravis through GObject introspection: loading, discovery, objects of a connection.
+
+This is the only module that imports gi.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _DRAIN_US = 10_000
 
 @cache
 def aravis_and_glib() -> tuple[Any, Any]:
-    """Load the bindings of Aravis and GLib.
+    """Load the Python bindings of Aravis and GLib, and return these two modules.
 
     Raises:
         CameraError: the bindings are not installed.
@@ -39,7 +42,15 @@ def aravis_and_glib() -> tuple[Any, Any]:
 
 
 def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
-    """List all cameras that answer a broadcast, and the virtual one at `loopback`. Takes about a second.
+    """List all GigE Vision cameras that answer a broadcast, and the virtual one at a loopback address.
+
+    Takes about a second.
+
+    Args:
+        loopback: IP address at which a virtual camera is looked for; loopback carries no broadcasts.
+
+    Returns:
+        Identities of the cameras; empty if none answers.
 
     Raises:
         CameraError: Aravis is not installed.
@@ -64,19 +75,27 @@ def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
 
 @dataclass
 class Connection:
-    """Objects that are closed together, in order: the stream writes into `memory`, which must outlive it."""
+    """Aravis objects of one camera that are closed together, in order.
+
+    The stream writes into `memory`, which must outlive it.
+    """
 
     camera: Any
+    """Aravis.Camera; None once closed"""
     device: Any
+    """Aravis.Device of the camera; None once closed"""
     stream: Any
+    """Aravis.Stream; None before it is made and once closed"""
     lost_handler: int
+    """id of the handler of the device's signal control-lost"""
     buffers: list[Any]
+    """Aravis.Buffer objects of the stream"""
     memory: BufferPool | None
-    """pool whose slots are `buffers`"""
+    """pool whose slots are the memory of `buffers`; None before the stream is made"""
 
 
 def drain(stream: Any, buffers: int) -> None:
-    """Return the frames that were not read to the stream.
+    """Drop frames that were not read: return their buffers to the Aravis stream.
 
     At most `buffers` are returned, because a camera that missed its stop command goes on sending.
     """
@@ -88,7 +107,14 @@ def drain(stream: Any, buffers: int) -> None:
 
 
 def close_connection(connection: Connection, lost: bool) -> None:
-    """Close a connection. Blocks for 7.5 s if the camera is dead."""
+    """Stop acquisition and release the objects of a connection, in place.
+
+    Blocks for 7.5 s if the camera is dead.
+
+    Args:
+        connection: objects to release; camera, device and stream are None afterwards, `buffers` is empty.
+        lost: True if the camera is known not to answer; it is then not asked to stop.
+    """
     _, GLib = aravis_and_glib()
     connection.device.disconnect(connection.lost_handler)
     if not lost and connection.stream is not None:
@@ -105,5 +131,5 @@ def close_connection(connection: Connection, lost: bool) -> None:
 
 
 def reason(error: Any) -> str:
-    """Message of a GLib error, in one line."""
+    """Message of a GLib error in one line; "no reason given" if it is empty."""
     return str(error.message).strip().replace("\n", " ") or "no reason given"

@@ -16,37 +16,39 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """Identity of a camera."""
+    """Identity of a camera: vendor, model, serial number and IP address."""
 
     vendor: str
     model: str
     serial: str
+    """serial number"""
     address: str
+    """IP address"""
 
 
 class Camera(ABC):
-    """A camera that streams mono8 frames.
+    """A camera that streams mono8 frames (8-bit grey).
 
-    Order of calls: open, start, read (repeatedly), stop, close; close is always safe. Each frame's buffer is
-    released once, after the frame is used.
+    Order of calls: open, start, read (repeatedly), stop, close; close is always safe. The caller releases
+    each frame's buffer once, after the frame is used.
     """
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Limitations that the camera reported while it was opened, one line each."""
+        """Limitations found since the camera was opened, one line each; empty if there are none."""
         return ()
 
     @property
     def borrowable_frames(self) -> int:
-        """Number of frames whose buffers may be borrowed at a time.
+        """Number of frames whose buffers a user may borrow (keep after the next read) at a time.
 
-        Above 0, images begin on a page of the memory.
+        If it is above 0, every image begins on a page of the memory.
         """
         return 0
 
     @abstractmethod
     def open(self) -> CameraInfo:
-        """Connect, write every setting, read it back and compare.
+        """Connect, write every setting, read it back and compare; return the camera's identity.
 
         Raises:
             CameraNotFound: nothing answers at the address.
@@ -55,11 +57,15 @@ class Camera(ABC):
 
     @abstractmethod
     def start(self) -> None:
-        """Start streaming."""
+        """Start streaming frames.
+
+        Raises:
+            CameraLost: the camera no longer answers.
+        """
 
     @abstractmethod
     def read(self, timeout_s: float) -> Frame | None:
-        """Next complete frame, or None if none arrived in time.
+        """Next complete frame, or None if none arrived within `timeout_s` [s].
 
         Raises:
             CameraLost: the camera no longer answers, or stalled longer than configured.
@@ -67,19 +73,20 @@ class Camera(ABC):
 
     @abstractmethod
     def latch_clock(self) -> ClockReading | None:
-        """Read the device clock now. A second thread may call this while frames are read.
+        """Read the camera's clock now. A second thread may call this while frames are read.
 
         Returns:
-            None if the camera cannot latch its clock.
+            Device time with the host's monotonic times before and after; None if the camera cannot latch its
+            clock (store its present value), or this reading failed.
 
         Raises:
-            CameraLost: no answer.
+            CameraLost: the camera does not answer.
         """
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop streaming."""
+        """Stop streaming frames."""
 
     @abstractmethod
     def close(self) -> None:
-        """Release the device. Never raises, never blocks long."""
+        """Release the camera. Never raises, never blocks long."""

@@ -1,8 +1,8 @@
 """Queries to a camera without a connection: its identity, and whether a client controls it.
 
-GigE Vision 2.0, 16.2 and 16.4. Aravis's own discovery broadcasts, and loopback does not carry broadcasts. A
-camera does not answer a write by a client without control, which costs Aravis 2.5 s of time-outs each: asking
-first costs nothing.
+Packets after GigE Vision 2.0, 16.2 and 16.4. Aravis's own discovery broadcasts, and loopback does not carry
+broadcasts. A camera does not answer a write by a client without control, which costs Aravis 2.5 s of
+time-outs each: asking first costs nothing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _HEARTBEAT_TIMEOUT_S = 3.2
 
 
 def identify_camera(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
-    """Identity of the camera at `address`, or None if nothing answers."""
+    """Identity of the camera at `address`, or None if no valid answer comes within `timeout_s` [s]."""
     answer = _exchange(address, _DISCOVERY, timeout_s)
     if len(answer) < _ANSWER_BYTES or answer[2:4] != b"\x00\x03":
         return None
@@ -43,7 +43,10 @@ def identify_camera(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
 
 
 def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
-    """True if a client holds the control privilege of the camera at `address`; False if nothing answers."""
+    """True if a client holds the control privilege of the camera at `address`.
+
+    False if none does, or no valid answer comes within `timeout_s` [s].
+    """
     answer = _exchange(address, _READ_PRIVILEGE, timeout_s)
     if len(answer) < _HEADER_BYTES + 4 or answer[:4] != b"\x00\x00\x00\x81":
         return False
@@ -53,11 +56,15 @@ def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
 def wait_for_control(address: str, clock: Clock) -> None:
     """Wait while a killed client's control privilege lasts: its heartbeat time-out of 3 s.
 
-    The camera is asked only twice, because Aravis's fake camera takes any client's question for the
-    controller's heartbeat.
+    Returns at once if no client controls the camera. The camera is asked only twice, because Aravis's fake
+    camera takes any client's question for the controller's heartbeat.
+
+    Args:
+        address: IP address of the camera.
+        clock: the host's clock, for the wait.
 
     Raises:
-        CameraError: a living client controls the camera.
+        CameraError: a living client controls the camera: it still does after 3.2 s.
     """
     if is_controlled(address):
         clock.sleep(_HEARTBEAT_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""Counter of lost frames, by GVSP block id and by device time."""
+"""Counter of lost frames, by their numbers (block ids of the GVSP stream protocol) and by device time."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ _WRAP = 65535
 
 
 class FrameLoss:
-    """Counter of the frames lost between two complete ones.
+    """Counter of the frames lost between two complete ones, by block id (frame number) and device time.
 
     Both criteria are needed: ids do not show exposures that the camera itself skipped, and times fail with a
     wrong frame rate. Aravis's own statistics are unusable: `n_missing_packets` over-reports and `n_underruns`
     counts packets.
+
+    Args:
+        frame_rate_hz: frame rate of the camera.
     """
 
     def __init__(self, frame_rate_hz: float) -> None:
@@ -19,7 +22,15 @@ class FrameLoss:
         self._last: tuple[int, int] | None = None
 
     def before(self, frame_id: int, device_time_ns: int) -> int:
-        """Number of frames lost between the last complete frame and this one."""
+        """Number of frames lost between the last complete frame and this one; 0 for the first frame.
+
+        Call once for every complete frame, in order. The larger of the two counts is returned, by id and by
+        time; ids that do not count frames are ignored.
+
+        Args:
+            frame_id: block id of the frame, 16 bits (1-65535, then 1 again) or longer.
+            device_time_ns: time of the frame on the camera's clock.
+        """
         last, self._last = self._last, (frame_id, device_time_ns)
         if last is None:
             return 0

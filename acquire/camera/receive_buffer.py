@@ -1,4 +1,4 @@
-"""The receive buffer of a stream's UDP socket.
+"""Size of the receive buffer of an image stream's UDP socket.
 
 Linux's default (212 kB) is less than one frame: 4 to 22 % of the frames arrive complete at 120 fps (Aravis
 #894). Aravis's own `socket-buffer` property is silently capped by net.core.rmem_max (Aravis #898), so the
@@ -21,6 +21,12 @@ SO_RCVBUFFORCE = 33
 def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
     """Enlarge the receive buffer of this process's UDP socket that is bound to `port`.
 
+    Without the privilege to exceed net.core.rmem_max the size is limited by it.
+
+    Args:
+        port: UDP port of the socket.
+        size_bytes: wanted size.
+
     Returns:
         The effective size [bytes]: half of Linux's figure, which includes its bookkeeping. 0 if there is no
         such socket.
@@ -37,7 +43,7 @@ def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
 
 
 def _sockets() -> Iterator[socket.socket]:
-    """Yield duplicates of this process's sockets; the caller closes each."""
+    """Yield a duplicate of each of this process's sockets; the caller closes it."""
     for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - iterdir fails on descriptors that vanish
         duplicate = -1
         try:

@@ -1,4 +1,4 @@
-"""Settings that are written to a camera, read back and compared, under their GenICam names."""
+"""Settings of a camera (size, exposure, gain, trigger ...) that are written, read back and compared."""
 
 from __future__ import annotations
 
@@ -16,33 +16,44 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Setting:
-    """One value to write, read back and compare."""
+    """One value to write to a camera, read back and compare."""
 
     name: str
+    """name for messages: the GenICam feature's, where the setting is written by that name"""
     wanted: float | str
+    """value to write"""
     tolerance: float
     """greatest difference of a number that is read back"""
     unit: str
+    """unit for messages; empty if there is none"""
     write: Callable[[Any], object]
+    """writes a value to the camera"""
     read: Callable[[], float | str]
+    """reads the value from the camera"""
 
     def agrees(self, got: float | str) -> bool:
-        """True if the value read back equals the wanted one within the tolerance."""
+        """True if `got`, the value read back, is the wanted one: text exactly, a number within tolerance."""
         if isinstance(self.wanted, str) or isinstance(got, str):
             return self.wanted == got
         return abs(got - self.wanted) <= self.tolerance
 
     def text(self, value: float | str) -> str:
-        """Text of a value, with its unit."""
+        """Text of a value for messages, a number with its unit."""
         return value if isinstance(value, str) else f"{value:g} {self.unit}"
 
 
 def write_settings(camera: Any, config: CameraConfig) -> None:
-    """Write every setting of `config` to an Aravis camera, read it back and compare.
+    """Write every setting of the rig file to a camera, read it back and compare.
+
+    Range checks are switched on; automatic exposure and gain are switched off.
+
+    Args:
+        camera: the opened Aravis camera.
+        config: section `camera` of the rig file.
 
     Raises:
         CameraSettingError: a setting reads back differently, or is out of the camera's range.
-        GLib.Error: the camera stopped answering.
+        GLib.Error: the camera stopped answering, or refused the modes that precede the settings.
     """
     Aravis, GLib = aravis_and_glib()
     # Off by default, and then Width = 5000 is accepted (Aravis #562).
@@ -70,7 +81,12 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
 
 
 def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
-    """Yield the settings of `config` for an Aravis camera, in an order that no camera refuses."""
+    """Yield the settings of the rig file's camera section, in an order that no camera refuses.
+
+    Args:
+        camera: the opened Aravis camera.
+        config: section `camera` of the rig file.
+    """
     # Offsets to 0 first, then the size, then the offsets: each limits the other (Aravis #256).
     region = [
         ("Width", config.width),
@@ -105,9 +121,14 @@ def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
 
 
 def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
-    """Yield the settings of frame rate or trigger.
+    """Yield the settings of trigger and, without a trigger, of the frame rate.
 
-    TriggerMode is always written: a camera that keeps its settings may wait for pulses that never arrive.
+    TriggerMode is written to every camera that has it: a camera that keeps its settings may wait for pulses
+    that never arrive.
+
+    Args:
+        camera: the opened Aravis camera.
+        config: section `camera` of the rig file.
     """
     has_trigger = camera.is_feature_available("TriggerMode")
     if has_trigger or config.trigger != "off":

@@ -1,4 +1,7 @@
-"""Stream of one camera: reads frames, maps their times to the host clock, reconnects a lost camera."""
+"""Stream of one camera: reads frames, maps their times to the host clock, reconnects a lost camera.
+
+A latch makes the camera store its clock's present value, which is then read.
+"""
 
 from __future__ import annotations
 
@@ -44,12 +47,17 @@ class StreamStatus:
     """Camera health: connection, frame rate, losses."""
 
     connected: bool
+    """True if the camera is open and streams"""
     frames: int
+    """number of frames read since the start"""
     lost: int
+    """number of frames lost since the start"""
     fps: float
+    """frame rate [Hz] over about the last second of frames; 0 with fewer than two"""
     last_frame_ns: int | None
     """host monotonic time at which the newest frame was read; None before the first"""
     receive_buffer_bytes: int
+    """size of the stream's socket buffer; 0 if unknown"""
     latched: bool
     """True if times are mapped from the camera's own clock; False: they are arrival times"""
     trouble: str
@@ -59,11 +67,20 @@ class StreamStatus:
 
 
 class CameraStream:
-    """Two threads: one reads frames, one latches the clock, because a latch waits for an answer on the wire.
+    """Stream of frames with host times from one camera, on two threads from `start` to `stop`.
 
-    The frame thread calls `on_frame` for every complete frame, and `on_text` for the camera's warnings, its
-    loss and return, and for lost frames (collected, once a second). The clock thread calls `on_clock`. A
-    frame that `on_frame` does not borrow is released when the call returns.
+    One thread reads frames and reconnects a lost camera. The other latches (reads) the camera's clock,
+    because a latch waits for an answer on the wire.
+
+    Args:
+        make_camera: function that makes a new, unopened camera; called again for every reconnection.
+        config: section `camera` of the rig file.
+        clock: the host's clock.
+        on_frame: called on the frame thread with every complete frame, its host time set. A frame whose
+            buffer it does not borrow is released when the call returns.
+        on_clock: called on the clock thread with every reading of the camera's clock.
+        on_text: called on the frame thread with a line when the camera is lost or back, with its warnings
+            after a return, and for lost frames (collected, once a second).
     """
 
     def __init__(
@@ -99,10 +116,11 @@ class CameraStream:
         self._threads: list[threading.Thread] = []
 
     def start(self) -> CameraInfo:
-        """Open the camera and stream.
+        """Open the camera, start streaming on both threads, and return the camera's identity.
 
         Raises:
-            CameraError: as from `Camera.open`.
+            CameraError: the camera is not found, refuses a setting, is controlled by another program, or no
+                longer answers.
         """
         self._threads = [
             threading.Thread(target=self._acquire, name="camera-frames"),
@@ -117,7 +135,7 @@ class CameraStream:
         return self._info
 
     def stop(self) -> None:
-        """End both threads and release the camera."""
+        """End both threads and release the camera; blocks until they have ended."""
         self._stopping.set()
         self._latch_now.set()
         for thread in self._threads:
@@ -126,15 +144,15 @@ class CameraStream:
 
     @property
     def borrowable_frames(self) -> int:
-        """Number of the camera's frames whose buffers may be borrowed at a time."""
+        """Number of frames whose buffers may be borrowed (kept after `on_frame`) at a time."""
         return self._borrowable_frames
 
     def latch(self) -> None:
-        """Request a latch of the clock now instead of at the next interval."""
+        """Request a latch (reading) of the camera's clock now instead of at the next interval."""
         self._latch_now.set()
 
     def status(self) -> StreamStatus:
-        """Camera health now."""
+        """Camera health now: connection, frame rate, losses, warnings."""
         recent = list(self._recent)
         span = recent[-1] - recent[0] if len(recent) > 1 else 0
         return StreamStatus(
@@ -232,7 +250,11 @@ class CameraStream:
             self._lost_reported, self._reported_ns = self._lost, self._clock.monotonic_ns()
 
     def _mapped(self, frame: Frame, *, first: bool) -> Frame:
-        """Add host times, the stream's frame number, and the losses during a reconnection."""
+        """Copy of a frame with host times, the stream's frame number, and the frames lost before it.
+
+        Also updates the stream's counts. With `first`, the first frame after a reconnection, the loss is
+        estimated from the gap in time.
+        """
         mapper = self._mapper
         mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect if the clock is latched
         mid = mapper.to_host(frame.device_time_ns) + round(frame.exposure_us * 500.0)
