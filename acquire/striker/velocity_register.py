@@ -161,8 +161,8 @@ def low_pass(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
     """Signal (n, ...) after a first-order low-pass filter along axis 0.
 
     The rows are RESPONSE_STEP_S apart; before the first row the signal counts as constant. The result is
-    computed as a sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal has this filter as
-    `lfilter`, but importing that takes longer than everything else at the start of a daemon.
+    computed as a sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal has this filter
+    as `lfilter`, but importing that takes longer than everything else at the start of a daemon.
 
     Args:
         signal: (n, ...) values.
