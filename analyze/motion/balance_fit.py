@@ -102,7 +102,11 @@ def moment_balance(
     sample = replace(sample, sd=np.sqrt(np.maximum(variance, (0.1 * sample.sd) ** 2)))
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Theta (n,) [rad] and its derivatives (n, 4) by the parameters x (4,): phi, k, theta0, Omega0."""
+        """Tipping angle (n,) [rad] and derivatives (n, 4) by x (4,): phi, k, angle and Omega at the start.
+
+        phi is the balance angle, k the rate m g R / I_edge, Omega the angular speed plus the share of the
+        edge's velocity.
+        """
         steps = np.concatenate(
             [np.zeros((1, 4)), np.diag(_DIFFERENTIATION_STEPS), -np.diag(_DIFFERENTIATION_STEPS)]
         )
@@ -220,7 +224,13 @@ def driven_theta(
     found[0] = state[0]
 
     def rate(state: Array, s: Array, z: Array) -> Array:
-        """Time derivative (2, c) of (theta, Omega); s and z are the edge's speeds times k / g."""
+        """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega [rad/s].
+
+        Args:
+            state: (2, c) tipping angle and Omega.
+            s: (c,) speed of the edge along the table, times k / g.
+            z: (c,) speed of the edge off the table, times k / g.
+        """
         psi = phi - state[0]
         sin, cos = np.sin(psi), np.cos(psi)
         found = np.empty_like(state)

@@ -182,7 +182,11 @@ class _Curve:
         self.rms = float(np.sqrt(np.sum(left**2) / max(3 * (len(number) - 4), 1)))
 
     def fall(self, sd: Array) -> float:
-        """Fall 1/2 a T^2 over the curve's duration T [m], for positions scaled by `sd` (3,) [m]."""
+        """Fall 1/2 a T^2 [m] over the curve's duration T, with a its acceleration.
+
+        Args:
+            sd: (3,) standard deviations by which the positions were scaled [m].
+        """
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:

@@ -74,11 +74,11 @@ class FallSetup:
     size: float
     """edge of the tag [m]"""
     size_sd: float
-    """its standard deviation [m]"""
+    """standard deviation of `size` [m]"""
     gravity: float
     """magnitude of g [m/s^2]"""
     gravity_sd: float
-    """its standard deviation [m/s^2]"""
+    """standard deviation of `gravity` [m/s^2]"""
     mass: float
     """mass of the falling body [kg]"""
     line_time: float | None

@@ -216,7 +216,11 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     )
 
     def balance(x: Array) -> tuple[Array, Array]:
-        """Residuals (n,) of the moment balance at x (10,) = (c, J_O, rounding), and derivatives (n, 10)."""
+        """Residuals (n,) of the moment balance at x (10,), and derivatives (n, 10).
+
+        x holds the centre of mass (3), inertia per mass about the object frame's origin (6), and the
+        rounding.
+        """
         power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
         matrix, level = np.einsum("p,prc->rc", power, by_power[0]), power @ by_power[1]
         by_radius = np.einsum("p,prc->rc", slope, by_power[0]) @ x[:9] - slope @ by_power[1]
@@ -235,7 +239,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
-            """Derivatives (n + 1, 10) of those residuals."""
+            """Derivatives (n + 1, 10) by x of the moment balance's residuals and the rounding's prior."""
             return np.vstack([balance(x)[1], prior_row])
 
         # scipy's type hints admit only the names of its built-in derivatives.

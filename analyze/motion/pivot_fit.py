@@ -91,7 +91,10 @@ def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> 
     sample = replace(cut_sample(angle, window, 4), radius=radius)
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Theta (n,) [rad] and its derivatives (n, 4) at parameters x (4,): phi, k, theta0, omega0."""
+        """Tipping angle (n,) [rad], and derivatives (n, 4) by x: phi, k, theta0, omega0.
+
+        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start.
+        """
         theta, _, jacobian = trajectory(sample.time, *_numbers(x), radius)
         return theta, jacobian
 
@@ -116,7 +119,10 @@ def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
     sample = cut_sample(angle, window, 5)
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Theta (n,) [rad] and its derivatives (n, 5) at x (5,): phi, k, theta0, omega0, drag."""
+        """Tipping angle (n,) [rad], and derivatives (n, 5) by x: phi, k, theta0, omega0, drag.
+
+        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start.
+        """
         theta, _, jacobian = trajectory_with_drag(sample.time, *_numbers(x), float(x[4]))
         return theta, jacobian
 

@@ -66,7 +66,7 @@ def is_curved(section: SupportFunction, planned: PlannedStrike) -> bool:
 def is_curved_to(section: SupportFunction, phi: float) -> bool:
     """True if the section is a curve where it touches, from rest to past a balance at `phi` [rad].
 
-    False for a corner, or for a curve with a flat face (a bevel) in it.
+    False for a corner, for a curve over less than 15 deg, or with a flat face (a bevel) of over 0.5 mm in it.
     """
     last = phi + _PAST_PHI
     return (

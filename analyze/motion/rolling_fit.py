@@ -76,7 +76,11 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Theta (n,) and the prior's rows (3,) at x (5,), and their derivatives (n + 3, 5)."""
+        """Tipping angle (n,) and rows of the prior (3,) at x (5,), and their derivatives (n + 3, 5).
+
+        x holds 1 / J, a / J, b / J (centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 + b^2),
+        and angle and speed at the start.
+        """
         sets = x + steps
         theta = np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
@@ -149,7 +153,10 @@ def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
     hinge = replace(sample, theta=trajectory(sample.time, *(float(each) for each in x))[0] + fitted.residual)
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Theta (n,) of a hinge and its derivatives (n, 4) at x (4,): phi, k, theta0, omega0."""
+        """Tipping angle (n,) of a hinge [rad], and derivatives (n, 4) by x: phi, k, theta0, omega0.
+
+        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start.
+        """
         theta, _, jacobian = trajectory(sample.time, float(x[0]), float(x[1]), float(x[2]), float(x[3]))
         return theta, jacobian
 

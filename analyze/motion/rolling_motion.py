@@ -88,7 +88,13 @@ def rolling_theta(
     found[0] = theta
 
     def rate(state: Array, u: Array | None, z: Array | None) -> Array:
-        """Derivative (2, c) of theta and Omega / J by time; u, z: speeds of sliding and lifting [m/s]."""
+        """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega / J [rad/s].
+
+        Args:
+            state: (2, c) tipping angle and Omega / J, the moment of momentum about the contact per m J.
+            u: (c,) or scalar speed of the contact along the table [m/s]; None if it only rolls.
+            z: (c,) or scalar speed of the contact off the table [m/s]; None if it only rolls.
+        """
         theta, turn = state
         h, ahead, radius = section.evaluate(theta)
         cos, sin = np.cos(theta), np.sin(theta)

@@ -95,7 +95,11 @@ def _model(sample: Sample, frame: int, radius: float) -> Callable[[Array], tuple
     still = np.zeros_like(sample.time)
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Theta (n,) [rad] and derivatives (n, 5) at x (5,): phi, k, theta0, omega0, jump."""
+        """Tipping angle (n,) [rad], and derivatives (n, 5) by x: phi, k, theta0, omega0, jump.
+
+        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start, jump is in
+        speed.
+        """
         steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
         theta = driven_theta(sample.time, x + steps, still, still, radius, jump=(frame, (x + steps)[:, 4]))
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)

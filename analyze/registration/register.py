@@ -56,7 +56,7 @@ class MarkerPlace:
     covariance: Array
     """(6, 6) covariance of its turn in O [rad] and its centre in O [m]"""
     strikes: tuple[str, ...]
-    """strikes that show it"""
+    """ids of the used strikes that show it"""
     rms_px: float
     """rms residual of its corners [px]"""
     on_surface: bool
@@ -86,7 +86,7 @@ class TablePlace:
     offset: Array
     """(3,) tilts about W's x and y [rad], and the height [m]"""
     sd: Array
-    """(3,) their standard deviations"""
+    """(3,) standard deviations of `offset` [rad, m]"""
     T_world_camera: Array
     """(4, 4) pose of C in the W whose z = 0 is the estimated table"""
     undetermined: tuple[str, ...]

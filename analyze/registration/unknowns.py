@@ -49,7 +49,7 @@ class Unknowns:
     table: Array
     """(recordings, 3) tilts about W's x and y [rad], and height [m]"""
     frames: list[Array]
-    """per strike (f - 1, 5): theta, heading, x, y, z [rad, rad, m, m, m]"""
+    """per strike (f - 1, 5), for its frames after rest: theta, heading, x, y, z [rad, rad, m, m, m]"""
 
     def after_step(self, shared: Array, frames: list[Array]) -> Unknowns:
         """New unknowns after a step of the shared ones and of the frames' own; these stay as they are.

@@ -49,8 +49,8 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
 def undistort(camera: CameraModel, points_px: Array) -> Array:
     """Ideal (distortion-free) pixels (..., 2) of raw image points (..., 2).
 
-    NaN beyond `MAX_FISHEYE_ANGLE_RAD` (80 deg) off the axis of a fisheye. A copy of the points if there is no
-    distortion.
+    NaN beyond `MAX_FISHEYE_ANGLE_RAD` (80 deg) off the axis of a fisheye. A copy of the points for a pinhole
+    without distortion.
     """
     points = np.ascontiguousarray(points_px, dtype=float)
     if camera.model is LensModel.FISHEYE:
@@ -104,7 +104,10 @@ def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
 
 
 def distort(camera: CameraModel, ideal_px: Array) -> Array:
-    """Raw image points (..., 2) of ideal (distortion-free) pixels (..., 2); a copy without distortion."""
+    """Raw image points (..., 2) of ideal (distortion-free) pixels (..., 2).
+
+    A copy of the pixels for a pinhole without distortion.
+    """
     points = np.asarray(ideal_px, dtype=float)
     if camera.model is LensModel.FISHEYE:
         rays = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T

@@ -103,7 +103,7 @@ class Square:
     noise: float
     """standard deviation of the residuals [grey levels]"""
     blur: float
-    """mean s [px]"""
+    """blur of lens and pixel, mean over the edges [px]"""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class _Band:
     corners_ideal: Array
     """(4, 2) corners of the square around which the band lies [ideal px]"""
     corners_raw: Array
-    """(4, 2) the same [raw px]"""
+    """(4, 2) these corners [raw px]"""
     index: IntArray
     """(4, s) index of the pixels in the image, row by row"""
     t: Array
@@ -159,7 +159,7 @@ class SquareFit:
     band: _Band
     """pixels along its edges"""
     shape: Array
-    """(4, 3) a, b, s of each edge in the band [px]"""
+    """(4, 3) offset a, tilt b and blur s of each edge in the band [px]"""
 
 
 def fit_square(

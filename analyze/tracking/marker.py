@@ -120,8 +120,8 @@ def _code_pattern(name: int | str) -> _CodePattern:
 def wrong_cells(family: TagFamily) -> int:
     """Number of cells that may be misread where a known tag is expected.
 
-    It is half the family's code distance (least number of cells in which two tags differ in any orientation),
-    rounded up; cached.
+    It is half the family's code distance (least number of cells in which two tags, or a tag and itself
+    turned, differ), rounded up; cached.
     """
     codes = np.asarray(_dictionary(family).bytesList, dtype=np.uint8)
     many = len(codes)
