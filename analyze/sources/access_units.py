@@ -1,4 +1,4 @@
-"""Converts packets of a video file to access units with start codes (Annex B), as recordings store them.
+"""Converts packets of a video file to access units with start codes (Annex B), for recordings.
 
 An access unit is the coded data of one picture. That of a key picture, where a decoder can begin, contains
 the parameter sets that the decoder needs.

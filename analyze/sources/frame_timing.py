@@ -153,9 +153,10 @@ def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
 
 
 def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
-    """Shortest and longest running median of the intervals between frames [ns]; zeros for one frame or none.
+    """Shortest and longest running median of the intervals between frames [ns].
 
-    Both are similar if the frame rate is constant. The median runs over `RECENT_INTERVALS` intervals.
+    Both are similar if the frame rate is constant, and 0 for one frame or none. The median runs over
+    `RECENT_INTERVALS` intervals.
 
     Args:
         times_ns: (n,) times of all frames [ns], increasing.

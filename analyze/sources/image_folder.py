@@ -1,4 +1,4 @@
-"""Image source: a folder of images with a CSV of their times, as programs of high-speed cameras write it."""
+"""Image source: a folder of images with a CSV of their times, as high-speed cameras' programs write."""
 
 from __future__ import annotations
 
@@ -241,9 +241,9 @@ def _seconds(text: str | None) -> Decimal | None:
 
 
 def _rounding_sd_ns(path: Path) -> int:
-    """Standard deviation [ns] of rounding in a CSV's times: unit of the last decimal / sqrt(12), at least 1.
+    """Standard deviation [ns] of rounding in a CSV's times: unit of the last decimal / sqrt(12).
 
-    The time with the most decimals counts; times in exponent notation are ignored.
+    The time with the most decimals counts; times in exponent notation are ignored. It is at least 1 ns.
     """
     with path.open(encoding="utf-8-sig", newline="") as file:
         digits = max(

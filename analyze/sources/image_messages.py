@@ -105,7 +105,7 @@ def _video_head(camera: str, kind: VideoFormat) -> bytes:
 
 
 def video_room(camera: str, kind: VideoFormat) -> int:
-    """Number of bytes before each coded picture in a recording: MCAP message record head and protobuf fields.
+    """Number of bytes before each coded picture in a recording: MCAP record head and protobuf fields.
 
     Args:
         camera: name of the camera, the message's frame_id.

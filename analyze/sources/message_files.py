@@ -1,4 +1,4 @@
-"""Reads message files of other programs, MCAP files and ROS 2 bags: their topics, and messages by time.
+"""Reads message files of other programs (MCAP files, ROS 2 bags): their topics, and messages by time.
 
 A bag is a folder with metadata.yaml, or a single .db3 file.
 """
