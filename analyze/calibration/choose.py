@@ -26,7 +26,7 @@ _MIN_TAGS = 3
 
 
 def outline(sight: BoardSighting, board: Board) -> Array | None:
-    """Outer corners (4, 2) of the board's squares in an image, predicted from the tags seen, to some pixels.
+    """Outer corners (4, 2) of the board in an image, predicted from its tags to some pixels.
 
     Args:
         sight: tags of the board in the image.
@@ -80,7 +80,7 @@ def _distance(first: Array, second: Array) -> float:
 
 
 def _farthest_first(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
-    """Select `MOST_VIEWS` of the views `kept`: the first, then always the one farthest from those selected.
+    """Select `MOST_VIEWS` of the views `kept`: the first, then always that farthest from those selected.
 
     Args:
         kept: indices of at least `MOST_VIEWS` views.

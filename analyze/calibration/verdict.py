@@ -75,7 +75,7 @@ def tilt(pose: Pose, middle: Array) -> float:
 def undetermined(
     lens: Lens, sd: Array, pixels: PixelMap, tilts: Sequence[float], covered: Coverage
 ) -> list[str]:
-    """Reasons why the views do not determine the lens, each with its number and the remedy; empty if they do.
+    """Reasons why the views do not determine the lens, each with number and remedy; empty if they do.
 
     The number of views and the focal length are always judged, the principal point and the distortion only if
     nothing was found before.
