@@ -1,4 +1,4 @@
-"""Inspects H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B): unit types, start codes.
+"""Inspects H.264 and H.265 byte streams (ISO/IEC 14496-10, 23008-2, Annex B): unit types, start codes.
 
 In MP4 and Matroska files each NAL unit has its length before it in place of a start code (ISO/IEC 14496-15).
 """

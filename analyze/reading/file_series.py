@@ -45,7 +45,7 @@ def find_series_files(path: Path) -> SeriesFiles:
 
     A file without a readable manifest (description of the session) is a series of its own; so is a renamed
     file, with all lower numbers missing. Of a finished and an unfinished file of one number the finished one
-    counts.
+    counts, unless `path` is one of them.
     """
     ours = _manifest(path)
     if ours is None:

@@ -47,7 +47,7 @@ class FollowedRecording:
 
     @property
     def plan(self) -> StrikePlan | None:
-        """Strike plan attached to the recording; None until it is read.
+        """Strike plan attached to the recording; None until `poll` has read it.
 
         Raises:
             RecordingVersion: the plan is of another major schema version.
@@ -58,7 +58,7 @@ class FollowedRecording:
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """Content of the object's shape file; None for a primitive, and until it is read."""
+        """Content of the object's shape file; None for a primitive, and until `poll` has read it."""
         return next(
             (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
             None,

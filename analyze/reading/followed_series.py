@@ -42,12 +42,12 @@ class FollowedSeries:
 
     @property
     def manifest(self) -> SessionManifest | None:
-        """Manifest of the present file; None until it is written."""
+        """Manifest (description of the session) of the present file; None until `poll` has read it."""
         return self._present.manifest
 
     @property
     def plan(self) -> StrikePlan | None:
-        """Strike plan attached to the present file; None until it is written.
+        """Strike plan attached to the present file; None until `poll` has read it.
 
         Raises:
             RecordingError: the plan cannot be read.
@@ -56,7 +56,7 @@ class FollowedSeries:
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """Content of the object's shape file; None for a primitive, and until it is written."""
+        """Content of the object's shape file; None for a primitive, and until `poll` has read it."""
         return self._present.shape_bytes
 
     @property

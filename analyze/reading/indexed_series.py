@@ -178,7 +178,7 @@ def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], Ind
 
 
 def series_content_id(content_ids: Sequence[str | None]) -> str | None:
-    """Content id (hash of all messages) of a series, from those in its files' seals.
+    """Content id (hash of the messages outside /truth/) of a series, from those in its files' seals.
 
     Args:
         content_ids: hexadecimal content id of each file, in order; None for a file without one.

@@ -1,8 +1,8 @@
 """Inspects MCAP files of any program: topics and their times, encodings, compression, damage.
 
 Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are taken
-from the data section, so that the file needs no summary and no end. A chunk is decompressed only if it has no
-message indexes.
+from the data section, so that the file needs no summary and no end. A chunk is decompressed only if its
+message indexes are missing or may be incomplete, or for publish times and channels that are not known yet.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Compression:
 
 @dataclass
 class McapContents:
-    """Contents of one MCAP file. Times are log times [ns], in the file's order."""
+    """Contents of one MCAP file, up to its last whole record."""
 
     path: Path
     """path of the file"""
@@ -107,7 +107,9 @@ class McapContents:
 
 
 def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
-    """Inspect an MCAP file from its beginning up to the last whole record; damage is reported in the result.
+    """Inspect an MCAP file from its beginning up to the last whole record.
+
+    Damage is reported in the result.
 
     Args:
         path: the file.

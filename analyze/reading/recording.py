@@ -1,7 +1,7 @@
 """Reads a recording: manifest, plan, shape, images without copying, messages by topic and time.
 
-A recording may be a series of files (file_series.py): any of them opens all. Ground truth is not accessible
-here; `analyze.reading.truth` reads it.
+A recording may be a series of files (file_series.py): any of them opens all. Messages of ground truth cannot
+be read here, only their times; `analyze.reading.truth` reads them.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class FilePart:
     path: Path
     """path of the file"""
     content_id: str | None
-    """hash of the messages in the file's seal (checksum record at its end); None if the file is cut"""
+    """hash of the messages, from the file's seal (checksum record at its end); None if the file is cut"""
     damaged_chunks: int
     """number of chunks left out of a cut file because they are damaged"""
 

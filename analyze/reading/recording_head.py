@@ -16,7 +16,9 @@ T = TypeVar("T", bound=BaseModel)
 
 
 def parse_manifest(text: str, name: str) -> SessionManifest:
-    """Parse the manifest (description of a session) of a recording; unknown keys of newer minors are ignored.
+    """Parse the manifest (description of a session) of a recording.
+
+    Unknown keys of newer minor schema versions are ignored.
 
     Args:
         text: manifest as JSON.
@@ -30,7 +32,9 @@ def parse_manifest(text: str, name: str) -> SessionManifest:
 
 
 def parse_plan(text: str, name: str) -> StrikePlan:
-    """Parse the strike plan attached to a recording; unknown keys of newer minor versions are ignored.
+    """Parse the strike plan attached to a recording.
+
+    Unknown keys of newer minor schema versions are ignored.
 
     Args:
         text: plan as JSON.

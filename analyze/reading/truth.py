@@ -1,4 +1,4 @@
-"""Reads the ground truth of a virtual recording, for `analyze score` and tests only."""
+"""Reads the ground truth of a virtual recording, for comparisons with results only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Verifies a recording: compares the hash of all messages with the seal (checksum record) of each file."""
+"""Verifies a recording: compares the hash of its messages with the seal (checksum record) per file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from schemas.session_manifest import SEAL_NAME
 
 
 def refuse_changed_content(path: Path) -> None:
-    """Read all messages of all files of a recording, and compare their hashes with the files' seals.
+    """Read all messages of a recording's files, and compare their hashes with the files' seals.
+
+    Ground truth (topics under /truth/) does not enter the hash.
 
     Raises:
         RecordingCut: a file ends early.
