@@ -1,7 +1,7 @@
 """Writes a prepared import as a recording.
 
-H.264 and H.265 videos are stored whole, as coded. Of other sources, the images in the strikes' windows are
-stored.
+If all sources are H.264 or H.265 videos, those with a strike are stored whole, as coded. Otherwise the images
+in the strikes' windows are stored.
 """
 
 from __future__ import annotations
@@ -294,9 +294,10 @@ def _image_topic(prepared: PreparedImport) -> topics.Topic:
 
 
 def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
-    """Divide pictures before each key picture; yields each part's slice, and True if a key picture begins it.
+    """Divide coded pictures before each key picture.
 
-    Only the first part may begin without a key picture. `keys` (n,) is True for key pictures.
+    Yields:
+        Slice of each part, and True if a key picture begins it; only the first part may begin without one.
     """
     begins = np.flatnonzero(keys).tolist()
     for start, stop in pairwise(sorted({0, len(keys), *begins})):
@@ -304,7 +305,9 @@ def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
 
 
 def write_recording(prepared: PreparedImport, output: Path, progress: Progress = no_progress) -> Written:
-    """Write a prepared import as a recording; on failure no file is left.
+    """Write a prepared import as a recording.
+
+    On failure no file is left, except a finished `.part` file whose final name was taken meanwhile.
 
     Args:
         prepared: the import.

@@ -2,7 +2,7 @@
 
 One thread assembles the records, another only hands them to the system: two threads that both run Python
 would wait for each other. While it is written the file is called `<name>.part`; the rename is the last step,
-and after an error nothing is left.
+and after an error nothing is left, except a finished `.part` file whose final name was taken meanwhile.
 """
 
 from __future__ import annotations
