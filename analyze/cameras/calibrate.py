@@ -86,7 +86,7 @@ class CalibrationAnswer:
         """Check that the views determine the lens.
 
         Raises:
-            CalibrationError: they do not; the message gives the reasons.
+            CalibrationError: the lens is not determined; the message gives the reasons.
         """
         if self.calibration.undetermined:
             used = len(self.calibration.shots)
