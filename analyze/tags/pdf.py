@@ -1,4 +1,4 @@
-"""Writes sheets as a true-to-scale PDF; matplotlib's backend writes points of 1/72 inch exactly as given."""
+"""Writes sheets as a true-to-scale PDF; matplotlib writes points of 1/72 inch exactly as given."""
 
 from __future__ import annotations
 
