@@ -27,6 +27,7 @@ class StrikeMade:
     """A strike used in an earlier result, with the precision of balance angle phi and rate constant k."""
 
     axis_id: str
+    """Id of the pivot axis in the plan."""
     phi_sd: float
     """1 sigma of phi [rad]."""
     k_sd: float | None

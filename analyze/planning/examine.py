@@ -29,7 +29,9 @@ class Bench:
     """Striker, camera and table that a plan is made for."""
 
     striker: StrikerModel
+    """Striker, with the speeds and heights that it can reach."""
     camera: CameraModel
+    """Camera, with its pose in a strike's world frame."""
     friction: float
     """Smallest friction coefficient between object and table."""
     gravity: float = impact.GRAVITY
@@ -64,9 +66,13 @@ class _Reached:
     """Axis with a marker in view and an impact point in reach; whether its edge holds is still open."""
 
     axis: PivotAxis
+    """Pivot axis."""
     expected: Swing
+    """Swing for the expected centre of mass."""
     point: ImpactPoint
+    """Place to strike."""
     sight: view.MarkerVisibility
+    """Markers that the camera sees through the tip."""
 
 
 def examine(

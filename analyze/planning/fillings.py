@@ -55,6 +55,7 @@ class RegionForecast:
     """Predicted precision of the masses of shell and of the interior above and below the dividing plane."""
 
     names: tuple[str, ...]
+    """Names of the regions, `NAMES`."""
     sd: Array
     """(3,) 1 sigma of each mass [kg], the median over the fillings."""
     determined: tuple[bool, ...]

@@ -50,6 +50,7 @@ class AxisForecast:
     """
 
     axis_id: str
+    """Id of the pivot axis."""
     phi_sd: float
     """1 sigma of phi from one strike [rad]."""
     k_sd: float
@@ -135,7 +136,8 @@ def strikes_for(
 ) -> tuple[int, Design] | None:
     """Smallest number of strikes, and its design, with a predicted error of c of at most `target` [m].
 
-    c is the centre of mass. The search halves the interval, as more strikes lower the error.
+    c is the centre of mass. The search halves the interval, as more strikes lower the error. The number of
+    axes is limited as in `choose_design` by default.
 
     Args:
         information: Candidates, prior knowledge and errors.

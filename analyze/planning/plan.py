@@ -56,7 +56,8 @@ class PlanRequest:
     """True to add a strike of an edge with the object turned by 180 degrees, which measures the table's tilt;
     the usual strike of that edge is added too if it is not in the plan."""
     most_axes: int | None = None
-    """Largest number of different axes, each a placement by hand; None for as many as pay."""
+    """Largest number of different axes, each a placement by hand; None for as many as pay. It does not limit
+    a design that reaches the target."""
 
 
 def plan_strikes(

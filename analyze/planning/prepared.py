@@ -34,8 +34,11 @@ class PreparedObject:
     """
 
     model: ObjectModel
+    """Shape of the object."""
     spec: ObjectSpec
+    """Object file: mass, edge radius, markers."""
     bench: Bench
+    """Striker, camera and table."""
     planes: tuple[RestingPlane, ...]
     """All resting planes of the object, largest first."""
     stable: tuple[RestingPlane, ...]

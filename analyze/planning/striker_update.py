@@ -33,6 +33,7 @@ class Touch:
     """
 
     axis_id: str
+    """Id of the pivot axis struck."""
     tip_speed: float
     """Tip speed just before contact, as measured by the striker [m/s]."""
     height: float
