@@ -29,13 +29,13 @@ from acquire.clock.clock import SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import RecorderError
 from acquire.recorder.recover.rewrite import mapped, read_layout
-from acquire.virtual.pattern_source import noise, read_stamp, stamped
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages
 from schemas.mcap.walk import walk
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
+from tests.acquire.virtual.pattern_source import noise, read_stamp, stamped
 from tests.places import ROOT
 
 WIDTH, HEIGHT, SEED = 656, 492, 7

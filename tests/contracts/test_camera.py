@@ -19,8 +19,8 @@ from acquire.config import CameraConfig, RigConfig
 from acquire.errors import CameraError
 from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
-from acquire.virtual.pattern_source import PatternSource
 from schemas.session_manifest import CameraCalibrationSpec
+from tests.acquire.virtual.pattern_source import PatternSource
 from tests.loopback import loopback
 
 ADDRESS = loopback(61)

@@ -23,8 +23,8 @@ from acquire.cli import main as acquire
 from acquire.clock.clock import SystemClock
 from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.virtual.gige_camera import VirtualGigeCamera
-from acquire.virtual.pattern_source import PatternSource
 from tests.acquire.striker.plant import Plant
+from tests.acquire.virtual.pattern_source import PatternSource
 from tests.carton import CARTON
 from tests.loopback import loopback
 from tests.rig_text import CALIBRATION

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acquire.virtual.hand import CONTACT_S, VirtualHand
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from schemas.strike_plan import read_strike_plan
+from tests.acquire.virtual.hand import CONTACT_S, VirtualHand
 from tests.system.session_rig import SEED, session_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]

@@ -10,7 +10,7 @@ import sys
 
 from acquire.clock.clock import SystemClock
 from acquire.virtual.gige_camera import DRIFT, VirtualGigeCamera
-from acquire.virtual.pattern_source import PatternSource
+from tests.acquire.virtual.pattern_source import PatternSource
 
 if __name__ == "__main__":
     sys.setswitchinterval(5e-4)

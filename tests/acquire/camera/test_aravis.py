@@ -14,7 +14,7 @@ from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
-from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
+from tests.acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.loopback import loopback
 
 SEED = 7

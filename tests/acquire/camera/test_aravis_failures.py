@@ -19,9 +19,9 @@ from acquire.camera.discovery import is_controlled
 from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError, CameraLost
 from acquire.virtual.gige_camera import VirtualGigeCamera
-from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.acquire.camera.falls_silent import falls_silent
 from tests.acquire.camera.test_aravis import SEED, next_frame, read_for_ever
+from tests.acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.loopback import loopback
 
 

@@ -16,9 +16,9 @@ import pytest
 from acquire.capture.link import CaptureProcess
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.recorder.recover.recover import recover
-from acquire.virtual.pattern_source import noise, read_stamp, stamped
 from schemas.proto import percuss_pb2 as pb
 from tests.acquire.capture.synthetic_rig import CALIBRATION, manifest_of_a_box, read
+from tests.acquire.virtual.pattern_source import noise, read_stamp, stamped
 from tests.loopback import loopback
 from tests.places import PATTERN_CAMERA
 
