@@ -331,7 +331,7 @@ class VideoSource:
         """Capture rate [Hz] from the user, else from the file; None if neither states one.
 
         A rate that the file states counts as slow motion from `MIN_SLOW_FACTOR` times the playing rate on. A
-        remark is added if it is used, or if it differs from the user's.
+        remark is added if that rate is used, or if it differs from the user's by this factor.
         """
         stated_hz = capture_rate_hz(container)
         if stated_hz is None or stated_hz * played.interval_s < MIN_SLOW_FACTOR:
