@@ -63,7 +63,7 @@ _PARAMETERS = 9
 
 @dataclass(frozen=True)
 class Saddles:
-    """Corners fitted from n first positions."""
+    """Chessboard corners fitted from n first positions."""
 
     place: Array
     """(n, 2) position: the first one plus the fitted shift [px]"""
