@@ -58,7 +58,7 @@ REGION_PX = 40
 
 @dataclass(frozen=True)
 class Onset:
-    """Onset of a strike in a clip."""
+    """Onset of a strike in a clip: the moment at which a marker at rest begins to tip with the object."""
 
     rest_ns: int
     """time on the source's clock from which a marker was seen at rest [ns]"""

@@ -271,7 +271,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
 
 
 def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
-    """Yield the sources' remarks with their names; a remark that several share is given once."""
+    """Yield the sources' remarks with the source's name; a remark that n share once, "NAME and n-1 more"."""
     sources_of: dict[str, list[str]] = {}
     for source in sources:
         for remark in source.remarks:

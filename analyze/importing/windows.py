@@ -65,7 +65,7 @@ def window_around(onset: Onset, frame_ns: float) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class StrikeWindow:
-    """Part of a source that shows one strike."""
+    """Part of a source that shows one strike: the object at rest, struck, and tipping."""
 
     clip: int
     """index of the source"""
