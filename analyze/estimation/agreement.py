@@ -120,7 +120,8 @@ def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisa
     frames; adding their variances therefore overstates the expected difference.
 
     Args:
-        motions: Motions of the strikes, with their fits: phi, the balance angle [rad], and k [rad/s^2].
+        motions: Motions of the strikes, with their fits: balance angle phi [rad] and rate constant k
+            [rad/s^2] of the tip's pendulum equation.
 
     Returns:
         One entry per alternative that differs, in the order of the motions; empty if none does.

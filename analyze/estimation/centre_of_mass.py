@@ -1,4 +1,7 @@
-"""Centre of mass from equi-planes, with covariance (docs/explanation/method.md, section 4)."""
+"""Centre of mass from equi-planes, with covariance (docs/explanation/method.md, section 4).
+
+The equi-plane of a strike passes through its pivot line and the centre of mass.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ def centre_of_mass(
 
 
 def require_planes(planes: Sequence[EquiPlane]) -> None:
-    """Raise an error if there is no equi-plane, that is no usable strike.
+    """Raise an error if there is no plane, that is no usable strike.
 
     Raises:
         EstimationError: there is no plane.
@@ -62,12 +65,14 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
     """Centre of mass with covariance, residuals and shares of information, from a joint solution.
 
     Args:
-        solution: Solution of the joint problem, by the strikes' balance angles phi alone or with their k.
+        solution: Solution of the joint problem, by the strikes' balance angles phi alone or with their rate
+            constants k too.
         prior: Prior of the centre of mass c that the problem was solved with.
 
     Returns:
         c in the object frame O; it counts as observed if the sd of its least certain direction is below
-        `UNOBSERVED_FRACTION` of the prior's. The equi-planes in it are corrected for the estimated tilt.
+        `UNOBSERVED_FRACTION` of the prior's. The strikes' planes through pivot line and c are corrected for
+        the estimated tilt.
     """
     model, x, covariance = solution.model, solution.x, solution.covariance
     position = x[COM]
@@ -101,7 +106,7 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
 
 def _precision_of_phi(solution: JointSolution) -> Array:
-    """Marginal precision (strikes,) [1/rad^2] of each strike's balance angle phi, its k integrated out."""
+    """Marginal precision (strikes,) [1/rad^2] of the balance angles, rate constants k integrated out."""
     W = solution.data.whiten
     inverse = np.swapaxes(W, 1, 2) @ W
     used = solution.data.uses_k > 0

@@ -1,4 +1,4 @@
-"""Checks of a joint solution: leave-one-out predictions, gravity, bounds of moments and centre of mass."""
+"""Checks of a joint solution: leave-one-out predictions, gravity, moments, centre of mass."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ SIGMAS = 3.0
 class LeaveOneOut:
     """Leave-one-out prediction of a strike's phi and k, compared with the measured ones.
 
-    phi is the balance angle, k = m g R / I_edge the stiffness of the tip's pendulum equation.
+    phi is the balance angle, k = m g R / I_edge the rate constant of the tip's pendulum equation, with R the
+    distance of the centre of mass from the edge.
     """
 
     strike_id: str
@@ -74,8 +75,8 @@ class GravityEstimate:
 def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
     """Leave-one-out predictions of every strike's balance angle phi and ln k, linear about the solution.
 
-    phi and k carry all the information that the tipping angle theta(t) has about the body; the prediction of
-    theta(t) itself is in motion/predicted_motion.py.
+    phi and the rate constant k carry all the information that the tipping angle theta(t) has about the body;
+    the prediction of theta(t) itself is in motion/predicted_motion.py.
 
     Args:
         solution: Joint solution of all strikes.
@@ -139,7 +140,7 @@ def estimated_gravity(
 
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and centre of mass), in the object
-            frame O, with their balance angles phi and k.
+            frame O, with their balance angles phi and rate constants k.
         systematic: Standard deviations of the shared errors.
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
@@ -177,8 +178,8 @@ def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[st
     I_c,l / m = g R / k - (R + rho)^2, the moment per kilogram about the line l through c parallel to the
     axis, must not be negative, and not above the second moments about c across the axis: along any direction
     these are at most (b - c)(c - a) where the body extends from a to b (Bhatia and Davis 2000). R is the
-    distance of c from the centre line of the edge's rounding, rho its radius. A bound counts as crossed by
-    more than `SIGMAS` standard deviations.
+    distance of c from the centre line of the edge's rounding, rho its radius, k the rate constant fitted to
+    the strike. A bound counts as crossed by more than `SIGMAS` standard deviations.
 
     Args:
         solution: Joint solution with k; strikes whose k is not used are skipped.

@@ -26,10 +26,11 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
         motion: Motion of the strike, with a fit.
 
     Returns:
-        Plane through the pivot's centre line and the centre of mass, with the fit's phi, k and their errors.
+        Plane through the pivot's centre line and the centre of mass, with the fit's balance angle, rate
+        constant k and their errors.
 
     Raises:
-        EstimationError: the motion has no fit, or the plan's pivot does not lie along W's y.
+        EstimationError: the motion has no fit, or the plan's pivot does not lie along the world's y at rest.
     """
     if motion.fit is None:
         raise EstimationError(
@@ -44,14 +45,14 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
     Args:
         strike_id: Id of the strike, unique in the recording.
         planned: Rest pose of the object, and its pivot in O.
-        fit: Balance angle phi [rad], k [rad/s^2] and their covariance (2, 2). If the contact rolls on a
-            curve, its circle of curvature replaces the pivot's point and radius.
+        fit: Balance angle phi [rad], rate constant k [rad/s^2] and their covariance (2, 2). If the contact
+            rolls on a curve, its circle of curvature replaces the pivot's point and radius.
 
     Returns:
         Plane through the pivot's centre line and the centre of mass, with the fit's phi, k and their errors.
 
     Raises:
-        EstimationError: the plan's pivot does not lie along W's y.
+        EstimationError: the plan's pivot does not lie along the world's y at rest.
     """
     R_world_object = np.array(planned.R_world_object)
     direction = np.array(planned.pivot.direction)
@@ -98,9 +99,10 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
 
 
 def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
-    """Unit normal (3,) of an equi-plane in the object frame O, n = (Rot(-phi) up) x l (VISAPP 2013, eq. 4).
+    """Unit normal (3,) of an equi-plane, n = (Rot(-phi) up) x l, in the object frame O.
 
-    For a point c in the plane, at distance R from the pivot's centre line through p: d(n.(c - p))/dphi = -R.
+    The plane passes through the pivot's centre line and the centre of mass (VISAPP 2013, eq. 4). For a point
+    c in the plane, at distance R from the pivot's centre line through p: d(n.(c - p))/dphi = -R.
 
     Args:
         direction: (3,) unit pivot axis l in O; a positive turn about it tips the object.

@@ -68,7 +68,7 @@ def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
     """Moment of inertia about the contact line at balance, I_edge = m g R / k [kg m^2] (method.md, 5).
 
     Args:
-        plane: Equi-plane of the strike, with its fitted k [rad/s^2].
+        plane: Plane of the strike through pivot line and centre of mass, with its rate constant k [rad/s^2].
         distance: Distance R of the centre of mass from the centre line of the edge's rounding [m].
         scale: Mass m and gravity g.
 
@@ -119,7 +119,7 @@ def inertial_parameters_from_joint(
     """Mass, centre of mass and inertia tensor of a joint solution, with their covariance (10, 10).
 
     Args:
-        solution: Solution of the joint problem of all strikes' balance angles and k.
+        solution: Solution of the joint problem of all strikes' balance angles and rate constants k.
         com_prior: Prior of the centre of mass that the problem was solved with.
         scale: Mass and gravity that the problem was solved with.
 

@@ -1,7 +1,8 @@
-"""Joint estimate of centre of mass c, second moments and shared errors (docs/explanation/method.md, 7).
+"""Joint estimate of centre of mass c, second moments and shared errors (method.md, section 7).
 
-The data are phi (balance angle) and k = m g R / I_edge of every strike: with their covariance they contain
-all the information of a free tip about the body, since the fit of the motion integrates out its start.
+The data are the balance angle phi and the rate constant k = m g R / I_edge of every strike (R is the distance
+of c from the edge): with their covariance they contain all the information of a free tip about the body,
+since the fit of the motion integrates out its start.
 """
 
 from __future__ import annotations
@@ -50,7 +51,10 @@ MomentPrior = Callable[[Array], UnitPrior]
 
 @dataclass(frozen=True)
 class MomentModel:
-    """Mass, gravity and prior of the moments: the inputs needed to use k."""
+    """Mass, gravity and prior of the moments: the inputs needed to use the strikes' rate constants k.
+
+    k = m g R / I_edge, with R the distance of the centre of mass from the edge.
+    """
 
     scale: Scale
     """Mass and gravity."""
@@ -60,7 +64,10 @@ class MomentModel:
 
 @dataclass(frozen=True)
 class StrikeData:
-    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k); phi is the balance angle."""
+    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k).
+
+    phi is the balance angle, k the rate constant of the tip's pendulum equation.
+    """
 
     log_k: Array
     """(strikes,) ln k, k in [rad/s^2]; 0 where it is not used."""
@@ -71,7 +78,10 @@ class StrikeData:
 
     @property
     def parts(self) -> Array:
-        """Number (strikes,) of measured quantities of each strike: 1 for phi alone, 2 for phi and ln k."""
+        """Number (strikes,) of measured quantities of each strike, 1 or 2.
+
+        They are the balance angle and, where it is used, the rate constant k.
+        """
         return 1.0 + self.uses_k
 
 
@@ -109,7 +119,7 @@ def solve_joint(
 
     Args:
         planes: Equi-planes (plane through pivot line and c) in the object frame O with their balance angles
-            phi and k, one per strike, at least one.
+            phi and rate constants k, one per strike, at least one.
         systematic: Standard deviations of the shared errors.
         prior: Prior of c.
         moments: Inputs for k, to estimate the second moments too; None to use phi alone.
@@ -155,9 +165,10 @@ def solve_joint(
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
-    """Measured ln k and whitening matrices of the strikes; k is used if `with_k`, for planes that have one.
+    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k).
 
-    The sd of phi, the balance angle, includes the scatter from strike to strike (`strike_angle_sd`).
+    k, the rate constant, is used if `with_k`, for planes that have one. The sd of phi, the balance angle,
+    includes the scatter from strike to strike (`strike_angle_sd`).
     """
     n = len(planes)
     covariance = np.tile(np.eye(2), (n, 1, 1))
@@ -177,7 +188,8 @@ def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with
 def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
     """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count).
 
-    Residuals are modelled minus measured at the unknowns `x` (count,); 0 for an ln k that is not used.
+    phi is the balance angle, k the rate constant. Residuals are modelled minus measured at the unknowns `x`
+    (count,); 0 for an ln k that is not used.
     """
     log_k, by_log_k = model.log_k(x)
     both = np.stack([model.residual(x), (log_k - data.log_k) * data.uses_k], axis=1)
@@ -186,15 +198,18 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
 
 
 def _standardised(model: JointModel, data: StrikeData, x: Array) -> Array:
-    """Standardised residuals (strikes, 2) of (phi, ln k), modelled minus measured, at the unknowns `x`."""
+    """Standardised residuals (strikes, 2) of (phi, ln k), modelled minus measured, at the unknowns `x`.
+
+    phi is the balance angle, k the rate constant.
+    """
     both = np.stack([model.residual(x), (model.log_k(x)[0] - data.log_k) * data.uses_k], axis=1)
     return np.einsum("sij,sj->si", data.whiten, both)
 
 
 def _standardised_error(z: Array, data: StrikeData) -> Array:
-    """Error (strikes,) of each strike in standard deviations, phi and ln k together as one error.
+    """Error (strikes,) of each strike in standard deviations, of phi and ln k together as one error.
 
-    `z` (strikes, 2) are the standardised residuals of (phi, ln k).
+    `z` (strikes, 2) are the standardised residuals of balance angle phi and ln k, k the rate constant.
     """
     return np.sqrt(np.sum(z**2, axis=1)) * np.where(data.uses_k > 0, TWO_ERRORS_AS_ONE, 1.0)
 
@@ -223,7 +238,7 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 
 
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
-    """Information (inverse covariance, (count, count)) of the priors, linear about the unknowns `x` (count,).
+    """Information (inverse covariance, (count, count)) of the priors, linear about the unknowns `x`.
 
     Args:
         diagonal: (count,) inverse variances of the unknowns' own priors.
@@ -249,7 +264,7 @@ def _step(
     """Unknowns (count,) after one Gauss-Newton step, halved until the misfit does not rise.
 
     Args:
-        model: Model of balance angle phi and ln k of the strikes.
+        model: Model of balance angle phi and ln k (rate constant) of the strikes.
         data: Measured ln k and whitening matrices.
         prior: Prior mean (count,) and inverse variances (count,) of the unknowns, and the shape's prior.
         x: (count,) unknowns before the step.

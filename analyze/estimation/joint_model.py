@@ -44,14 +44,15 @@ MIN_DISTANCE = 1e-3
 
 
 class JointModel:
-    """Model of balance angle phi and ln k of all strikes as functions of one vector x (count,) of unknowns.
+    """Model of balance angle phi and ln k of all strikes as functions of one vector x of unknowns.
 
-    x holds the centre of mass c (3) [m, in the object frame O], the second moments' six numbers
-    (second_moments.py), then the shared errors, each in units of its sd: the vertical's lean from the table's
-    normal towards x and y of the world frame W, the shape's scale, the edges' radius, gravity, four per axis
-    (the edge's place forward, an angle, its own radius, a part of k), the place of each face rested on (all
-    its edges lie in it), two of lean for each further levelling of the table, and an angle for each further
-    heading of an axis (the camera sees another side).
+    k is the rate constant of the tip's pendulum equation. x (count,) holds the centre of mass c (3) [m, in
+    the object frame O], the second moments' six numbers (second_moments.py), then the shared errors, each in
+    units of its sd: the vertical's lean from the table's normal towards x and y of the world frame W, the
+    shape's scale, the edges' radius, gravity, four per axis (the edge's place forward, an angle, its own
+    radius, a part of k), the place of each face rested on (all its edges lie in it), two of lean for each
+    further levelling of the table, and an angle for each further heading of an axis (the camera sees another
+    side).
 
     Attributes:
         planes: equi-planes of the strikes, whose phi the model is compared with.
@@ -209,7 +210,10 @@ class JointModel:
         )
 
     def log_k(self, x: Array) -> tuple[Array, Array]:
-        """Modelled ln k (strikes,), k = m g R / I_edge in [rad/s^2], and its derivative (strikes, count)."""
+        """Modelled ln k (strikes,), k = m g R / I_edge in [rad/s^2], and its derivative (strikes, count).
+
+        R is the distance of the centre of mass from the edge; `x` (count,) are the unknowns.
+        """
         R = self.distances(x)
         about_edge, by = self.about_edge(x)
         rows = self.distance_design(x) / R[:, None] - by / about_edge[:, None] + self._k_error

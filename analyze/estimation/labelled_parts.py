@@ -114,9 +114,9 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Fraction (cells,) of each cell between a layer's ends, which are in metres from O along its direction.
+    """Fraction (cells,) of each cell between a layer's ends; 0 for a label without ends.
 
-    0 for a label without ends.
+    The ends are in metres from the origin of the object frame O along the layer's direction.
     """
     low, high = label.between_m or (0.0, 0.0)
     height = cells.points @ (np.array(label.along) / np.linalg.norm(label.along))

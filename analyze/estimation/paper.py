@@ -100,10 +100,11 @@ def _grid(lower: Array, step: Array) -> Array:
 def _overlap(
     planes: Sequence[EquiPlane], points: Array, err: float, reach: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Two masks (n,) of points: within `reach` of every region R^E, and inside every region.
+    """Two masks (n,) of points: within `reach` of every strike's region, and inside every region.
 
     Args:
-        planes: Equi-planes, one per region: points whose angle about the pivot is within `err` of its phi.
+        planes: Equi-planes, one per region: points whose angle about the pivot is within `err` of the plane's
+            balance angle.
         points: (n, 3) points [m], in the object frame O.
         err: Half-angle of the regions [rad].
         reach: Distance from a region within which a point still counts in the first mask [m].
@@ -169,7 +170,8 @@ def paper_edge_inertia(
     """Moment of inertia about an edge by the paper's eq. (5), alpha being theta differentiated twice.
 
     It is the mean of m g R sin(theta - phi) / alpha over the samples of stage two (the motion after balance)
-    that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0.
+    that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0; R is the distance of the
+    centre of mass from the edge.
 
     Args:
         angle: Tipping angle theta of the strike, n samples.
@@ -216,13 +218,13 @@ class PaperRegions:
 def paper_regions(
     planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], mass: float, cells: Cells
 ) -> PaperRegions | None:
-    """Masses of shell, upper and lower part by a sweep of the dividing plane and of I (VISAPP 2013, 3.3.2).
+    """Masses of shell, upper and lower part by the paper's sweep of the dividing plane and of I.
 
-    I is the moment about the edge; the interior is divided into the parts above and below the plane.
-    Interpretations where the paper is ambiguous: m_j is a region's mass (its sums are divided by N_j, its
-    number of voxels); the three parallel axes pass through the pivot, the centre of mass c, and the pivot's
-    mirror image in c, thus cross one straight line and determine the total mass; the dividing plane sweeps
-    along the body's principal directions.
+    VISAPP 2013, 3.3.2. I is the moment about the edge; the interior is divided into the parts above and below
+    the plane. Interpretations where the paper is ambiguous: m_j is a region's mass (its sums are divided by
+    N_j, its number of voxels); the three parallel axes pass through the pivot, the centre of mass c, and the
+    pivot's mirror image in c, thus cross one straight line and determine the total mass; the dividing plane
+    sweeps along the body's principal directions.
 
     Args:
         planes: Equi-planes (for their pivot lines) in the object frame O, one per axis.
@@ -323,7 +325,8 @@ def _sweep(cells: Cells) -> _Sweep:
 def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
     """Moments of inertia (b, 3) [m^2] of the regions per kilogram: the coefficients of eq. (9).
 
-    The axis passes through `point` (3,) [m, in O] along the unit vector `direction` (3,).
+    The axis passes through `point` (3,) [m] along the unit `direction` (3,), both in the object frame O. The
+    regions are the shell, and the interior above and below each of b dividing planes.
     """
     across = np.eye(3) - np.outer(direction, direction)
     about = np.einsum("brij,ij->br", sweep.second, across)

@@ -48,7 +48,8 @@ class SystematicErrors:
     def tilts(self) -> list[TiltPrior]:
         """Prior of the vertical's lean [rad] of every levelling of the table, in the order of their numbers.
 
-        It is the level's reading where there is one, otherwise 0 within the levelling's sd.
+        A levelling is a set-up of the table with one lean. The prior is a level's reading where there is one,
+        otherwise 0 within the levelling's sd.
         """
         plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
         read = [*self.readings, *[None] * (len(plain) - len(self.readings))]
@@ -81,7 +82,8 @@ class ComPrior:
 class Scale:
     """Mass and gravity with their standard deviations, and the sd of the shared error of k.
 
-    k = m g R / I_edge [rad/s^2] is fitted to each strike's motion.
+    k = m g R / I_edge [rad/s^2] is the rate constant fitted to each strike's motion, R the distance of the
+    centre of mass from the edge.
     """
 
     mass: float

@@ -99,7 +99,7 @@ def rate_check(
 
     Args:
         planes: Equi-planes of one recording's strikes (plane through pivot line and centre of mass), in the
-            object frame O, with k at the stated rate.
+            object frame O, with rate constants k = m g R / I_edge at the stated frame rate.
         systematic: Standard deviations of the shared errors.
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
@@ -107,7 +107,7 @@ def rate_check(
 
     Returns:
         Bounds and, if the axes determine it, the estimate; None if no strike has a usable k, or no filling
-        fits at any rate.
+        of the shape fits at any rate.
     """
     by_phi = solve_joint(planes, systematic, prior)
     bounds = rate_bounds(by_phi, moments.scale, points)
@@ -127,7 +127,7 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
     itself.
 
     Args:
-        by_phi: Joint solution by phi alone; its planes have k at the stated rate.
+        by_phi: Joint solution by phi alone; its planes have rate constants k at the stated frame rate.
         scale: Gravity, and the error of k that strikes share.
         points: (n, 3) places [m, in the object frame O] where mass can be.
 
@@ -182,8 +182,9 @@ def _extremes(
 ) -> tuple[float, float] | None:
     """Smallest and largest s = 1 / r^2 of one strike, for any masses with their centre on its equi-plane.
 
-    r is the true over the stated frame rate. s = (k / g) I_edge / (m R) is a ratio of two sums over the mass
-    shares: a linear programme in the shares over R (Charnes and Cooper 1962).
+    r is the true over the stated frame rate. s = (k / g) I_edge / (m R), with k the rate constant, g gravity
+    and R the distance of the centre from the pivot line, is a ratio of two sums over the mass shares: a
+    linear programme in the shares over R (Charnes and Cooper 1962).
 
     Args:
         plane: Equi-plane of the strike.
@@ -279,9 +280,10 @@ class _Programme:
 
 
 def with_scaled_k(plane: EquiPlane, factor: float) -> EquiPlane:
-    """Copy of an equi-plane with k [rad/s^2] and its errors multiplied by `factor`.
+    """Copy of a strike's equi-plane with k and its errors multiplied by `factor`.
 
-    A plane without k, or without its sd, is returned unchanged.
+    k is the rate constant of the strike's motion [rad/s^2]. A plane without k, or without its sd, is returned
+    unchanged.
     """
     if plane.k is None or plane.sd_k is None:
         return plane

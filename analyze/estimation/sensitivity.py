@@ -35,7 +35,7 @@ NEGLIGIBLE_SHARE = 1e-9
 class ErrorSource(enum.Enum):
     """Sources of error of the centre of mass; the value is the source's name in words.
 
-    The k of a strike is m g R / I_edge, fitted to its motion.
+    k is the rate constant fitted to a strike's motion.
     """
 
     NOISE = "noise of the frames"
@@ -52,7 +52,10 @@ class ErrorSource(enum.Enum):
 
 @dataclass(frozen=True)
 class Influence:
-    """Derivative of the centre of mass c by one strike's balance angle phi and ln k, robust weights fixed."""
+    """Derivative of the centre of mass c by one strike's balance angle phi and ln k.
+
+    k is the rate constant of the strike's motion; the robust weights are kept as they are.
+    """
 
     strike_id: str
     """Id of the strike."""
@@ -126,7 +129,10 @@ def sensitivity(
 
 
 def _rows(solution: JointSolution) -> Array:
-    """Derivatives (strikes, 2, count) of balance angle phi and ln k by the unknowns; 0 for an unused k."""
+    """Derivatives (strikes, 2, count) of balance angle phi and ln k by the unknowns; 0 for an unused k.
+
+    k is the rate constant of the tip's pendulum equation.
+    """
     model, x = solution.model, solution.x
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)
 
@@ -178,7 +184,10 @@ def _shares(
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Indices of the joint model's unknowns by the error source, from the tilt to k, that they belong to."""
+    """Indices of the joint model's unknowns that belong to each error source, by source.
+
+    Sources without unknowns of their own (noise, scatter, prior, mass) are absent.
+    """
     axes = [FIRST_AXIS_TERM + AXIS_TERMS * number for number in range(model.axes)]
     faces = FIRST_AXIS_TERM + AXIS_TERMS * model.axes
     levels = faces + model.faces
