@@ -1,4 +1,4 @@
-"""Equi-planes (through pivot line and centre of mass) of fitted motions, and errors that strikes share."""
+"""Equi-planes (through pivot line and centre of mass) of fitted motions, and strikes' shared errors."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def equiplanes(
 ) -> tuple[EquiPlane, ...]:
     """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
 
-    An equi-plane passes through a strike's pivot line and the centre of mass; k = m g R / I_edge [rad/s^2] is
-    fitted to its motion.
+    An equi-plane passes through a strike's pivot line and the centre of mass; the rate constant
+    k = m g R / I_edge [rad/s^2] is fitted to its motion, R being the distance of
+    the centre of mass from the line.
 
     Args:
         evidence: plan and recordings of the motions.
@@ -74,6 +75,10 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
 
 
 def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
+    """Tilt [rad] that a level showed, with sd; None if the manifest (recording's metadata) has no reading.
+
+    Towards the world's y the sd is that of an unread tilt if the reading has none.
+    """
     read = manifest.level
     if read is None:
         return None
@@ -82,6 +87,11 @@ def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
 
 
 def _equiplane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
+    """Equi-plane of a motion by the named estimator; by the motion's own fit if it has none by that name.
+
+    Raises:
+        EstimationError: the motion has no fit, or the planned pivot does not lie along the world's y.
+    """
     if estimator is None or (motion.fit is not None and motion.fit.estimator == estimator):
         return equiplane(motion.strike_id, planned, motion)
     chosen = next((fit for fit in motion.alternatives if fit.estimator == estimator), None)

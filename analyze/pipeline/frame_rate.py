@@ -69,8 +69,8 @@ def stated_scale(evidence: Evidence) -> Scale:
 
     g is the first recording's. If the recordings state g with different sd, the largest counts and is shared
     by all strikes: that is safe, whereas averaging it over places would make intervals too narrow. The
-    measured k (m g R / I_edge) scales with the square of the frame rate, so that the uncertainty of a stated
-    rate is part of the sd of g.
+    measured rate constant k is proportional to g and to the square of the frame rate, so that the uncertainty
+    of a stated rate is part of the sd of g.
     """
     spec, g = evidence.spec, evidence.manifest.g_m_s2
     own = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
@@ -95,12 +95,12 @@ def drop_untimed_k(
 ) -> tuple[tuple[EquiPlane, ...], Scale]:
     """Discard k of recordings whose stated frame rate is impossible; balance angles need no rate.
 
-    k (m g R / I_edge) scales with the square of the frame rate. With a single recording gravity g becomes a
-    free parameter instead, so that ratios between its k still count.
+    The rate constant k of a strike's motion scales with the square of the frame rate. With a single recording
+    gravity g becomes a free parameter instead, so that ratios between its k still count.
 
     Args:
         evidence: recordings and their strikes.
-        planes: equi-planes of the strikes used, with k at the stated rates.
+        planes: planes through pivot line and centre of mass of the strikes used, with k at the stated rates.
         scale: mass and gravity as stated.
         rates: checked frame rates.
 
@@ -149,7 +149,8 @@ def check_frame_rates(
 
     Args:
         evidence: recordings, their strikes and the shape.
-        planes: equi-planes of all strikes used, with k (m g R / I_edge) at the stated rates.
+        planes: planes through pivot line and centre of mass of all strikes used, with their rate constants k
+            at the stated frame rates.
         systematic: errors shared by strikes.
         prior: prior of the centre of mass.
         moments: model of k, with mass, gravity and the shape's inertia prior.

@@ -1,4 +1,4 @@
-"""Merging of the evidence (fitted strikes) of several recordings: strikes renamed, shared edges identified.
+"""Merging of several recordings' evidence (fitted strikes): strikes renamed, shared edges identified.
 
 Recordings are numbered by start time, whatever the order given: `2:s3.1` is strike s3.1 of the second.
 """
@@ -62,10 +62,10 @@ def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False)
 
 
 def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) -> frozenset[str]:
-    """Merged ids of the strikes that a user excludes; a bare id is enough where only one recording holds it.
+    """Merged ids of the strikes that a user excludes.
 
     A merged id is the strike's own with the recording's number before it (`2:s3.1`) if there are several
-    recordings.
+    recordings. A bare id is enough where only one recording holds it.
 
     Args:
         heads: recordings by start time.

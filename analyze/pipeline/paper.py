@@ -95,8 +95,8 @@ def _paper_regions(
     """Masses of shell and interior parts by the paper's method; None if no masses fit.
 
     Args:
-        planes: equi-planes of the strikes, in the object frame O.
-        motions: motions of the same strikes.
+        planes: planes of the strikes through pivot line and centre of mass, in the object frame O.
+        motions: motion of each plane's strike.
         com: (3,) the paper's centre of mass [m], in O.
         scale: mass and gravity.
         cells: the body divided into cells.

@@ -1,7 +1,7 @@
 """Leave-one-out prediction of each recorded strike's motion from all others.
 
-Predicted are the balance angle phi, k = m g R / I_edge and the tipping angle theta(t). A plan's prediction of
-strikes not yet made is in planning/pivots.py (phi) and planning/examine.py (its sd).
+Predicted are the balance angle phi, the rate constant k of the motion and the tipping angle theta(t). A
+plan's prediction of strikes not yet made is in planning/pivots.py (phi) and planning/examine.py (its sd).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class StrikePrediction:
 
     @property
     def consistent(self) -> bool:
-        """True if balance angle phi, k and tipping angle theta(t) agree with their prediction to 3 sd."""
+        """True if balance angle, rate constant k and tipping angle agree with their prediction to 3 sd."""
         return self.left_out.agrees and self.motion_sigmas <= SIGMAS
 
 
@@ -49,7 +49,7 @@ def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tupl
 
     Args:
         evidence: measured motions.
-        left_out: predictions of balance angle phi and k by `checks.leave_one_out`.
+        left_out: predictions of balance angle phi and rate constant k by `checks.leave_one_out`.
 
     Returns:
         One entry per prediction, in order; strikes without theta(t) or without a fit are left out.

@@ -35,7 +35,7 @@ def region_masses(
     parameters: InertialParameters,
     rng: np.random.Generator,
 ) -> MassDistribution:
-    """Masses of shell and interior parts, with the shell thickness given or averaged over all possible ones.
+    """Masses of shell and interior parts, at the given shell thickness or averaged over possible ones.
 
     Args:
         spec: object file.
