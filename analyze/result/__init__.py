@@ -1,1 +1,1 @@
-"""Result document (JSON): numbers of an estimate with units, intervals, warnings and a verdict in words."""
+"""Result document (JSON): an estimate's numbers with units, intervals, warnings, verdict in words."""

@@ -31,7 +31,8 @@ def disagreement_texts(agreements: Agreements) -> Iterator[str]:
 def estimator_difference_text(each: EstimatorDisagreement) -> str:
     """Clause on the difference between two estimators of one strike, with its significance in sd.
 
-    The difference is in k (m g R / I_edge) if it is given there, otherwise in the balance angle φ.
+    The difference is in the rate constant k of the motion if it is given there, otherwise in the balance
+    angle φ.
     """
     if each.k_off is not None:
         return (

@@ -155,7 +155,7 @@ def gravity_text(checks: Checks) -> str:
 def prediction_text(prediction: StrikePrediction) -> str:
     """Clause on the difference of a strike from its prediction by all others, with 95 % ranges.
 
-    It gives the balance angle φ, k (m g R / I_edge) where it was used, and the tipping angle θ at the worst
+    It gives the balance angle φ, the rate constant k where it was used, and the tipping angle θ at the worst
     frame.
     """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst

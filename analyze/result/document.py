@@ -383,8 +383,8 @@ def strike_result(
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:
     """Prediction of a strike from all others, in the Result's form: balance angle, k, worst frame.
 
-    k = m g R / I_edge is for gravity at the place where the strike was made. The sd are the prediction's
-    alone, without the measurement's.
+    k, the rate constant of the motion [rad/s²], is for gravity at the place where the strike was made. The sd
+    of balance angle and k are the prediction's alone, without the measurement's.
     """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
@@ -403,12 +403,12 @@ def prediction_document(prediction: StrikePrediction) -> PredictionResult:
 
 
 def _k_quantity(fit: MotionFit) -> Quantity | None:
-    """Fitted k [rad/s²] with its 95 % interval; None if the estimator does not report it."""
+    """Fitted rate constant k [rad/s²], 95 % interval; None if the estimator does not report it."""
     return None if fit.k is None else quantity(fit.k, math.sqrt(fit.covariance[1, 1]), "rad/s^2")
 
 
 def _alternative(fit: MotionFit) -> AlternativeFit:
-    """Entry of another estimator's fit: balance angle [rad], k, and the assumptions that were violated."""
+    """Entry of another estimator's fit: balance angle [rad], rate constant k, violated assumptions."""
     return AlternativeFit(
         estimator=fit.estimator,
         phi=quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad"),

@@ -97,8 +97,8 @@ def _refuse_other_object(name: str, found: str, wanted: str) -> None:
 def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]:
     """Impact and outcome of each strike used whose speed was measured by the rig's striker.
 
-    A strike needs a positive balance angle, k, I_edge and energy ratio, and a striker that equals the rig's
-    in rig name, kind and arm length.
+    A strike needs a positive balance angle, rate constant k, moment about the edge and energy ratio (energy
+    over that needed to tip), and a striker that equals the rig's in rig name, kind and arm length.
 
     Args:
         answer: answer from the recordings.
@@ -144,7 +144,7 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
 
     Returns:
         Centre of mass and inertia in the object frame O, the strikes used with the sd of their balance angle
-        and k, and the directions of the struck axes.
+        and rate constant k, and the directions of the struck axes.
 
     Raises:
         PlanError: the result holds no strike that was used, or no centre of mass.

@@ -60,7 +60,7 @@ def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
 def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     """Errors of an answer against the ground truth of a virtual recording, as a table ready for JSON.
 
-    Lists run over the strikes used (`strike_ids`), and `i_edge_relative_error` over those with a k. Region
+    Lists run over the strikes used (`strike_ids`), `i_edge_relative_error` over those with an I_edge. Region
     errors are the paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region,
     sum abs(dm) / 2M, with dm the error of a region's mass and M the object's mass; both are None if the truth
     has no three regions. "Upper" is the true side of the dividing plane; the two interior names of the

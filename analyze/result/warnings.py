@@ -1,4 +1,4 @@
-"""Warnings about an estimate in the Result document: each a code for programs and a sentence for people."""
+"""Warnings of an estimate in the Result document: each a code for programs and a sentence for people."""
 
 from __future__ import annotations
 
