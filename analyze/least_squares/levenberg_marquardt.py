@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with Huber's loss by re-weighting (Huber 1964), and the covariance of its result.
+"""Levenberg-Marquardt with Huber's loss by re-weighting (Huber 1964), and its result's covariance.
 
 The loss is scaled by the residuals' own median absolute deviation where that exceeds the stated noise, and
 the scale follows the fit from step to step. `scipy.optimize.least_squares` takes a fixed scale:
