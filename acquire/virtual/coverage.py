@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Box:
-    """Rectangle of pixels: columns left to right - 1, rows top to bottom - 1."""
+    """Rectangle of pixels: `left` <= column < `right`, `top` <= row < `bottom`."""
 
     left: int
     top: int
@@ -47,7 +47,7 @@ class Box:
         )
 
     def within(self, outer: Box) -> tuple[slice, slice]:
-        """Slices (rows, columns) that select this box in an array of the pixels of `outer`."""
+        """Slices (rows, columns) that select this box in an array that holds only the pixels of `outer`."""
         rows = slice(self.top - outer.top, self.bottom - outer.top)
         return rows, slice(self.left - outer.left, self.right - outer.left)
 

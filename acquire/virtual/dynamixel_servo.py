@@ -92,7 +92,11 @@ class HardwareError:
 
 @dataclass(frozen=True)
 class WireTime:
-    """Delay of the servo's answers: transmission of all bytes, Return Delay Time register, and a constant."""
+    """Delay of the servo's answers on a wire.
+
+    It is the sum of the transmission time of request and answer at the baud rate, the Return Delay Time
+    register, and the constant that is the only field.
+    """
 
     adapter_ns: int = 0
     """constant delay of the USB adapter"""

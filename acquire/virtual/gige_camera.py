@@ -73,7 +73,10 @@ class StreamSettings:
 
 
 class ImageSource(Protocol):
-    """Source of the images; called from the render thread only."""
+    """Source of the virtual camera's images (rendered world or test pattern).
+
+    Called from the camera's render thread only.
+    """
 
     def latest_time_ns(self) -> int:
         """Host monotonic time [ns] up to which exposures can be rendered."""
@@ -125,16 +128,16 @@ class DeviceClock:
         self._host0_ns = clock.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Device time now [ns]."""
+        """Time now on the virtual camera's clock [ns]."""
         return self.to_device(self._clock.monotonic_ns())
 
     def to_device(self, host_ns: int) -> int:
-        """Device time [ns] at a host monotonic time [ns]."""
+        """Time on the virtual camera's clock [ns] at a host monotonic time [ns]."""
         elapsed = host_ns - self._host0_ns
         return self._offset_ns + elapsed + round(elapsed * self._drift)
 
     def to_host(self, device_ns: int) -> int:
-        """Host monotonic time [ns] at a device time [ns]; the inverse of `to_device`, to rounding."""
+        """Host monotonic time [ns] at a time on the virtual camera's clock [ns]; inverse of `to_device`."""
         elapsed = device_ns - self._offset_ns
         return self._host0_ns + elapsed - round(elapsed * self._drift / (1.0 + self._drift))
 

@@ -97,7 +97,7 @@ class PoseRing:
 
     @classmethod
     def open(cls, path: Path) -> PoseRing:
-        """Open a ring for reading.
+        """Open an existing pose ring for reading, and return it.
 
         Raises:
             PoseRingError: no such file, or it is not a pose ring.

@@ -41,11 +41,11 @@ class TruthWriter:
         self._file.write(_delimited(body))
 
     def pose(self, message: pb.TruthPose) -> None:
-        """Append a true pose of object and arm; it may stay buffered until `flush`."""
+        """Append a true pose of object and arm to the file; it may stay buffered until `flush`."""
         self._file.write(bytes([_POSE]) + _delimited(message))
 
     def contact(self, message: pb.TruthContact) -> None:
-        """Append a true contact of the striker; it may stay buffered until `flush`."""
+        """Append a true contact of the striker to the file; it may stay buffered until `flush`."""
         self._file.write(bytes([_CONTACT]) + _delimited(message))
 
     def flush(self) -> None:
