@@ -38,7 +38,7 @@ class StrikerState(enum.Enum):
 
 @dataclass(frozen=True)
 class StrikeOutcome:
-    """Measurements of one strike by the striker itself, with standard deviations."""
+    """Contact time, tip speed, impulse and number of contacts of one strike, as the striker measured them."""
 
     contact_time_ns: int | None
     """host monotonic time of first contact; None if none was measured"""
@@ -80,10 +80,10 @@ ClockSink = Callable[[pb.ClockSample], None]
 
 
 class Striker(ABC):
-    """Device that strikes the object once per arming.
+    """Device that strikes the object once per arming (permission for one strike).
 
-    Order of calls: open, home, (arm, cock, strike)*, close. `stop` and `close` may be called at any time,
-    from any thread.
+    Order of calls: open, home, then arm, cock and strike for each strike, close. `stop` and `close` may be
+    called at any time, from any thread.
     """
 
     @property
@@ -98,10 +98,11 @@ class Striker(ABC):
 
     @abstractmethod
     def open(self) -> None:
-        """Open the port, find the servo, write the limits and read them back.
+        """Open the striker's port, find the servo, write its limits and read them back.
 
         Raises:
             StrikerNotFound: no such port, port in use, or no servo on it.
+            StrikerError: the servo does not take a limit, or no longer answers.
         """
 
     @abstractmethod
@@ -154,7 +155,7 @@ class Striker(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Request an immediate stop: motion ends, and the strike that was allowed is no longer."""
+        """Request an immediate stop: motion ends, and no strike is allowed any longer."""
 
     @abstractmethod
     def close(self) -> None:

@@ -296,7 +296,9 @@ class ServoBus:
         self._exchange(send, waits=False)
 
     def unanswered_packet(self, register: Register, value: int) -> bytes:
-        """Packet that writes one register and is not answered; another process can send it as it is.
+        """Bytes of a packet that writes one register and that the servo does not answer (a sync write).
+
+        Another process can send them as they are.
 
         Raises:
             StrikerRefused: the SDK cannot send these bytes.

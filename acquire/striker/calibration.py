@@ -27,7 +27,7 @@ MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
 
 @dataclass(frozen=True)
 class MeasuredSwing:
-    """Tip speeds measured in one calibration swing, in the air or at a body."""
+    """Tip speed and its loss, measured in one calibration swing in the air or at a body."""
 
     command_m_s: float
     """commanded tip speed"""

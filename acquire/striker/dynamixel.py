@@ -53,10 +53,11 @@ _Event = pb.StrikerEvent
 
 
 class DynamixelStriker(Striker):
-    """Striker with a Dynamixel servo. Order of calls: open, home, (arm, cock, strike)*, close.
+    """Striker with a Dynamixel servo.
 
-    Blocking calls may come from one thread at a time; `stop`, `close` and `state` from any. While no call
-    runs, an idle thread reads the servo ten times a second.
+    Order of calls: open, home, then arm, cock and strike for each strike, close. Blocking calls may come from
+    one thread at a time; `stop`, `close` and `state` from any. While no call runs, an idle thread reads the
+    servo ten times a second.
 
     Args:
         config: section `striker` of the rig file.
@@ -119,7 +120,10 @@ class DynamixelStriker(Striker):
             self._watch.start()
 
     def close(self) -> None:
-        """End a running call and the idle thread, switch torque off and release the port. Always safe."""
+        """End a running call and the idle thread, switch torque off and release the port. Always safe.
+
+        The state is DISARMED and not homed afterwards.
+        """
         self._stop_requested = True  # ends a call that runs in another thread
         self._closing.set()
         watch, self._watch = self._watch, None
@@ -135,7 +139,7 @@ class DynamixelStriker(Striker):
             self._stop_requested = False
 
     def stop(self) -> None:
-        """Request an immediate stop: motion ends, and the strike that was allowed is no longer.
+        """Request an immediate stop: motion ends, and no strike is allowed any longer.
 
         Never blocks. A call that is running in another thread ends within its next read of the servo.
         """

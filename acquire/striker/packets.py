@@ -115,7 +115,7 @@ class BlockingPort(PortHandler):
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + ANSWER_MARGIN_MS)
 
     def getCurrentTime(self) -> float:  # noqa: N802 - the SDK's name
-        """Monotonic time [ms]."""
+        """Host monotonic time [ms], in place of the SDK's wall-clock time."""
         return time.monotonic_ns() * 1e-6
 
 

@@ -215,7 +215,7 @@ class Servo:
     # --- state
 
     def ticks(self, angle: float) -> int:
-        """Value of the position register at an arm angle [rad]."""
+        """Value of the servo's position register (4096 per turn) at an arm angle [rad], 0 at impact."""
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
@@ -319,6 +319,10 @@ class Servo:
         """Switch the torque on: hold the arm where it is, with this module's gains and the current limit.
 
         A tripped bus watchdog is cleared.
+
+        Raises:
+            StrikerError: the servo refuses it.
+            StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Bus Watchdog"], 0)
         self._bus.write(*self._gains(POSITION_P_GAIN, 0))  # RAM: lost with every reboot
@@ -326,23 +330,38 @@ class Servo:
         self._bus.write(self._table["Torque Enable"], 1)
 
     def torque_off(self) -> None:
-        """Switch the torque off; the arm moves freely."""
+        """Switch the torque off; the arm moves freely.
+
+        Raises:
+            StrikerLost: the servo does not answer.
+        """
         self._bus.write(self._table["Torque Enable"], 0)
 
     def start_watchdog(self) -> None:
         """Start the servo's bus watchdog: from now on, 100 ms of silence on the bus stop the motor.
 
         A tripped watchdog is cleared first.
+
+        Raises:
+            StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Bus Watchdog"], 0)  # clears a tripped watchdog, else goals are refused
         self._bus.write(self._table["Bus Watchdog"], WATCHDOG_UNITS)
 
     def watchdog_tripped(self) -> bool:
-        """True if the servo's bus watchdog has stopped the arm; read from the servo."""
+        """Read from the servo whether its bus watchdog has stopped the arm; True if so.
+
+        Raises:
+            StrikerLost: the servo does not answer.
+        """
         return self._bus.read(self._table["Bus Watchdog"]) == WATCHDOG_TRIPPED
 
     def stop_watchdog(self) -> None:
-        """End the bus watchdog: the servo holds its position although the bus is silent."""
+        """End the servo's bus watchdog: it then holds its position although the bus is silent.
+
+        Raises:
+            StrikerLost: the servo does not answer.
+        """
         self._bus.write(self._table["Bus Watchdog"], 0)
 
     def move_to(self, angle: float, velocity: float, acceleration: float) -> None:
@@ -391,7 +410,7 @@ class Servo:
 
     @property
     def full_acceleration_rad_s2(self) -> float:
-        """Angular acceleration of the arm at the current limit [rad/s2]."""
+        """Magnitude of the arm's angular acceleration at the current limit [rad/s2], without drag."""
         inertia = self._config.effective_mass_kg * self._config.arm_length_m**2
         return (
             TORQUE_PER_AMPERE.get(self._model, TORQUE_PER_AMPERE[1030])
