@@ -77,7 +77,7 @@ class AravisCamera(Camera):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Limitations of clock and receive buffer found since the camera was opened, one line each."""
+        """Limitations of clock and receive buffer found since `open`, one line each; empty if none."""
         return tuple(self._warnings)
 
     @property
@@ -406,7 +406,8 @@ class AravisCamera(Camera):
         """Frame retention time [us]: how long an incomplete frame waits for resent packets.
 
         Aravis's default of 100 ms is too short on a busy computer. Meanwhile the frames behind the incomplete
-        one wait in buffers: the time is chosen so that they fill half of the buffers at most.
+        one wait in buffers: the time is that in which they fill half of the buffers, but at least 100 ms and
+        at most 1 s.
         """
         held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
         return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))

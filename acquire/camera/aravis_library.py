@@ -75,7 +75,7 @@ def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
 
 @dataclass
 class Connection:
-    """Aravis objects of one camera that are closed together, in order.
+    """Aravis objects of one camera that are released together: stream, camera and device, then buffers.
 
     The stream writes into `memory`, which must outlive it.
     """
