@@ -94,7 +94,10 @@ def agreement(
 
 @dataclass(frozen=True)
 class EstimatorDisagreement:
-    """Two estimators of one strike that differ by more than their standard deviations allow."""
+    """Two estimators of one strike's motion that differ in phi or k by more than `MAX_SIGMAS` sd.
+
+    phi is the balance angle, k the rate constant of the tip's pendulum equation.
+    """
 
     strike_id: str
     """Id of the strike."""
@@ -157,7 +160,7 @@ def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> Estimator
 
 @dataclass(frozen=True)
 class CentreDifference:
-    """Difference between the paper's centre of mass and ours."""
+    """Difference between the centre of mass by the paper's method (VISAPP 2013) and ours."""
 
     distance: float
     """Distance between the two [m]."""
@@ -166,7 +169,7 @@ class CentreDifference:
 
     @property
     def agree(self) -> bool:
-        """True if the difference is within `MAX_SIGMAS` standard deviations."""
+        """True if the two centres of mass differ by at most `MAX_SIGMAS` standard deviations."""
         return self.sigmas <= MAX_SIGMAS
 
 

@@ -39,7 +39,7 @@ class Cells:
 
     @property
     def volumes(self) -> Array:
-        """Volumes (n,) of all cells [m^3]."""
+        """Volumes (n,) of all cells, of shell and interior [m^3]."""
         return self.shell + self.interior
 
     @property
@@ -61,11 +61,12 @@ class Cells:
 
 @dataclass(frozen=True)
 class ShellCells:
-    """Cells of the body for one shell thickness."""
+    """Cells of the body for one thickness of its shell (the outer wall)."""
 
     thickness: float
     """Shell thickness [m]."""
     cells: Cells
+    """The body divided into cells of shell and interior."""
 
 
 def cells_from_voxels(voxels: Voxels) -> Cells:

@@ -50,7 +50,7 @@ class LeaveOneOut:
 
     @property
     def agrees(self) -> bool:
-        """True if measurement and prediction agree within `SIGMAS` standard deviations."""
+        """True if a strike's measured balance angle and k agree with the prediction within `SIGMAS` sd."""
         return self.sigmas <= SIGMAS
 
 
@@ -68,7 +68,7 @@ class GravityEstimate:
 
     @property
     def agrees(self) -> bool:
-        """True if estimated and stated g agree within `SIGMAS` standard deviations."""
+        """True if estimated and stated gravity agree within `SIGMAS` standard deviations."""
         return abs(self.relative) <= SIGMAS * self.sd
 
 
@@ -211,7 +211,7 @@ def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[st
 
 @dataclass(frozen=True)
 class Checks:
-    """All checks of one joint solution."""
+    """Results of all checks of one joint solution: predictions, gravity, moments, centre of mass."""
 
     left_out: tuple[LeaveOneOut, ...]
     """Leave-one-out predictions, one per strike."""

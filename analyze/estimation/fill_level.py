@@ -4,9 +4,9 @@ The body is a shell of one density, a filling of one density inside it below the
 above; u is the direction that pointed upwards when the object was filled, h the level. With h and the shell's
 thickness given, all that was measured is linear in the two masses (as in part_masses.py): the masses are
 integrated out exactly, h and the thickness on a grid that is refined around the data's maximum. The prior is
-uniform in the level, in the logarithm of the thickness, and in each mass
-between zero and that of lead; or the filling's density is given with its sd. The filling is assumed to turn
-rigidly with the body: powder that does not flow, or a frozen, set or viscous filling. A free liquid does not.
+uniform in the level, in the logarithm of the thickness, and in each mass between zero and that of lead; or
+the filling's density is given with its sd. The filling is assumed to turn rigidly with the body: powder that
+does not flow, or a frozen, set or viscous filling. A free liquid does not.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _UNOBSERVED_WIDTH = 0.5
 
 @dataclass(frozen=True)
 class Container(ShellCells):
-    """Cells of the body for one shell thickness, with the vertices of its hull."""
+    """The body as a container: its cells for one thickness of the shell (outer wall), with its hull."""
 
     corners: Array
     """(n, 3) vertices of the body's hull [m], in the object frame O."""
@@ -77,7 +77,7 @@ class Container(ShellCells):
 
 @dataclass(frozen=True)
 class KnownDensity:
-    """Stated density of the filling."""
+    """Density of the filling as the object file states it, with its standard deviation."""
 
     value: float
     """Density [kg/m^3]."""
@@ -101,7 +101,7 @@ class Marginal:
 
 @dataclass(frozen=True)
 class FillLevel:
-    """Posterior of a filling and of the shell around it."""
+    """Posterior of a filling (level, mass, density) and of the shell around it."""
 
     along: Array
     """(3,) unit vector u in the object frame O that pointed upwards when the object was filled."""
@@ -189,7 +189,7 @@ def _refined_grid(
 
 @dataclass(frozen=True)
 class _Best:
-    """Maximum-likelihood point of the grid."""
+    """Centre of mass and misfit at the maximum-likelihood point of a grid of shell thickness and level."""
 
     centre: Array
     """(3,) centre of mass of the model [m], in the object frame O."""
@@ -290,7 +290,11 @@ class _Grid:
         return _Best(self._moments.com + first, float(np.sqrt(max(self.chi2[t, h], 0.0) / len(self._target))))
 
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
-        """Posterior of all quantities from draws; `whole` is the range of possible levels [m]."""
+        """Mean, sd and 95 % interval of all quantities of filling and shell, from `DRAWS` random draws.
+
+        Draws of masses outside their bounds are rejected; if fewer than `MIN_DRAWS` remain, they are clipped
+        to the bounds instead. `whole` are the lowest and the highest possible level [m].
+        """
         weight = np.exp(self.log - np.max(self.log)).ravel()
         place = rng.choice(len(weight), DRAWS * DRAWS_PER_KEPT, p=weight / weight.sum())
         t, h = np.unravel_index(place, self.log.shape)
@@ -322,7 +326,10 @@ class _Grid:
         )
 
     def _upper_bounds(self) -> Array:
-        """Upper bounds (t, h, 2) of the masses of shell and filling [kg]: both of lead."""
+        """Upper bounds (t, h, 2) of the masses of shell and filling [kg], at the density of lead.
+
+        There are t shell thicknesses and h levels.
+        """
         return DENSITIES[1] * np.stack([self.shell_volume, self.volume], axis=-1)
 
 

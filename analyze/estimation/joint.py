@@ -87,9 +87,13 @@ class StrikeData:
 
 @dataclass(frozen=True)
 class JointSolution:
-    """Robust maximum of the posterior of all unknowns, with its covariance."""
+    """Robust maximum of the posterior of centre of mass, second moments and shared errors.
+
+    With its covariance, and the data and model that it was found with.
+    """
 
     model: JointModel
+    """Model of the strikes' balance angles and rate constants k as functions of the unknowns."""
     x: Array
     """(count,) unknowns, in the order of `JointModel`."""
     covariance: Array

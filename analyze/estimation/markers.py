@@ -111,7 +111,7 @@ def _marker_moments(markers: Sequence[MarkerSpec]) -> tuple[float, Array, Array]
 
 
 def _point_inertia(place: Array) -> Array:
-    """Inertia (3, 3) [m^2] about the origin of a point mass of 1 kg at `place` (3,) [m]."""
+    """Inertia per kilogram (3, 3) [m^2] of a point mass at `place` (3,) [m], about the origin."""
     return float(place @ place) * np.eye(3) - np.outer(place, place)
 
 

@@ -1,4 +1,7 @@
-"""The paper's estimators, to reproduce its tables and compare with ours (VISAPP 2013, 3.2.2, 3.3)."""
+"""Estimators of the paper (VISAPP 2013, 3.2.2, 3.3), to reproduce its tables and to compare with ours.
+
+They give the centre of mass, moments about edges, and masses of the shell and of two parts of the interior.
+"""
 
 from __future__ import annotations
 
@@ -201,7 +204,10 @@ def paper_edge_inertia(
 
 @dataclass(frozen=True)
 class PaperRegions:
-    """The paper's region masses and dividing plane (VISAPP 2013, eqs. 8 and 9, 3.3.2)."""
+    """Masses of shell, upper and lower part by the paper's method (VISAPP 2013, eqs. 8 and 9, 3.3.2).
+
+    The dividing plane separates the interior into the upper and the lower part.
+    """
 
     masses: Array
     """(3,) masses of shell, upper and lower part [kg]; weighted mean over the axes, whose sum is not m (as in

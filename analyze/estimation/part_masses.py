@@ -3,9 +3,8 @@
 The measured quantities are linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l =
 I_c,l; m is the object's mass, c its centre of mass, I_c,l its moment about the line l through c, c_p a part's
 centroid and I_p(c) its inertia per kilogram about c. No mass is negative and no part denser than lead: the
-posterior is a normal distribution truncated at
-these bounds. A mixture that the moments leave open extends over the range between the bounds, and its parts
-are reported as not observed.
+posterior is a normal distribution truncated at these bounds. A mixture that the moments leave open extends
+over the range between the bounds, and its parts are reported as not observed.
 """
 
 # scipy is only partly typed.
@@ -85,7 +84,7 @@ class MeasuredMoments:
 
 @dataclass(frozen=True)
 class PartMasses:
-    """Posterior of the masses of n parts."""
+    """Posterior of the masses of an object's n labelled parts."""
 
     names: tuple[str, ...]
     """Names of the parts."""

@@ -67,7 +67,7 @@ class RateEstimate:
 
     @property
     def agrees(self) -> bool:
-        """True if the stated rate is within `SIGMAS` standard deviations of the estimate."""
+        """True if the stated frame rate is within `SIGMAS` standard deviations of the estimated one."""
         return abs(self.ratio - 1) <= SIGMAS * self.sd
 
 

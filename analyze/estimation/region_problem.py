@@ -1,4 +1,7 @@
-"""Mass shares of the shell and of the interior on either side of a plane, from measured moments."""
+"""Linear problem of the mass shares of shell and interior parts, given the measured moments.
+
+The interior is divided by a plane into an upper and a lower part.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -221,7 +224,7 @@ class RegionProblem:
 
 @dataclass(frozen=True)
 class _CutPieces:
-    """Pieces of the interior to be cut by many planes, in single precision: 1e-6 of a moment."""
+    """The n pieces of the interior to be cut by many planes, in single precision (1e-6 of a moment)."""
 
     places: NDArray[np.float32]
     """(4, n) coordinates from the body's middle in pitches, and 1."""

@@ -95,7 +95,10 @@ def mass_distribution_over(
 
 @dataclass(frozen=True)
 class _ShellPosterior:
-    """Posterior of dividing plane and region masses for one shell thickness."""
+    """Posterior of dividing plane and region masses for one shell thickness, as draws.
+
+    The plane divides the interior into an upper and a lower part; the third region is the shell.
+    """
 
     problem: RegionProblem
     """Moments of the regions as functions of the dividing plane, and the measured ones."""
@@ -229,7 +232,7 @@ def _weighted_draws(
     """Draws (n, 3) of the region masses [kg], and places (n,) [m] of their dividing planes along a normal.
 
     The upper part is the one towards `normal` for every draw. A place is the height over the body's middle at
-    which the plane cuts the line along `normal`.
+    which the plane cuts the line along `normal`, at most five times the plane's own height.
 
     Args:
         posterior: Posterior for one shell thickness.

@@ -24,7 +24,7 @@ NEGLIGIBLE_LOG_DENSITY = 16.0
 
 
 def draw_truncated(mean: Array, sd: Array, low: Array, high: Array, rng: np.random.Generator) -> Array:
-    """One draw of each of n truncated normal distributions.
+    """One draw from each of n normal distributions truncated to [low, high].
 
     Args:
         mean: (n,) means before truncation.

@@ -6,7 +6,8 @@ for all cells. The density of each cell is then
 
     rho_v = rho_max / (1 + exp(-(a + lambda . f_v)))
 
-with f_v the contribution of a kilogram in the cell to the moments and as many lambda as there are moments.
+with rho_max the density of lead, a the logit of the prior density over it, f_v the contribution of a kilogram
+in the cell to the moments, and as many lambda as there are moments.
 The map reports what the moments leave open: the determined share of each octant's mass, and the number of
 determined directions.
 """
@@ -40,7 +41,7 @@ _MAX_MISFIT = 1.0
 
 @dataclass(frozen=True)
 class VoxelMap:
-    """Density of every cell, and the part of it that the moments determine."""
+    """Density of each of n cells, and the share of the octants' masses that the moments determine."""
 
     points: Array
     """(n, 3) centroids of the cells [m], in the object frame O."""
