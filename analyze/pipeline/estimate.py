@@ -90,7 +90,10 @@ class EstimateOptions:
 
 @dataclass(frozen=True)
 class Agreements:
-    """Agreement between recordings, with the paper's centre of mass, and between estimators."""
+    """Agreement between recordings, with the paper's centre of mass, and between a strike's estimators.
+
+    The paper is VISAPP 2013.
+    """
 
     recordings: Agreement
     """agreement of the recordings' centres of mass with each other"""
@@ -102,7 +105,7 @@ class Agreements:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Joint estimate of one object with its checks, and the evidence that it was computed from."""
+    """Joint estimate of one object with its checks, and the evidence (fitted strikes) behind it."""
 
     evidence: Evidence
     """fitted motions of all strikes, with object, shape and plan"""

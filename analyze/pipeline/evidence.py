@@ -42,7 +42,7 @@ class RecordingHead:
 
 @dataclass(frozen=True)
 class ImpactMeasurement:
-    """Tip speed and height of the striker at contact, as it measured them."""
+    """Speed and height of the striker's tip as it hit the object, as the striker measured them."""
 
     tip_speed: float
     """speed of the striker's tip just before contact [m/s]"""
@@ -51,7 +51,7 @@ class ImpactMeasurement:
 
 
 class StrikeSource(Protocol):
-    """Source of strikes: a complete recording, or one still being written."""
+    """Source of strikes (filmed hits that tip the object): a recording, complete or still being written."""
 
     @property
     def path(self) -> Path:
@@ -65,7 +65,7 @@ class StrikeSource(Protocol):
 
     @property
     def plan(self) -> StrikePlan:
-        """Strike plan that was carried out."""
+        """Strike plan that was carried out: rest pose, pivot edge and energy of each planned strike."""
         ...
 
     @property
@@ -75,7 +75,7 @@ class StrikeSource(Protocol):
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """Contents of the object's shape file; None for a primitive."""
+        """Contents of the object's shape file (mesh or point cloud); None for a box or cylinder."""
         ...
 
     def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
@@ -99,7 +99,7 @@ class StrikeSource(Protocol):
 
 @dataclass(frozen=True)
 class StruckObject:
-    """Object, shape and plan that the strikes of a recording are analysed with."""
+    """Object file, shape and plan that the strikes of a recording are analysed with."""
 
     spec: ObjectSpec
     """object file with the markers' masses included"""
@@ -117,7 +117,7 @@ class StruckObject:
 
 @dataclass(frozen=True)
 class StrikeReading:
-    """Motion and tracking of one strike."""
+    """Motion and marker tracking of one strike, a filmed hit that tips the object."""
 
     record: pb.StrikeRecord
     """the recording's entry of the strike: ids, times, impact"""
@@ -133,7 +133,10 @@ class StrikeReading:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Motions of all strikes of one object, before any estimate (merge.py merges recordings)."""
+    """Fitted motions of all strikes (filmed tips) of one object, before any estimate.
+
+    From one recording, or from several that merge.py merged.
+    """
 
     recordings: tuple[RecordingHead, ...]
     """recordings by start time; at least one"""

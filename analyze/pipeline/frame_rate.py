@@ -1,4 +1,7 @@
-"""Check of a video file's stated frame rate against the strikes, and its effect on the estimate."""
+"""Check of a video file's stated frame rate against the strikes, and consequences for the estimate.
+
+A strike's rate constant k scales with the square of the frame rate, its balance angle phi does not.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The paper's centre of mass and region masses from the same strikes (VISAPP 2013, 3.2 and 3.3)."""
+"""Centre of mass and region masses by the paper's method, from the joint estimate's strikes.
+
+The paper is VISAPP 2013, sections 3.2 and 3.3.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ MIN_TIPS = 3
 
 @dataclass(frozen=True)
 class PaperEstimate:
-    """The paper's own estimates from the same strikes (VISAPP 2013, sections 3.2 and 3.3)."""
+    """Centre of mass and region masses by the paper's method (VISAPP 2013, sections 3.2 and 3.3)."""
 
     com: PaperCentre
     """centre of mass, markers subtracted"""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StrikePrediction:
-    """One strike compared with its prediction from all others."""
+    """Measured motion of one strike compared with its prediction from all others."""
 
     left_out: LeaveOneOut
     """balance angle phi and k, predicted and measured"""

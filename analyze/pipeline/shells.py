@@ -1,4 +1,7 @@
-"""Region masses over all possible shell thicknesses, where the object file gives none."""
+"""Masses of shell (outer wall) and interior parts, averaged over possible shell thicknesses.
+
+A thickness that the object file gives is used alone.
+"""
 
 from __future__ import annotations
 
