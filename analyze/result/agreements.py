@@ -1,4 +1,7 @@
-"""Sentences about disagreements between estimators, and with the paper's centre of mass."""
+"""Sentences about disagreements between a strike's estimators, and with the paper's centre of mass.
+
+The paper is VISAPP 2013.
+"""
 
 from __future__ import annotations
 

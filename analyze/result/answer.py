@@ -33,7 +33,7 @@ class Answer:
         return cls(estimate, result_document(estimate))
 
     def json(self) -> str:
-        """The Result document as one line of JSON; the same recordings give the same bytes."""
+        """Result document as one line of JSON; estimates of the same recordings give the same bytes."""
         return result_json(self.result)
 
 

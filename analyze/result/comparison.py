@@ -1,4 +1,4 @@
-"""Comparison of repeated sessions of one object: their answers, agreement and outliers."""
+"""Comparison of repeated sessions (recordings) of one object: their answers, agreement and outliers."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Session:
 
 @dataclass(frozen=True)
 class SessionComparison:
-    """Two or more sessions of one object, each estimated by itself and all together."""
+    """Two or more sessions (recordings) of one object, each estimated by itself and all together."""
 
     sessions: tuple[Session, ...]
     """sessions by start time"""

@@ -1,4 +1,4 @@
-"""Result document of an estimate: values with units and 95 % intervals, rounded to reproducible bytes."""
+"""Result document of an estimate: values with units and 95 % intervals, rounded to stable bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Earlier results that a plan starts from: recordings, estimated jointly, and printed results (JSON)."""
+"""Earlier results that a plan of strikes starts from: recordings, estimated jointly, and Result files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RECORDING_SUFFIX = ".mcap"
 
 @dataclass(frozen=True)
 class EarlierResults:
-    """Earlier results that the next plan starts from."""
+    """Earlier results of an object, from which the next plan of strikes starts."""
 
     given: EarlierResult
     """centre of mass, inertia and strikes made, merged from all files"""

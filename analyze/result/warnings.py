@@ -287,7 +287,10 @@ def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
-    """True if the contact rolls and the user chose an estimator that treats it as a hinge."""
+    """True if the contact rolls, but the user chose another estimator, which treats it as a hinge.
+
+    That estimator must have a fit of the motion; False for None, no choice.
+    """
     fit = motion.fit
     return (
         fit is not None
