@@ -38,7 +38,7 @@ _WEIGHT_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Observations:
-    """Measured values with their standard deviations."""
+    """Measured values (n,) with their standard deviations."""
 
     value: Array
     """(n,) observations, in any unit"""

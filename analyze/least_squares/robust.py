@@ -17,7 +17,7 @@ MAX_CORRELATION = 0.9
 
 
 def median_scale(residual: Array) -> float:
-    """Robust standard deviation of `residual` (n,), 1.4826 times the median absolute value, in its unit."""
+    """Robust standard deviation of `residual` (n,), in its unit: 1.4826 times the median absolute value."""
     return NORMAL_MAD * float(np.median(np.abs(residual)))
 
 
