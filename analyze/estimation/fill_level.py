@@ -206,7 +206,8 @@ class _Grid:
         levels: (h,) levels from O's origin [m].
         swept: True if the shell's thickness is unknown (several shells given).
         thickness: (t,) thicknesses of the shell [m].
-        shell_volume, volume: (t, h) volumes of the shell and of the inside below the level [m^3].
+        shell_volume: (t, h) volume of the shell [m^3].
+        volume: (t, h) volume of the inside below the level [m^3].
         filled: (t, h) filled share of the inside's volume.
         precision: (t, h, 2, 2) inverse covariance of the masses of shell and filling [1/kg^2].
         masses: (t, h, 2) likeliest masses of shell and filling [kg], not bounded.

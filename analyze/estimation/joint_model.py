@@ -3,11 +3,12 @@
     phi = atan2(-forward, height) + lean of the vertical + angle errors
     ln k = ln g + ln R - ln(l.J.l + (R + rho)^2) + error of the axis
 
-with phi the balance angle, k = m g R / I_edge, c the centre of mass, (forward, height) the arm from the
-edge's centre line to c, R its length, g gravity, J the inertia about c per kilogram, l the unit direction of
-the edge and rho its radius. A larger radius moves the centre line inwards, up and away from the tip: phi
-changes in proportion to cos phi - sin phi, which vanishes at 45 degrees, so that upright and 45-degree tips
-together determine the radius. The equations do not contain the mass: motions determine J, not I.
+with phi the balance angle, k = m g R / I_edge the rate constant, c the centre of mass, (forward, height) the
+arm from the edge's centre line to c, R its length, g gravity, J the inertia about c per kilogram, l the unit
+direction of the edge and rho its radius. A larger radius moves the centre line inwards, up and away from the
+tip: phi changes in proportion to cos phi - sin phi, which vanishes at 45 degrees, so that upright and
+45-degree tips together determine the radius. The equations do not contain the mass: motions determine J, not
+I.
 """
 
 from __future__ import annotations

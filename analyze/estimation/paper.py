@@ -125,10 +125,10 @@ def _overlap(
 
 @dataclass(frozen=True)
 class PaperInertia:
-    """Moment of inertia about an edge, the mean over stage two of m |g x r| / alpha (VISAPP 2013, eq. 5).
+    """Moment of inertia about an edge by the paper's mean over stage two (VISAPP 2013, eq. 5).
 
-    Stage two is the motion after balance; alpha is the angular acceleration, r the arm from edge to centre
-    of mass.
+    It is the mean of m norm(g x r) / alpha; stage two is the motion after balance, alpha the angular
+    acceleration, r the arm from edge to centre of mass.
     """
 
     i_edge: float

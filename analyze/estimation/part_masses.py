@@ -180,7 +180,8 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 
     Rows: mass, first moment (3), a moments of inertia. These are taken about `about` (3,) [m], in the object
     frame O: they were measured about the true centre of mass c, which the parts' own c estimates better than
-    the measured one; for a slender body, m |error of c|^2 about its length exceeds the error of the moment.
+    the measured one; for a slender body, m times the squared error of c about its length exceeds the error of
+    the moment.
     """
     columns = []
     for part in parts:
