@@ -66,7 +66,7 @@ def agreement(
         planes: Equi-planes of the strikes used: per strike, the plane through pivot line and c.
         recorded_in: (strikes,) number of each strike's recording; the smallest counts as the first one.
         com: Centre of mass estimated from all strikes, in the object frame O.
-        systematic: Shared errors that `com` was estimated with.
+        systematic: Standard deviations of the shared errors (tilt, scale, edge radius) used for `com`.
         prior: Prior of c that `com` was estimated with.
 
     Returns:

@@ -38,7 +38,7 @@ def centre_of_mass(
 
     Args:
         planes: Equi-planes in the object frame O, one per strike.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of c; determines the directions that strikes do not observe.
 
     Returns:

@@ -24,7 +24,7 @@ class LeaveOneOut:
     """Leave-one-out prediction of a strike's phi and k, compared with the measured ones.
 
     phi is the balance angle, k = m g R / I_edge the rate constant of the tip's pendulum equation, with R the
-    distance of the centre of mass from the edge.
+    distance of the centre of mass from the edge and I_edge the moment about it.
     """
 
     strike_id: str
@@ -141,7 +141,7 @@ def estimated_gravity(
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and centre of mass), in the object
             frame O, with their balance angles phi and rate constants k.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
         initial: Solution with the stated gravity, to start from.
@@ -236,7 +236,7 @@ def check_solution(
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and centre of mass), in the object
             frame O.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
         solution: Solution of the joint problem of these four.

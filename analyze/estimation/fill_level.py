@@ -53,8 +53,9 @@ class Container(ShellCells):
     """(n, 3) vertices of the body's hull [m], in the object frame O."""
 
     def heights(self, along: Array) -> tuple[Array, Array]:
-        """Heights (n,) from O's origin and half heights (n,) [m] of all cells along the unit `along` (3,).
+        """Heights (n,) and half heights (n,) [m] of all cells along the unit vector `along` (3,).
 
+        Heights are from the origin of the object frame O.
         A half height is half the pitch, reduced so that the cell does not extend beyond the ends of the
         inside, but not below `MIN_HALF_HEIGHT_FRACTION` of the pitch.
         """
@@ -67,9 +68,10 @@ class Container(ShellCells):
         )
 
     def ends(self, along: Array) -> tuple[float, float]:
-        """Lowest and highest place [m] of the inside along the unit `along` (3,), from O's origin.
+        """Lowest and highest place [m] of the inside along the unit vector `along` (3,).
 
-        They are the ends of the hull, moved inwards by the shell's thickness.
+        They are the ends of the hull, moved inwards by the shell's thickness, and are measured from the
+        origin of the object frame O.
         """
         height = self.corners @ along
         return float(height.min()) + self.thickness, float(height.max()) - self.thickness
@@ -203,7 +205,7 @@ class _Grid:
     The masses of shell and filling are integrated out.
 
     Attributes:
-        levels: (h,) levels from O's origin [m].
+        levels: (h,) levels from the origin of the object frame O [m].
         swept: True if the shell's thickness is unknown (several shells given).
         thickness: (t,) thicknesses of the shell [m].
         shell_volume: (t, h) volume of the shell [m^3].

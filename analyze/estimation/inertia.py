@@ -96,7 +96,7 @@ def inertial_parameters(
 
     Args:
         planes: Equi-planes in the object frame O, one per strike; one without k contributes to c only.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         com_prior: Prior of c.
         scale: Mass and gravity.
         shape: Prior of the moments.

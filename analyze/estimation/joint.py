@@ -89,7 +89,8 @@ class StrikeData:
 class JointSolution:
     """Robust maximum of the posterior of centre of mass, second moments and shared errors.
 
-    With its covariance, and the data and model that it was found with.
+    Shared errors are those common to several strikes: table tilt, shape scale, edges. With the covariance,
+    and the data and model that the maximum was found with.
     """
 
     model: JointModel
@@ -124,7 +125,7 @@ def solve_joint(
     Args:
         planes: Equi-planes (plane through pivot line and c) in the object frame O with their balance angles
             phi and rate constants k, one per strike, at least one.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of c.
         moments: Inputs for k, to estimate the second moments too; None to use phi alone.
         initial: Solution of a problem with the same unknowns, to start from; ignored if their number differs.
@@ -277,7 +278,7 @@ def _step(
         rows: (strikes, 2, count) derivatives of `z`.
 
     Returns:
-        `x` itself if twelve halvings do not suffice.
+        `x` itself if none of twelve step sizes suffices.
     """
     start, diagonal, shape = prior
 

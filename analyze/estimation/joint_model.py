@@ -130,7 +130,7 @@ class JointModel:
         return slice(start, start + LEVEL_TERMS)
 
     def start(self, com: Array, inertia: Array) -> Array:
-        """Unknowns (count,) for a centre of mass and an inertia, with all shared errors zero.
+        """Unknowns (count,) for a centre of mass and an inertia, with all errors that strikes share zero.
 
         Args:
             com: (3,) centre of mass [m], in the object frame O.
@@ -213,7 +213,8 @@ class JointModel:
     def log_k(self, x: Array) -> tuple[Array, Array]:
         """Modelled ln k (strikes,), k = m g R / I_edge in [rad/s^2], and its derivative (strikes, count).
 
-        R is the distance of the centre of mass from the edge; `x` (count,) are the unknowns.
+        R is the distance of the centre of mass from the edge, I_edge the moment about it; `x` (count,) are
+        the unknowns.
         """
         R = self.distances(x)
         about_edge, by = self.about_edge(x)
@@ -223,7 +224,8 @@ class JointModel:
     def _across(self, x: Array) -> tuple[Array, Array]:
         """Forward and upward components, each (strikes,) [m], of the arm from centre line to centre of mass.
 
-        The centre line is that of the pivot edge, shifted by the shared errors in the unknowns `x` (count,).
+        The centre line is that of the pivot edge, shifted by the errors (scale, radius, place of the edge)
+        in the unknowns `x` (count,).
         """
         arm = x[COM] - self._point - self._shift @ x
         return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)

@@ -61,9 +61,9 @@ def paper_centre_of_mass(
 ) -> PaperCentre:
     """Centre of mass by the paper's intersection of regions (VISAPP 2013, 3.2.2).
 
-    It is the centroid of all points of the body's bounding box whose angle about each pivot is within `err`
-    of that strike's balance angle phi. Where the regions do not overlap, `err` grows by a quarter until they
-    do.
+    A region is a wedge along a strike's pivot line. The result is the centroid of all points of the body's
+    bounding box whose angle about each pivot is within `err` of that strike's balance angle phi. Where the
+    regions do not overlap, `err` grows by a quarter until they do.
 
     Args:
         planes: Equi-planes (pivot line, phi) in the object frame O, one per strike.
@@ -402,9 +402,10 @@ def _parts(cells: Cells, upper: NDArray[np.bool_]) -> tuple[Array, Array, Array]
 
 
 def _projected_area(cells: Cells, part: Array, plane: EquiPlane) -> float:
-    """Area [m^2] of a region projected along the pivot axis, counted in squares of the cells' pitch.
+    """Area [m^2] of a region (shell, upper or lower part) projected along the pivot axis.
 
-    `part` (n,) are the volumes of the cells in the region; `plane` gives the pivot axis.
+    It is counted in squares of the cells' pitch. `part` (n,) are the volumes of the cells in the region;
+    `plane` gives the pivot axis.
     """
     forward = np.cross(plane.direction, plane.up)
     points = cells.points[part > 0]

@@ -178,10 +178,10 @@ def part_masses(
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
     """Whitened design matrix (4 + a, n) of the parts per kilogram, and whitened measurements (4 + a,).
 
-    Rows: mass, first moment (3), a moments of inertia. These are taken about `about` (3,) [m], in the object
-    frame O: they were measured about the true centre of mass c, which the parts' own c estimates better than
-    the measured one; for a slender body, m times the squared error of c about its length exceeds the error of
-    the moment.
+    Rows: mass, first moment (3), a moments of inertia. The moments of inertia are taken about `about` (3,)
+    [m], in the object frame O: they were measured about the true centre of mass c, which the parts' own c
+    estimates better than the measured one; for a slender body, m times the squared error of c about its
+    length exceeds the error of the moment.
     """
     columns = []
     for part in parts:

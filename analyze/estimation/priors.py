@@ -83,7 +83,7 @@ class Scale:
     """Mass and gravity with their standard deviations, and the sd of the shared error of k.
 
     k = m g R / I_edge [rad/s^2] is the rate constant fitted to each strike's motion, R the distance of the
-    centre of mass from the edge.
+    centre of mass from the edge, I_edge the moment about it; strikes on one axis share an error of k.
     """
 
     mass: float

@@ -100,7 +100,7 @@ def rate_check(
     Args:
         planes: Equi-planes of one recording's strikes (plane through pivot line and centre of mass), in the
             object frame O, with rate constants k = m g R / I_edge at the stated frame rate.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
         points: (n, 3) places [m, in O] where mass can be: throughout the shape and at its ends.
@@ -182,9 +182,9 @@ def _extremes(
 ) -> tuple[float, float] | None:
     """Smallest and largest s = 1 / r^2 of one strike, for any masses with their centre on its equi-plane.
 
-    r is the true over the stated frame rate. s = (k / g) I_edge / (m R), with k the rate constant, g gravity
-    and R the distance of the centre from the pivot line, is a ratio of two sums over the mass shares: a
-    linear programme in the shares over R (Charnes and Cooper 1962).
+    r is the true over the stated frame rate. s = (k / g) I_edge / (m R), with k the rate constant, g gravity,
+    I_edge the moment about the edge and R the distance of the centre from it, is a ratio of two sums over the
+    mass shares: a linear programme in the shares over R (Charnes and Cooper 1962).
 
     Args:
         plane: Equi-plane of the strike.
@@ -304,7 +304,7 @@ def estimated_rate(
 
     Args:
         planes: Equi-planes of one recording's strikes, in the object frame O, with k at the stated rate.
-        systematic: Standard deviations of the shared errors.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments, which is widened.
         approximate: Approximate ratio, to start from.

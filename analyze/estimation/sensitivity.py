@@ -104,8 +104,8 @@ def sensitivity(
 
     Args:
         solution: Joint solution of all strikes.
-        systematic: Shared errors that it was solved with.
-        prior: Prior of c that it was solved with.
+        systematic: Standard deviations of errors that strikes share, used for the solution.
+        prior: Prior of c, used for the solution.
         whole: Parameters of the body that tipped, from the solution.
         bare: Parameters reported: `whole`, or those without markers; c then moves by more, as the body
             weighs less.
