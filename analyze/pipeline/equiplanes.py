@@ -28,11 +28,11 @@ def equiplanes(
     """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
 
     An equi-plane passes through a strike's pivot line and the centre of mass; the rate constant
-    k = m g R / I_edge [rad/s^2] is fitted to its motion, R being the distance of
-    the centre of mass from the line.
+    k = m g R / I_edge [rad/s^2] is fitted to its motion, R being the distance of the centre of mass from the
+    line, I_edge the moment about it.
 
     Args:
-        evidence: plan and recordings of the motions.
+        evidence: strikes of one or several recordings, with plan, object and manifests.
         motions: fitted motions.
         estimator: estimator whose balance angle phi and k are used where a motion has them; None for the
             one chosen for each motion.

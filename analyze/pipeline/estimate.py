@@ -1,4 +1,7 @@
-"""Joint estimate of one object's centre of mass, inertia and region masses from its recordings."""
+"""Joint estimate of one object's centre of mass, inertia and region masses from its recordings.
+
+The regions are the shell (outer wall) and the interior on either side of a plane.
+"""
 
 from __future__ import annotations
 
@@ -176,7 +179,7 @@ def estimate_recording(
         progress: called with (text, done, total) before each strike, and before the estimate.
 
     Returns:
-        The estimate with its checks and evidence.
+        The estimate with its checks, and the evidence (fitted strikes) that it was computed from.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -199,7 +202,8 @@ def estimate_recordings(
         progress: called with (text, done, total) before each strike, and before the estimate.
 
     Returns:
-        The joint estimate (centre of mass, inertia, region masses) with its checks and evidence.
+        The joint estimate: centre of mass, inertia, masses of shell and interior parts, with checks and the
+        evidence (fitted strikes).
 
     Raises:
         RecordingError: a file cannot be read.
@@ -235,7 +239,9 @@ def _offset_progress(progress: Progress | None, before: int, total: int) -> Prog
 
 
 def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Estimate:
-    """Estimate centre of mass, moments and region masses from fitted motions; no files are read.
+    """Estimate centre of mass, moments and masses of shell and interior parts from fitted motions.
+
+    No files are read.
 
     Args:
         evidence: fitted motions of all strikes, with object, shape and plan.

@@ -175,7 +175,7 @@ class Evidence:
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
-        """Planned strike (rest pose, pivot, heading) that a motion carried out.
+        """Planned strike (rest pose, pivot edge, direction on the table) that a motion carried out.
 
         Raises:
             StopIteration: the plan does not hold it.

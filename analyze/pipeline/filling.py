@@ -25,7 +25,7 @@ def estimate_filling(
     """Posterior of fill level, mass and density of the object's filling.
 
     Args:
-        evidence: object file and shape.
+        evidence: fitted strikes, of which only the object file and the shape are used.
         cells: the body divided with the given or assumed shell (outer wall).
         moments: measured mass, centre of mass and moments of the whole object.
         rng: generator of the posterior draws.

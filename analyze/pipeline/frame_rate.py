@@ -102,7 +102,7 @@ def drop_untimed_k(
     gravity g becomes a free parameter instead, so that ratios between its k still count.
 
     Args:
-        evidence: recordings and their strikes.
+        evidence: recordings, and the recording that each strike belongs to.
         planes: planes through pivot line and centre of mass of the strikes used, with k at the stated rates.
         scale: mass and gravity as stated.
         rates: checked frame rates.
@@ -154,7 +154,7 @@ def check_frame_rates(
         evidence: recordings, their strikes and the shape.
         planes: planes through pivot line and centre of mass of all strikes used, with their rate constants k
             at the stated frame rates.
-        systematic: errors shared by strikes.
+        systematic: standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: prior of the centre of mass.
         moments: model of k, with mass, gravity and the shape's inertia prior.
         cells: the body divided into cells, where its mass may be.

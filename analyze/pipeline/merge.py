@@ -25,7 +25,7 @@ def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
 
 
 def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False) -> None:
-    """Raise an error if two recordings cannot be evidence of one object.
+    """Raise an error if recordings cannot be merged for one estimate of one object.
 
     Args:
         heads: two or more recordings.
@@ -98,7 +98,9 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
 
 
 def merged_id(heads: Sequence[RecordingHead], index: int, own: str) -> str:
-    """Id of a strike in merged evidence: with the recording's number before it if there are several.
+    """Id of a strike among several recordings: its own, with the recording's number before it (`2:s3.1`).
+
+    With one recording it is the strike's own.
 
     Args:
         heads: recordings by start time.
@@ -114,7 +116,7 @@ def paths_text(heads: Sequence[RecordingHead]) -> str:
 
 
 def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
-    """Merge the evidence of recordings of one object; the order given does not matter.
+    """Merge the evidence (fitted strikes) of recordings of one object; the order given does not matter.
 
     Edges are identified by direction, resting face and place: one id where two plans mean the same edge, two
     where they do not. Object, shape and labels are those of the first recording by start time.
@@ -175,13 +177,13 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
 
 
 def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
-    """Merged axis ids, one mapping from the plan's own ids per recording; an edge has one id in all.
+    """Ids of pivot axes after merging: per recording a mapping from its plan's own ids to merged ones.
 
-    An edge keeps the id of the first plan that has it; a different edge with an id already taken gets the
-    recording's number (from 1) before it.
+    An edge has one id in all recordings, that of the first plan that has it; a different edge with an id
+    already taken gets the recording's number (from 1) before it.
 
     Args:
-        ordered: evidence of each recording, by start time.
+        ordered: evidence (plan and fitted strikes) of each recording, by start time.
     """
     known: dict[str, EdgeLine] = {}
     return [_axis_ids(each.plan, number, known) for number, each in enumerate(ordered, 1)]

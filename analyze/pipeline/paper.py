@@ -1,4 +1,4 @@
-"""Centre of mass and region masses by the paper's method, from the joint estimate's strikes.
+"""Centre of mass, and masses of shell and interior parts, by the paper's method.
 
 The paper is VISAPP 2013, sections 3.2 and 3.3.
 """
@@ -40,7 +40,7 @@ MIN_TIPS = 3
 
 @dataclass(frozen=True)
 class PaperEstimate:
-    """Centre of mass and region masses by the paper's method (VISAPP 2013, sections 3.2 and 3.3)."""
+    """Centre of mass, and masses of shell and interior parts, by the paper's method (VISAPP 2013)."""
 
     com: PaperCentre
     """centre of mass, markers subtracted"""
@@ -56,7 +56,7 @@ def paper_estimate(
     Only strikes that tipped over the balance count if there are at least `MIN_TIPS` of them.
 
     Args:
-        evidence: plan of the strikes.
+        evidence: fitted strikes, of which the plan is used.
         used: motions of the strikes used.
         cells: the body divided into cells, in shell and interior.
         scale: mass and gravity.

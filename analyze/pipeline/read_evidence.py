@@ -1,4 +1,4 @@
-"""Reading of a recording's evidence: track markers and fit the motion of each strike.
+"""Reading of a recording's strikes: marker tracking and fitted motion of each (the evidence).
 
 The ground truth of virtual recordings (topics under /truth/) is never read here.
 """
