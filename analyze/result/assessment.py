@@ -75,7 +75,11 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
 
 
 def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
-    """Yield sentences on what to trust: centre of mass, measured tensor entries, `regions` if it says so."""
+    """Yield sentences on what to trust: centre of mass, measured entries of the tensor, region masses.
+
+    `regions` is the sentence on the masses of shell and interior parts, yielded if it begins with trust and
+    the centre of mass is observed.
+    """
     com, predictions = estimate.com, estimate.predictions
     if com.observed:
         worst = 1e3 * SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
@@ -93,7 +97,7 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
 
-    `regions` is the sentence on the region masses, which is yielded if it begins with doubt.
+    `regions` is the sentence on the masses of shell and interior parts, yielded if it begins with doubt.
     """
     observed = estimate.com.observed
     if not observed:

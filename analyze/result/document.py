@@ -333,11 +333,11 @@ def strike_result(
         planes: equi-planes (through pivot line and centre of mass) of the strikes used.
         index: index of the strike in `planes` and in `com`'s arrays; None if it was not used.
         com: centre of mass, whose residuals and distances belong to the strikes used.
-        scale: mass and gravity from which I_edge = m g R / k follows.
+        scale: mass and gravity, from which the moment about the edge, I_edge = m g R / k, follows.
 
     Returns:
-        Row of the Result document. Without a fit it has no balance angle and no k; without use no residual
-        and no I_edge.
+        Row of the Result document. Without a fit it has no balance angle and no rate constant k; unless used
+        no residual of its plane; without a k in use no I_edge.
     """
     fit = motion.fit
     values: dict[str, Any] = {}

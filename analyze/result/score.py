@@ -60,11 +60,12 @@ def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
 def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     """Errors of an answer against the ground truth of a virtual recording, as a table ready for JSON.
 
-    Lists run over the strikes used (`strike_ids`), `i_edge_relative_error` over those with an I_edge. Region
-    errors are the paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region,
-    sum abs(dm) / 2M, with dm the error of a region's mass and M the object's mass; both are None if the truth
-    has no three regions. "Upper" is the true side of the dividing plane; the two interior names of the
-    estimate are swapped where its plane points to the other side.
+    Lists run over the strikes used (`strike_ids`), `i_edge_relative_error` over those with an I_edge (moment
+    about the edge). Region masses are those of the shell, the upper and the lower part of the interior; their
+    errors are the paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region, sum
+    abs(dm) / 2M, with dm the error of a region's mass and M the object's mass; both are None if the truth has
+    no three regions. "Upper" is the true side of the dividing plane; the two interior names of the estimate
+    are swapped where its plane points to the other side.
 
     Args:
         path: recording that holds the ground truth.
@@ -156,7 +157,9 @@ def refuse_without_truth(paths: Sequence[Path]) -> None:
 
 
 def _object_truth(body: pb.TruthBody) -> list[float]:
-    """Ground truth of the object itself as numbers to compare: masses, inertia, regions, edge radius.
+    """Ground truth of the object itself as numbers to compare.
+
+    They are mass, edge radius, centre of mass, inertia, and masses and dividing plane of the three regions.
 
     That of rig and session (friction, table tilt, camera) is left out.
     """
@@ -171,7 +174,10 @@ def _holds_truth(path: Path) -> bool:
 
 
 def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
-    """Errors of the masses of shell, upper and lower part; two entries of None without true regions."""
+    """Errors of the masses of shell and of the interior above and below the dividing plane, by name.
+
+    Without three true masses two entries of None.
+    """
     if len(body.region_mass_kg) != 3:
         return {"region_mass_error_relative": None, "mass_in_wrong_region": None}
     truth = np.array(body.region_mass_kg)
@@ -204,7 +210,7 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
 
 
 def _mean_region_error(masses: Array, truth: Array) -> float:
-    """Mean absolute error of the region masses (3,) over the total true mass."""
+    """Mean absolute error of the masses (3,) of shell and two interior parts, over the total true mass."""
     return float(np.abs(masses - truth).mean() / truth.sum())
 
 
@@ -216,8 +222,8 @@ def _scalar(quantity: Any) -> float:
 def render_score(score: dict[str, Any]) -> None:
     """Print the errors of an answer on the terminal: a table of the strikes, then two lines of text.
 
-    The lines give the errors of the centre of mass and of the region masses, the latter only if there are
-    true ones.
+    The lines give the errors of the centre of mass and of the masses of shell and interior parts, the latter
+    only if the truth has them.
 
     Args:
         score: the table of `score_answer`.
