@@ -95,7 +95,8 @@ def inertial_parameters(
     Directions that no axis observes are determined by the shape's prior.
 
     Args:
-        planes: Equi-planes in the object frame O, one per strike; one without k contributes to c only.
+        planes: Equi-planes (plane through pivot line and c) in the object frame O, one per strike; one
+            without k contributes to c only.
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         com_prior: Prior of c.
         scale: Mass and gravity.

@@ -150,8 +150,8 @@ class JointModel:
     def design(self, x: Array) -> Array:
         """Derivative (strikes, count) of the balance angles [rad] by the unknowns, at unknowns `x` (count,).
 
-        By the centre of mass it is n / R: n the equi-plane's unit normal, R the distance from the pivot's
-        centre line.
+        By the centre of mass c it is n / R, with n the unit normal of the plane through c and the pivot's
+        centre line, R the distance of c from that line.
         """
         forward, height = self._across(x)
         R = self.distances(x)

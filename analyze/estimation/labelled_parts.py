@@ -72,7 +72,7 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
         holds more than `MIN_VOLUME_FRACTION` of the volume.
 
     Raises:
-        ShapeError: a part holds at most `MIN_VOLUME_FRACTION` of the object's volume, or two layers overlap.
+        ShapeError: a part holds at most 0.1 % (`MIN_VOLUME_FRACTION`) of the volume, or two layers overlap.
     """
     left_wall, left_inside = cells.shell.copy(), cells.interior.copy()
     parts: list[tuple[str, MassProperties]] = []

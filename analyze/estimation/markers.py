@@ -28,7 +28,7 @@ def can_subtract(markers: Sequence[MarkerSpec]) -> bool:
 def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) -> InertialParameters:
     """Mass, centre of mass and moments of the object without its markers, in the object frame O.
 
-    Quantities of single strikes (residuals, distances, equi-planes) stay those of the body that tipped.
+    Quantities of single strikes (residuals, distances, planes, weights) stay those of the body that tipped.
 
     Args:
         whole: Parameters of the object with its markers.

@@ -299,11 +299,13 @@ def estimated_rate(
 ) -> RateEstimate | None:
     """Estimate of the true over the stated frame rate from axes at different distances, for any filling.
 
-    The joint problem is solved with gravity as a free parameter: a factor on it acts on k = m g R / I_edge
-    as the square of a factor on the rate.
+    The joint problem is solved with gravity as a free parameter: a factor on it acts on the rate constants
+    k = m g R / I_edge of the strikes as the square of a factor on the frame rate. R is the distance of the
+    centre of mass from an edge, I_edge the moment about it.
 
     Args:
-        planes: Equi-planes of one recording's strikes, in the object frame O, with k at the stated rate.
+        planes: Equi-planes (plane through pivot line and centre of mass) of one recording's strikes, in the
+            object frame O, with k at the stated rate.
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments, which is widened.
