@@ -58,8 +58,8 @@ class FrameRate:
     """bounds and estimate of the true over the stated rate; None where no strike of the recording is used, or
     their k allow no check"""
     likely_hz: float | None
-    """the only usual rate [Hz] that is consistent with the strikes, where the stated one is impossible; None
-    if several or none are"""
+    """the only slow-motion or usual rate [Hz] that is consistent with the strikes; None if several or none
+    are, or if the stated one is possible"""
 
     @property
     def possible(self) -> bool:
