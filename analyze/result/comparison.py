@@ -215,6 +215,10 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
     Args:
         joint: estimate from all strikes.
         numbers: group of each strike used, in the order of `joint.planes`.
+
+    Returns:
+        Largest shift of a group's centre of mass [m], decrease of chi squared and its critical value, by the
+        balance angles of each motion's own fit.
     """
     evidence = joint.evidence
     motions = {motion.strike_id: motion for motion in evidence.motions}
