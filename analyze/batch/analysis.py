@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,11 @@ from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.verify import refuse_changed_content
 from analyze.result.answer import answer_evidence
 
-NO_STRIKES_FAILURE = "no_strikes"
+
+class _NoStrikesError(EstimationError):
+    """The recording contains no strike, so that there is nothing to estimate from."""
+
+
 FAILURE_OF_ERROR: tuple[tuple[type[Exception], str], ...] = (
     (RecordingCut, "cut"),
     (RecordingForeign, "foreign"),
@@ -44,9 +47,9 @@ FAILURE_OF_ERROR: tuple[tuple[type[Exception], str], ...] = (
     (ShapeError, "shape"),
     (PlanError, "plan"),
     (TrackingError, "no_marker"),
+    (_NoStrikesError, "no_strikes"),
     (EstimationError, "too_few_strikes"),
     (AnalyzeError, "refused"),
-    (MemoryError, OUT_OF_MEMORY),
     (OSError, "unreachable"),
 )
 
@@ -84,7 +87,8 @@ def analyse(request: Request, scratch: Path) -> Outcome:
         try:
             if source.size == 0:
                 raise RecordingCut(f"{source.url}: is empty: nothing of it can be saved: record again")
-            with _local_path(source, scratch, whole=request.verify) as path:
+            local = nullcontext(Path(source.url)) if source.is_local else None
+            with local or sparse_copies(source, scratch, whole=request.verify) as path:
                 head = read_head(path)
                 files, key = list(head.files), key_of(head.content_id, request.settings)
                 if request.verify:
@@ -126,30 +130,19 @@ def analyse(request: Request, scratch: Path) -> Outcome:
 def _row(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
     if not head.strike_ids:
         raise _NoStrikesError(f"{head.path}: contains no strike: the session ended before the first one")
-    evidence = read_evidence(head, Path(settings.object_path) if settings.object_path else None)
-    options = EstimateOptions(
-        object_path=Path(settings.object_path) if settings.object_path else None,
-        estimator=settings.estimator or None,
-        seed=settings.seed,
-    )
-    return answer_columns(answer_evidence(evidence, options))
-
-
-class _NoStrikesError(EstimationError):
-    """The recording contains no strike, so that there is nothing to estimate from."""
+    object_path = Path(settings.object_path) if settings.object_path else None
+    options = EstimateOptions(object_path, estimator=settings.estimator or None, seed=settings.seed)
+    return answer_columns(answer_evidence(read_evidence(head, object_path), options))
 
 
 def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
     # Copies in the scratch folder are gone when the message is read: name the file in the archive.
     text = " ".join(str(error).split()).replace(f"{scratch}/", source.url.rpartition("/")[0] + "/")
-    if isinstance(error, _NoStrikesError):
-        kind = NO_STRIKES_FAILURE
-    elif isinstance(error, MemoryError) or (isinstance(error, cv2.error) and "memory" in text.lower()):
+    kind = next((name for each, name in FAILURE_OF_ERROR if isinstance(error, each)), "defect")
+    if isinstance(error, MemoryError) or (isinstance(error, cv2.error) and "memory" in text.lower()):
         kind = OUT_OF_MEMORY
         remedy = "raise --memory-limit and add --only-failed"
         text = f"{source.url}: needs more memory than a worker may use: {remedy}"
-    else:
-        kind = next((name for each, name in FAILURE_OF_ERROR if isinstance(error, each)), "defect")
     if source.is_local and not Path(source.url).exists():
         kind = "unreachable"
         text = f"{source.url}: does not exist: it was removed meanwhile, or is a link to a missing file"
@@ -163,12 +156,3 @@ def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
         "failure": kind,
         "reason": text if source.url.rsplit("/", 1)[-1] in text else f"{source.url}: {text}",
     }
-
-
-@contextmanager
-def _local_path(source: Source, scratch: Path, *, whole: bool) -> Iterator[Path]:
-    if source.is_local:
-        yield Path(source.url)
-        return
-    with sparse_copies(source, scratch, whole=whole) as path:
-        yield path

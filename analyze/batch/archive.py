@@ -18,6 +18,7 @@ from typing import Any
 
 import fsspec
 from fsspec.core import url_to_fs
+from fsspec.implementations.local import LocalFileSystem
 
 from analyze.errors import ArchiveError
 
@@ -70,13 +71,13 @@ class Source:
         """Files with a name of the series that belong to another recording, each as one of its own.
 
         Args:
-            names: names of the files that belong to this recording, known once it was opened.
+            names: names of the files that belong to this recording; empty if it was not opened.
 
         Returns:
-            One source per such file; the first file is never among them.
+            One source per such file; the first file is never among them, and none is if `names` is empty.
         """
         own = set(names)
-        return [Source((file,)) for file in self.files[1:] if file.url.rsplit("/", 1)[-1] not in own]
+        return [Source((file,)) for file in self.files[1:] if own and file.url.rsplit("/", 1)[-1] not in own]
 
 
 def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Source]:
@@ -118,7 +119,6 @@ class _Place:
     """folder that exclusions are relative to: the place itself, or the folder before a glob's wildcards"""
     paths: list[str]
     """files and folders that the place names"""
-    is_local: bool
 
 
 def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str, dict[str, Any]]]:
@@ -140,7 +140,7 @@ def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str,
         resolved = _resolve(place, system, path)
         files = _list_files(resolved, exclude)
     except PermissionError as error:
-        where = error.filename if "file" in _protocols(system) and error.filename else place
+        where = error.filename if _is_local(system) and error.filename else place
         raise ArchiveError(
             f"{where}: may not be read: check its permissions or the credentials, or leave it out with "
             "--exclude"
@@ -182,19 +182,18 @@ def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
 
 
 def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place:
-    is_local = "file" in _protocols(system)
     if any(sign in path for sign in "*?[") and not system.exists(path):
         # The working folder's own name may contain glob characters.
-        pattern = str(Path(place).expanduser()) if is_local and "://" not in place else path
+        pattern = str(Path(place).expanduser()) if _is_local(system) and "://" not in place else path
         root = re.split(r"[*?\[]", pattern, maxsplit=1)[0].rpartition("/")[0]
-        if not is_local:
-            return _Place(system, root, [str(each) for each in system.glob(path)], is_local)
+        if not _is_local(system):
+            return _Place(system, root, [str(each) for each in system.glob(path)])
         # Path.glob does not follow links.
         found = [str(Path(each).absolute()) for each in glob(pattern, recursive=True)]  # noqa: PTH207
-        return _Place(system, str(Path(root).absolute()), found, is_local)
+        return _Place(system, str(Path(root).absolute()), found)
     if not system.exists(path):
         raise ArchiveError(f"{place}: no such file or folder: check the path")
-    return _Place(system, path, [path], is_local)
+    return _Place(system, path, [path])
 
 
 def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -210,10 +209,11 @@ def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, An
         Dict with size [bytes], type and time of change by path.
     """
     files: dict[str, dict[str, Any]] = {}
+    local = _is_local(place.system)
     for path in place.paths:
         if not place.system.isdir(path):
-            files[path] = _local_info(path) if place.is_local else place.system.info(path)
-        elif place.is_local:
+            files[path] = _local_info(path) if local else place.system.info(path)
+        elif local:
             files.update({name: _local_info(name) for name in _walk(path, place.root, exclude)})
         else:
             files.update(place.system.find(path, detail=True))
@@ -263,11 +263,11 @@ def _local_info(path: str) -> dict[str, Any]:
 
 
 def _full_url(system: fsspec.AbstractFileSystem, name: str) -> str:
-    return name if "file" in _protocols(system) else str(system.unstrip_protocol(name))
+    return name if _is_local(system) else str(system.unstrip_protocol(name))
 
 
-def _protocols(system: fsspec.AbstractFileSystem) -> tuple[str, ...]:
-    return system.protocol if isinstance(system.protocol, tuple) else (system.protocol,)
+def _is_local(system: fsspec.AbstractFileSystem) -> bool:
+    return isinstance(system, LocalFileSystem)
 
 
 def _excluded(url: str, root: str, exclude: Sequence[str]) -> bool:

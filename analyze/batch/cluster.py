@@ -8,6 +8,7 @@ import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -62,7 +63,7 @@ def cluster_answers(
     futures = {
         client.submit(
             _analyse_on_worker,
-            request.json(),
+            asdict(request),
             plain_limits,
             version,
             key=f"percuss-{run}-{request.source.id}-{number}",
@@ -126,4 +127,4 @@ def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], versio
         worker = _this_thread.worker = WorkerProcess(Path(request.output), Limits(*limits))
         _this_thread.serves = (request.output, limits)
         atexit.register(worker.close)
-    return worker.analyse(request).json()
+    return asdict(worker.analyse(request))

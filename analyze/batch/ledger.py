@@ -12,7 +12,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import IO
 
 from analyze.errors import ArchiveError
@@ -109,14 +108,8 @@ class Ledger:
             self._file.write(json.dumps({"run": self._run_ns, **asdict(entry)}).encode() + b"\n")
         self._file.flush()
 
-    def close(self) -> None:
-        """Close the ledger's file, which unlocks it for other runs."""
-        self._file.close()
-
     def __enter__(self) -> Ledger:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    def __exit__(self, *_: object) -> None:
+        self._file.close()

@@ -32,7 +32,7 @@ def print_answer(answer: pa.Table, form: str) -> None:
     """
     if form == "json":
         for row in answer.to_pylist():
-            sys.stdout.write(json.dumps(_finite(row), default=str, ensure_ascii=False) + "\n")
+            sys.stdout.write(_json(row) + "\n")
         return
     if form == "csv":
         sys.stdout.write(_csv(answer).decode())
@@ -50,11 +50,9 @@ def print_answer(answer: pa.Table, form: str) -> None:
 def plain_console() -> Console:
     """Console without markup; as wide as its terminal, or 10 000 columns where output is redirected."""
     console = Console(highlight=False, markup=False, emoji=False)
-    return (
-        console
-        if console.is_terminal
-        else Console(highlight=False, markup=False, emoji=False, width=UNLIMITED_WIDTH)
-    )
+    if not console.is_terminal:
+        console.width = UNLIMITED_WIDTH
+    return console
 
 
 def save_answer(answer: pa.Table, path: Path) -> None:
@@ -88,16 +86,16 @@ def _flat(column: pa.ChunkedArray) -> Any:
     are, missing values missing.
     """
     if pa.types.is_nested(column.type):
-        return pa.array(
-            [
-                None if value is None else json.dumps(_finite(value), default=str, ensure_ascii=False)
-                for value in column.to_pylist()
-            ],
-            pa.string(),
-        )
-    if pa.types.is_interval(column.type) or pa.types.is_binary(column.type):
-        return pa.array([None if value is None else str(value) for value in column.to_pylist()], pa.string())
-    return column
+        text = _json
+    elif pa.types.is_interval(column.type) or pa.types.is_binary(column.type):
+        text = str
+    else:
+        return column
+    return pa.array([None if value is None else text(value) for value in column.to_pylist()], pa.string())
+
+
+def _json(value: Any) -> str:
+    return json.dumps(_finite(value), default=str, ensure_ascii=False)
 
 
 def _finite(value: Any) -> Any:

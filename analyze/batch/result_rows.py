@@ -214,19 +214,15 @@ def _read(path: Path) -> pa.Table:
 def _regions(result: Result) -> list[dict[str, Any]]:
     if result.regions is None:
         return []
-    rows: list[dict[str, Any]] = []
-    for region in result.regions.regions:
-        low, high = _numbers(region.mass.interval95, 2)
-        rows.append(
-            {
-                "name": region.name,
-                "mass_kg": _one(region.mass.value),
-                "sd_kg": _one(region.mass.sd),
-                "low_kg": low,
-                "high_kg": high,
-            }
-        )
-    return rows
+    return [
+        {
+            "name": region.name,
+            "mass_kg": _one(region.mass.value),
+            "sd_kg": _one(region.mass.sd),
+            **dict(zip(("low_kg", "high_kg"), _numbers(region.mass.interval95, 2), strict=True)),
+        }
+        for region in result.regions.regions
+    ]
 
 
 def _value(quantity: Quantity | None) -> float | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import queue
 import shutil
 import socket
-import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +17,7 @@ from analyze.batch.archive import Source
 from analyze.batch.ledger import Entry, Ledger, read_ledgers
 from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.worker_messages import FAILURES, ROWS, Outcome, Request
-from analyze.batch.worker_process import SCRATCH, Limits, WorkerProcess, WorkerStoppedError
+from analyze.batch.worker_process import SCRATCH, Limits, WorkerProcess
 from analyze.errors import ArchiveError
 
 OutcomeCallback = Callable[[Outcome, int, int], None]
@@ -92,16 +92,13 @@ def plan_work(
         Recordings to analyse, and ledger entries of those that need not be.
     """
     number, shards = options.shard
-    mine = (
-        [source for source in sources if int(source.id, 16) % shards == number - 1]
-        if shards > 1
-        else list(sources)
-    )
     known = read_ledgers(output)
     here = {path.name for folder in (ROWS, FAILURES) for path in (output / folder).glob("*.parquet")}
     todo: list[Source] = []
     unchanged: list[Entry] = []
-    for source in mine:
+    for source in sources:
+        if int(source.id, 16) % shards != number - 1:
+            continue
         entry = known.get(source.url)
         same = (
             entry is not None
@@ -114,7 +111,7 @@ def plan_work(
         else:
             unchanged.append(entry)
             # Files with a name of the series that belong to another recording have entries of their own.
-            for other in source.others(entry.own_files) if entry.own_files else []:
+            for other in source.others(entry.own_files):
                 own = known.get(other.url)
                 if own is None or own.source_id != other.id:
                     todo.append(other)
@@ -172,7 +169,7 @@ def run_batch(
                     for source, outcome in answers:
                         _supersede(known, source, outcome, settings, output, ledger)
                         outcomes.append(outcome)
-                        others = source.others(outcome.own_files) if outcome.own_files else []
+                        others = source.others(outcome.own_files)
                         pending += others
                         total += len(others)
                         if callback is not None:
@@ -201,59 +198,25 @@ def _local_answers(
     requests: Sequence[Request], output: Path, options: BatchOptions
 ) -> Iterator[Iterator[Answer]]:
     workers = [WorkerProcess(output, options.limits) for _ in range(min(options.jobs, len(requests)))]
-    done: queue.Queue[Answer | BaseException] = queue.Queue()
-    waiting = _SharedQueue(requests)
-    threads = [threading.Thread(target=_serve, args=(worker, waiting, done)) for worker in workers]
+    idle = deque(workers)
+
+    def analyse(request: Request) -> Answer:
+        worker = idle.pop()
+        try:
+            return request.source, worker.analyse(request)
+        finally:
+            idle.append(worker)
+
+    pool = ThreadPoolExecutor(len(workers))
     try:
-        for thread in threads:
-            thread.start()
-        yield _received(done, len(requests))
+        futures = [pool.submit(analyse, request) for request in requests]
+        yield (future.result() for future in as_completed(futures))
     finally:
         for worker in workers:
             worker.stop()
-        for thread in threads:
-            if thread.ident is not None:  # it was started
-                thread.join()
+        pool.shutdown(cancel_futures=True)
         for worker in workers:
             worker.close()
-
-
-class _SharedQueue:
-    """Queue of requests that several threads can take from."""
-
-    def __init__(self, requests: Iterable[Request]) -> None:
-        self._requests = iter(requests)
-        self._lock = threading.Lock()
-
-    def take(self) -> Request | None:
-        """Take the next request from the queue; None if all are taken."""
-        with self._lock:
-            return next(self._requests, None)
-
-
-def _serve(worker: WorkerProcess, waiting: _SharedQueue, done: queue.Queue[Answer | BaseException]) -> None:
-    """Analyse requests with one worker until none is left or the worker is stopped.
-
-    Args:
-        worker: worker process.
-        waiting: requests not taken yet; shared with other threads.
-        done: gets a recording with its outcome per request, or the exception that ended this thread.
-    """
-    try:
-        while (request := waiting.take()) is not None:
-            done.put((request.source, worker.analyse(request)))
-    except WorkerStoppedError:
-        pass
-    except BaseException as error:  # the run raises it
-        done.put(error)
-
-
-def _received(done: queue.Queue[Answer | BaseException], count: int) -> Iterator[Answer]:
-    for _ in range(count):
-        found = done.get()
-        if isinstance(found, BaseException):
-            raise found
-        yield found
 
 
 def _supersede(
@@ -291,15 +254,11 @@ def _supersede(
     before, known[source.url] = known.get(source.url), entry
     if before is None:
         return
-    if before.failure and (not entry.failure or before.source_id != entry.source_id):
+    if entry.failure and before.source_id == entry.source_id:
+        return
+    if before.failure:
         (output / FAILURES / f"{before.source_id}.parquet").unlink(missing_ok=True)
-    replaced = not entry.failure or before.source_id != entry.source_id
-    if (
-        before.key
-        and before.key != entry.key
-        and replaced
-        and all(other.key != before.key for other in known.values())
-    ):
+    if before.key and all(other.key != before.key for other in known.values()):
         (output / ROWS / f"{before.key}.parquet").unlink(missing_ok=True)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import (
@@ -26,7 +25,7 @@ A recording may take minutes, so rich's default of 30 s is too short.
 """
 
 
-class BatchProgress:
+class BatchProgress(Progress):
     """Progress bar on standard error with rate, remaining time and failures, shown only on a terminal.
 
     Each failure is printed as a line, on a terminal or not. A context manager that starts and removes the
@@ -34,9 +33,8 @@ class BatchProgress:
     """
 
     def __init__(self, total: int) -> None:
-        self._console = Console(stderr=True)
-        self._failures = 0
-        self._progress = Progress(
+        console = Console(stderr=True)
+        super().__init__(
             TextColumn("{task.description}"),
             BarColumn(bar_width=28),
             MofNCompleteColumn(),
@@ -45,12 +43,13 @@ class BatchProgress:
             TextColumn("left"),
             TimeRemainingColumn(),
             TextColumn("[red]{task.fields[failures]}"),
-            console=self._console,
+            console=console,
             transient=True,
             speed_estimate_period=SPEED_PERIOD_S,
-            disable=not self._console.is_terminal,
+            disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("analysing", total=max(total, 1), rate="", failures="")
+        self._failures = 0
+        self._task = self.add_task("analysing", total=max(total, 1), rate="", failures="")
 
     def __call__(self, outcome: Outcome, done: int, total: int) -> None:
         """Show one recording's outcome: advance the bar, and print a line if it failed.
@@ -62,26 +61,17 @@ class BatchProgress:
         """
         if outcome.failure:
             self._failures += 1
-            self._console.print(
+            self.console.print(
                 f"{outcome.failure}: {outcome.reason}", markup=False, highlight=False, soft_wrap=True
             )
-        speed = self._progress.tasks[0].finished_speed or self._progress.tasks[0].speed
-        self._progress.update(
+        speed = self.tasks[0].finished_speed or self.tasks[0].speed
+        self.update(
             self._task,
             completed=done,
             total=total,
             rate=f"{60 * speed:.1f}/min" if speed else "",
             failures=f"{self._failures} failed" if self._failures else "",
         )
-
-    def __enter__(self) -> BatchProgress:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
 
 def render_report(report: Report, output: Path) -> None:

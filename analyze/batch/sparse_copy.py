@@ -35,8 +35,8 @@ MAX_REQUEST_BYTES = 1 << 25
 """largest request, which is held in memory"""
 
 
-@dataclass
-class _Remote:
+@dataclass(frozen=True)
+class RemoteFile:
     """One remote file of a recording and its local copy, which is filled piece by piece."""
 
     system: fsspec.AbstractFileSystem
@@ -46,8 +46,6 @@ class _Remote:
     """size of the remote file [bytes]"""
     copy: Path
     """path of the local copy"""
-    fetched: int = 0
-    """number of bytes fetched so far"""
 
     @property
     def url(self) -> str:
@@ -79,7 +77,6 @@ class _Remote:
                     raise RecordingCut(f"{self.url}: ends early: it changed while it was read: try again")
                 file.seek(start)
                 file.write(data)
-                self.fetched += len(data)
 
     def _bytes(self, start: int, stop: int) -> object:
         try:
@@ -112,16 +109,16 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
     """
     copies: list[Path] = []
     try:
-        remotes: list[tuple[_Remote, list[ChunkEntry]]] = []
+        remotes: list[tuple[RemoteFile, list[ChunkEntry]]] = []
         for each in source.files:
             system, path = url_to_fs(each.url)
             copy = folder / each.url.rsplit("/", 1)[-1]
             copies.append(copy)
-            remote = _Remote(system, path, each.size, copy)
+            remote = RemoteFile(system, path, each.size, copy)
             if whole:
                 remote.fetch_all()
                 continue
-            remotes.append((remote, _without_images(remote, each.url)))
+            remotes.append((remote, fetch_without_images(remote, each.url)))
         if not whole:
             _fetch_windows(copies[0], remotes)
         yield copies[0]
@@ -130,7 +127,7 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
             copy.unlink(missing_ok=True)
 
 
-def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry]]]) -> None:
+def _fetch_windows(first: Path, remotes: Sequence[tuple[RemoteFile, list[ChunkEntry]]]) -> None:
     """Fetch the image chunks that overlap a strike's window into the local copies.
 
     Args:
@@ -155,27 +152,7 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry
         remote.fetch([(chunk.offset, chunk.end) for chunk in wanted])
 
 
-def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
-    """Copy one remote file of a recording without its images.
-
-    Args:
-        url: URL of the file.
-        folder: folder for the copy, which the caller removes.
-
-    Returns:
-        Path of the copy, and number of bytes fetched for it.
-
-    Raises:
-        OSError: the file cannot be fetched.
-        RecordingError: the file is damaged, cut short, or in another format.
-    """
-    system, path = url_to_fs(url)
-    remote = _Remote(system, path, int(system.info(path)["size"]), folder / url.rsplit("/", 1)[-1])
-    _without_images(remote, url)
-    return remote.copy, remote.fetched
-
-
-def _without_images(remote: _Remote, url: str) -> list[ChunkEntry]:
+def fetch_without_images(remote: RemoteFile, url: str) -> list[ChunkEntry]:
     """Fetch a file except its image chunks, and write empty indexes of these into the copy.
 
     Args:
@@ -217,7 +194,7 @@ def _without_images(remote: _Remote, url: str) -> list[ChunkEntry]:
     return of_images
 
 
-def _summary_start(remote: _Remote, url: str) -> int:
+def _summary_start(remote: RemoteFile, url: str) -> int:
     magic = len(container.MAGIC)
     with remote.copy.open("rb") as file:
         if file.read(magic) != container.MAGIC:
@@ -234,7 +211,7 @@ def _summary_start(remote: _Remote, url: str) -> int:
 
 
 def _parse_summary(
-    remote: _Remote, start: int
+    remote: RemoteFile, start: int
 ) -> tuple[list[ChunkEntry], dict[int, str], list[tuple[int, int]]]:
     """Read the summary of an MCAP file from its local copy.
 

@@ -68,6 +68,8 @@ class Repeated:
     """sd of the drift; NaN if `drift` is"""
     drift_half: float
     """half width of the drift's 95 % interval (Student's t, for few sessions); NaN if `drift` is"""
+    drift_freedom: int
+    """degrees of freedom of the drift: sessions with a start time, less two"""
 
     @property
     def stands_out(self) -> str:
@@ -80,7 +82,7 @@ class Repeated:
             said.append(f"scatters {math.sqrt(self.chi_square):.1f} times as much as stated")
         if (
             self.drift_sd > 0
-            and 2 * stdtr(self.sessions - 2, -abs(self.drift) / self.drift_sd) < MAX_CHANCE_PROBABILITY
+            and 2 * stdtr(self.drift_freedom, -abs(self.drift) / self.drift_sd) < MAX_CHANCE_PROBABILITY
         ):
             said.append("drifts")
         return ", ".join(said)
@@ -206,6 +208,7 @@ def _statistics(
     mean = float(weight @ value / weight.sum())
     many = len(value)
     drift, drift_sd = _drift(value, sd, when)
+    freedom = int(np.isfinite(when).sum()) - 2
     return Repeated(
         object=name,
         object_sha256=sha256,
@@ -218,7 +221,8 @@ def _statistics(
         chi_square=float(weight @ (value - mean) ** 2) / (many - 1) if many > 1 else math.nan,
         drift=factor * drift,
         drift_sd=factor * drift_sd,
-        drift_half=factor * drift_sd * float(stdtrit(max(many - 2, 1), 0.975)),
+        drift_half=factor * drift_sd * float(stdtrit(max(freedom, 1), 0.975)),
+        drift_freedom=freedom,
     )
 
 

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, fields
-from io import BytesIO
 from itertools import groupby
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.csv as pc
-import pyarrow.parquet as pq
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from analyze.batch.query_output import plain_console
+from analyze.batch.query_output import plain_console, save_answer
 from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
 from analyze.report.page import page_environment
-from schemas.output_file import write_bytes, write_text
+from schemas.output_file import write_text
 
 SUFFIXES = (".html", ".csv", ".parquet")
 _TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}
-_REPEATED = [(each.name, _TYPES[str(each.type)]) for each in fields(Repeated)]
+_REPEATED = [(each.name, _TYPES[str(each.type)]) for each in fields(Repeated) if each.name != "drift_freedom"]
 _OBJECTS = [
     ("object", pa.string()),
     ("object_sha256", pa.string()),
@@ -59,13 +56,7 @@ def render_summary(summary: Summary) -> None:
     if summary.repeated:
         console.print("\nRepeatability from session to session (n sessions; scatter and stated: 1 sd)")
     for (name, sha256), rows in groupby(summary.repeated, key=lambda each: (each.object, each.object_sha256)):
-        repeated = Table(
-            title=f"{name} ({sha256[:8]})",
-            title_justify="left",
-            box=SIMPLE_HEAD,
-            show_edge=False,
-            padding=(0, 1, 0, 0),
-        )
+        repeated = _compact_table(f"{name} ({sha256[:8]})")
         for heading in ("quantity", "n", "mean", "scatter", "stated", "chi²/dof", "drift/day"):
             repeated.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=True)
         for each in rows:
@@ -77,14 +68,7 @@ def render_summary(summary: Summary) -> None:
 
 
 def _print_standing_out(console: Console, summary: Summary) -> None:
-    table = Table(
-        title="What stands out",
-        title_justify="left",
-        box=SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1, 0, 0),
-        width=78,
-    )
+    table = _compact_table("What stands out", width=78)
     for heading in ("object", "quantity", ""):
         table.add_column(heading, overflow="fold")
     for each in summary.standing_out[:MAX_SHOWN]:
@@ -93,6 +77,11 @@ def _print_standing_out(console: Console, summary: Summary) -> None:
     if len(summary.standing_out) > MAX_SHOWN:
         console.print(f"... and {len(summary.standing_out) - MAX_SHOWN} more: --save summary.html shows all")
     console.print()
+
+
+def _compact_table(title: str, width: int | None = None) -> Table:
+    box, padding = SIMPLE_HEAD, (0, 1, 0, 0)
+    return Table(title=title, title_justify="left", box=box, show_edge=False, padding=padding, width=width)
 
 
 def _print_failures(console: Console, summary: Summary) -> None:
@@ -173,12 +162,7 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
     ):
         # An empty table is written too, so that an earlier summary's file is not mistaken for this one's.
         place = path.with_name(f"{path.stem}{name}{path.suffix}")
-        table, buffer = pa.Table.from_pylist(rows, pa.schema(columns)), BytesIO()
-        if path.suffix == ".csv":
-            pc.write_csv(table, buffer)
-        else:
-            pq.write_table(table, buffer)
-        write_bytes(place, buffer.getvalue())
+        save_answer(pa.Table.from_pylist(rows, pa.schema(columns)), place)
         written.append(place)
     return written
 

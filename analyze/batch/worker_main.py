@@ -13,6 +13,7 @@ import resource
 import sys
 import threading
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -42,7 +43,7 @@ def main() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     for line in sys.stdin:
         try:
-            answer = analyse(Request.from_fields(json.loads(line)), scratch).json()
+            answer = asdict(analyse(Request.from_fields(json.loads(line)), scratch))
         except (AnalyzeError, OutputError) as error:
             answer = {"error": str(error)}
         answers.write(json.dumps(answer) + "\n")

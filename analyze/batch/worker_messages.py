@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,9 @@ class Request:
     verify: bool = False
     """True to compare the recording's content with its seal (the hash stored when it was recorded)"""
 
-    def json(self) -> dict[str, Any]:
-        """Request as a dict of JSON values, the input of `from_fields`."""
-        return asdict(self)
-
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Request:
-        """Build a request from the JSON values that `json` returned."""
+        """Build a request from the dict that `dataclasses.asdict` made of it."""
         files = tuple(SourceFile(**each) for each in fields["source"]["files"])
         return cls(Source(files), BatchSettings(**fields["settings"]), fields["output"], fields["verify"])
 
@@ -60,10 +56,6 @@ class Outcome:
     """True if the same content had been analysed before"""
     own_files: list[str] = field(default_factory=list[str])
     """names of the files that belong to its recording"""
-
-    def json(self) -> dict[str, Any]:
-        """Outcome as a dict of JSON values, keyed by the fields' names."""
-        return asdict(self)
 
 
 def write_failure(request: Request, failure: str, reason: str, seconds: float, scratch: Path) -> Outcome:

@@ -13,9 +13,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from analyze.batch.worker_messages import DIED, OUT_OF_MEMORY, TIME_LIMIT, Outcome, Request, write_failure
@@ -58,10 +57,11 @@ class WorkerProcess:
     def __init__(self, output: Path, limits: Limits) -> None:
         self._limits = limits
         (output / SCRATCH).mkdir(parents=True, exist_ok=True)
-        self._scratch = Path(
+        self.scratch = Path(
             tempfile.mkdtemp(prefix=f"{socket.gethostname()}-{os.getpid()}-", dir=output / SCRATCH)
         )
-        self._errors = (self._scratch / "errors").open("a+b", buffering=0)
+        """folder for the worker process's unfinished files, on the disk of the results"""
+        self._errors = (self.scratch / "errors").open("a+b", buffering=0)
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
 
@@ -81,7 +81,7 @@ class WorkerProcess:
         assert process.stdin is not None  # noqa: S101 - a pipe
         self._errors.truncate(0)  # messages about earlier recordings do not concern this one
         try:
-            process.stdin.write(json.dumps(request.json()).encode() + b"\n")
+            process.stdin.write(json.dumps(asdict(request)).encode() + b"\n")
             process.stdin.flush()
             answer = self._answer(process, start + self._limits.seconds)
         except (BrokenPipeError, EOFError):
@@ -106,14 +106,12 @@ class WorkerProcess:
         self.stop()
         self._end()
         self._errors.close()
-        shutil.rmtree(self._scratch, ignore_errors=True)
+        shutil.rmtree(self.scratch, ignore_errors=True)
 
     def __enter__(self) -> WorkerProcess:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _running(self) -> subprocess.Popen[bytes]:
@@ -163,26 +161,15 @@ class WorkerProcess:
         assert self._process is not None  # noqa: S101 - it ran
         code = self._process.wait()
         url, last = request.source.url, self._last_line()
+        kind = OUT_OF_MEMORY
         if code == -signal.SIGKILL:
-            return write_failure(
-                request,
-                OUT_OF_MEMORY,
-                f"{url}: its worker was killed, as the system does when memory runs out",
-                seconds,
-                self._emptied_scratch(),
-            )
-        if "memory" in last.lower() or "bad_alloc" in last:
-            return write_failure(
-                request,
-                OUT_OF_MEMORY,
-                f"{url}: needs more memory than a worker may use: raise --memory-limit and add --only-failed",
-                seconds,
-                self._emptied_scratch(),
-            )
-        how = f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
-        return write_failure(
-            request, DIED, f"{url}: its worker ended {how} {last}".strip(), seconds, self._emptied_scratch()
-        )
+            text = "its worker was killed, as the system does when memory runs out"
+        elif "memory" in last.lower() or "bad_alloc" in last:
+            text = "needs more memory than a worker may use: raise --memory-limit and add --only-failed"
+        else:
+            how = f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
+            kind, text = DIED, f"its worker ended {how} {last}".strip()
+        return write_failure(request, kind, f"{url}: {text}", seconds, self._emptied_scratch())
 
     def _last_line(self) -> str:
         self._errors.seek(0, os.SEEK_END)
@@ -190,16 +177,11 @@ class WorkerProcess:
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else ""
 
-    @property
-    def scratch(self) -> Path:
-        """Folder for the worker process's unfinished files, on the disk of the results."""
-        return self._scratch
-
     def _emptied_scratch(self) -> Path:
-        for left in self._scratch.iterdir():
+        for left in self.scratch.iterdir():
             if left.name != "errors":
                 left.unlink(missing_ok=True)
-        return self._scratch
+        return self.scratch
 
     def _end(self) -> None:
         process = self._process

@@ -31,11 +31,11 @@ from analyze.batch.ledger import Entry, Ledger
 from analyze.batch.query import read_recording_rows
 from analyze.batch.result_rows import STAMPS
 from analyze.batch.settings import BatchSettings, analysis_version
-from analyze.batch.sparse_copy import fetched_without_images
 from analyze.batch.worker_messages import Request
 from analyze.batch.worker_process import Limits, WorkerProcess
 from tests.benchmarks.archive_files import STRIKES, make_archive, make_session
 from tests.broken_files import KINDS
+from tests.fetched_bytes import fetched_without_images
 from tests.quick_archive import body_of
 
 SPIN = 20_000_000

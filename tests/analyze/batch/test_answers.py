@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 import pytest
+from scipy.special import stdtrit
 
 from analyze.batch.ledger import Entry, Ledger
 from analyze.batch.query import read_recording_rows, run_query
@@ -82,6 +83,15 @@ def test_summary_reports_scatter_and_drift_of_results(results):
         "centre of mass z",
         "scatters 2.7 times as much as stated, drifts",
     )
+
+
+def test_interval_of_the_drift_counts_only_sessions_with_a_start_time(results):
+    rows = read_recording_rows(results)
+    created = [text if i < 4 else None for i, text in enumerate(rows["created"].to_pylist())]
+    dated = rows.set_column(rows.schema.get_field_index("created"), "created", pa.array(created, pa.string()))
+    (found,) = (each for each in summarise(dated).repeated if each.quantity == "centre of mass z")
+    assert found.sessions == DAYS
+    assert found.drift_half / found.drift_sd == pytest.approx(stdtrit(4 - 2, 0.975))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".html", ".parquet"])

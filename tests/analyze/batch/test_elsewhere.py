@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+from dataclasses import asdict
 
 import pytest
 
@@ -15,11 +16,12 @@ from analyze.batch.query import read_recording_rows
 from analyze.batch.result_rows import STAMPS
 from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings, analysis_version
-from analyze.batch.sparse_copy import fetched_without_images, sparse_copies
+from analyze.batch.sparse_copy import sparse_copies
 from analyze.batch.worker_messages import Outcome, Request
 from analyze.errors import ArchiveError
 from analyze.reading.recording import open_recording
 from tests.broken_files import break_file
+from tests.fetched_bytes import fetched_without_images
 from tests.quick_archive import body_of, quick_session
 
 KINDS = ("empty", "text", "cut")
@@ -195,7 +197,7 @@ def test_dask_worker_uses_folder_and_limits_of_the_present_run(tmp_path, monkeyp
     monkeypatch.setattr(cluster, "WorkerProcess", FakeWorker)
     monkeypatch.setattr(cluster, "_this_thread", threading.local())
     one, two = (
-        Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path / name)).json()
+        asdict(Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path / name)))
         for name in ("one", "two")
     )
     here = analysis_version()
