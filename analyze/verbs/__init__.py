@@ -1,4 +1,4 @@
-"""The verbs of `analyze`, a file or folder each: options, work, and the tables that are printed.
+"""Verbs of the command `analyze`, a file or folder each: options, work and printed tables.
 
-A new verb is registered in analyze/cli.py.
+A verb is a subcommand, such as `estimate` in `analyze estimate`. A new one is registered in analyze/cli.py.
 """

@@ -1,4 +1,4 @@
-"""`analyze batch`: every recording of an archive analysed, and the results summarised."""
+"""`analyze batch`: analyse every recording of an archive, and summarise the results."""
 
 from __future__ import annotations
 
@@ -22,12 +22,19 @@ _BYTES_PER_UNIT = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
 
 
 class _Bytes(click.ParamType):
-    """Size in bytes, written as 4G, 800M or a plain number."""
+    """Type of a click option: a size in bytes, written as 4G, 800M, 64K or a plain number.
+
+    K, M and G are powers of 1024; an appended B or iB is allowed.
+    """
 
     name = "size"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Size [bytes]."""
+        """Convert the text of a command-line value to a number of bytes; an int is returned as it is.
+
+        Raises:
+            click.BadParameter: the text is not a size from 0 to 2^62 bytes.
+        """
         if isinstance(value, int):
             return value
         text = str(value).upper().removesuffix("IB").removesuffix("B")
@@ -41,14 +48,20 @@ class _Bytes(click.ParamType):
 
 
 class _Shard(click.ParamType):
-    """Shard of an archive, written as i/n with i from 1 to n."""
+    """Type of a click option: one of n parts (shards) of an archive, written as i/n with i from 1 to n."""
 
     name = "i/n"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[int, int]:
-        """Shard number, from 1, and number of shards."""
+        """Convert the text "i/n" to the tuple (i, n): number of the shard, from 1, and number of shards.
+
+        A tuple is returned as it is.
+
+        Raises:
+            click.BadParameter: the text is not i/n with 1 <= i <= n.
+        """
         if isinstance(value, tuple):
             return value
         number, _, count = str(value).partition("/")
@@ -59,22 +72,36 @@ class _Shard(click.ParamType):
 
 @dataclass(frozen=True)
 class _BatchArguments:
-    """Arguments and options of `analyze batch`."""
+    """Values of the arguments and options of `analyze batch`."""
 
     paths: tuple[str, ...]
+    """folders, globs and buckets that contain the recordings"""
     output: Path
+    """folder of the results"""
     jobs: int | None
+    """number of recordings analysed at a time; None for one per core"""
     exclude: tuple[str, ...]
+    """globs of recordings to leave out"""
     dry_run: bool
+    """True to list the recordings only"""
     only_failed: bool
+    """True to analyse only recordings that failed before"""
     verify: bool
+    """True to read every recording and check its content against its hash"""
     object_file: Path | None
+    """object file to use for all recordings; None for the recordings' own"""
     time_limit: float
+    """time limit per recording [s]"""
     memory_limit: int
+    """memory limit per worker [bytes]; 0 for none"""
     scheduler: str
+    """address of a Dask scheduler; "" for processes of this machine"""
     shard: tuple[int, int]
+    """number of the part to analyse, from 1, and number of parts"""
     summary: bool
+    """True to summarise the results in the folder, and analyse nothing"""
     save: Path | None
+    """file to write the summary to; None to print it"""
 
 
 @click.command()

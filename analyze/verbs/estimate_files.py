@@ -1,4 +1,4 @@
-"""The recordings of a command line, estimated or compared with a progress bar."""
+"""Estimate or comparison of the recordings that a command line names, with a progress bar."""
 
 from __future__ import annotations
 
@@ -12,7 +12,19 @@ if TYPE_CHECKING:
 
 
 def estimate_files(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> Answer:
-    """Estimate from all recordings together, with a progress bar."""
+    """Estimate one object from the strikes of all recordings together, with a progress bar.
+
+    Args:
+        files: recordings of the object.
+        object_file: object file to use instead of the recordings'; None for the recordings' own.
+        exclude: ids of strikes to leave out.
+
+    Returns:
+        The estimate with its Result document.
+
+    Raises:
+        AnalyzeError: a recording or the object cannot be used, or the strikes do not suffice.
+    """
     from analyze.pipeline.estimate import EstimateOptions
     from analyze.progress import ProgressBar
     from analyze.result.answer import answer_recordings
@@ -26,7 +38,19 @@ def estimate_files(files: Sequence[Path], object_file: Path | None, exclude: tup
 def compare_files(
     files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]
 ) -> SessionComparison:
-    """Estimate from each recording by itself and compare the estimates, with a progress bar."""
+    """Estimate one object from each recording by itself and from all together, with a progress bar.
+
+    Args:
+        files: two or more recordings of the object, each one session.
+        object_file: object file to use instead of the recordings'; None for the recordings' own.
+        exclude: ids of strikes to leave out.
+
+    Returns:
+        Answer of each session, joint answer, and tests of their agreement.
+
+    Raises:
+        AnalyzeError: a recording or the object cannot be used, or the strikes of one do not suffice.
+    """
     from analyze.pipeline.estimate import EstimateOptions
     from analyze.progress import ProgressBar
     from analyze.result.comparison import compare_recordings

@@ -18,21 +18,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _ImportArguments:
-    """Arguments and options of `analyze import`."""
+    """Values of the arguments and options of `analyze import`."""
 
     sources: tuple[Path, ...]
+    """videos, folders of images, MCAP files or ROS 2 bags"""
     object_path: Path
+    """object file (TOML)"""
     plan_path: Path
+    """strike plan that was carried out (JSON)"""
     camera_path: Path | None
+    """file with the lens; None for the calibration in the source"""
     output: Path | None
+    """recording to write (.mcap); None only with `dry_run`"""
     strikes: tuple[str, ...]
+    """ids of the planned strikes that the sources show; empty for the plan's order"""
     capture_fps: float | None
+    """frame rate of the capture [Hz]; None for the rate that the file states"""
     capture_fps_sd: float | None
+    """standard deviation of the frame rate [Hz]; None for the default"""
     times: Path | None
+    """CSV file with the times of a folder's images; None for the one in the folder"""
     topic: str | None
+    """topic of the images in an MCAP file or bag; None for the only one"""
     whole: bool
+    """True to take each source as one strike"""
     yes: bool
+    """True to write without confirmation where a source was split into strikes"""
     dry_run: bool
+    """True to show the strikes and write nothing"""
 
 
 @click.command("import")

@@ -1,4 +1,4 @@
-"""Options and decorators that several verbs share."""
+"""Options and decorators that several verbs (subcommands of `analyze`) share."""
 
 from __future__ import annotations
 
@@ -43,17 +43,21 @@ _estimate_options = [
 
 
 def with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --object and --exclude to a verb."""
+    """Add --object and --exclude to a verb's click command, and return its function."""
     for option in reversed(_estimate_options):
         function = option(function)
     return function
 
 
 def pass_options(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:
-    """Decorator of a verb with many options: pass them as one value.
+    """Decorator of a verb with many options: passes all of them to its function as one value.
 
     Args:
-        kind: a frozen dataclass with a field per parameter of the command line.
+        kind: a frozen dataclass with a field per parameter of the command line, of the same name.
+
+    Returns:
+        The decorator; it turns a function of one `kind` into a function of keyword arguments, as click calls
+        it.
     """
 
     def decorate(verb: Callable[[Options], None]) -> Callable[..., None]:

@@ -1,4 +1,7 @@
-"""`analyze parts`: the closed bodies of an object's mesh, numbered as its labels refer to them."""
+"""`analyze parts`: list the closed bodies of an object's mesh, with the numbers that its labels use.
+
+A label ([[labels]] in the object file) names a part of the object and the bodies that it consists of.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +37,17 @@ def parts(object_file: Path, as_json: bool) -> None:
 
 
 def read_bodies(path: Path) -> tuple[ObjectFiles, list[Body]]:
-    """Closed bodies of the object file's mesh, largest first.
+    """Read an object file and find the closed bodies of its mesh.
+
+    Args:
+        path: the object file (TOML).
+
+    Returns:
+        The object file with its shape, and the bodies, largest first; labels number them from 1.
 
     Raises:
-        ShapeError: the object file or its shape cannot be used, or a label names a body that does not exist.
+        ShapeError: the object file or its shape cannot be used, the shape is no mesh, or a label names a body
+            that does not exist.
     """
     from analyze.geometry.bodies import bodies_of
     from analyze.reading.object_file import read_object_files
@@ -54,7 +64,15 @@ def read_bodies(path: Path) -> tuple[ObjectFiles, list[Body]]:
 
 
 def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | None = None) -> None:
-    """Print the bodies with volume, centroid, size and the part that each is labelled as."""
+    """Print the bodies as a table: number, volume [cm^3], centroid and size [mm], and the labelled part.
+
+    A hint on labels follows if there is one body, or if no body is labelled.
+
+    Args:
+        files: the object file with its shape.
+        bodies: closed bodies of the mesh, largest first.
+        console: where to print; None for standard output.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -86,7 +104,15 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
 
 
 def bodies_json(files: ObjectFiles, bodies: list[Body]) -> list[dict[str, object]]:
-    """The bodies as JSON values, in SI units and the object's frame O."""
+    """Bodies as JSON values, one entry each, in SI units and the object frame O.
+
+    `unit_inertia_m2` is the inertia (3, 3) about the centroid per kilogram; `part` is None for a body without
+    a label.
+
+    Args:
+        files: the object file with its shape.
+        bodies: closed bodies of the mesh, largest first.
+    """
     part_of = _part_of_body(files)
     return [
         {
@@ -102,5 +128,5 @@ def bodies_json(files: ObjectFiles, bodies: list[Body]) -> list[dict[str, object
 
 
 def _part_of_body(files: ObjectFiles) -> dict[int, str]:
-    """Name of the part that each labelled body belongs to, by the body's number."""
+    """Name of the part that each labelled body belongs to, by the body's number (from 1)."""
     return {number: label.name for label in files.spec.labels or [] for number in label.bodies}

@@ -12,17 +12,26 @@ from analyze.verbs.options import one_line, pass_options
 
 @dataclass(frozen=True)
 class _PrintTagsOptions:
-    """Options of `analyze print-tags`."""
+    """Values of the options of `analyze print-tags`."""
 
     output: Path
+    """PDF to write"""
     object_file: Path | None
+    """object file that sets family, ids and sizes of the tags; None if there is none"""
     ids: str | None
+    """tags to print, as text such as 0-11 or 0,3,7; None for the default"""
     size_mm: float | None
+    """edge of a tag's black square [mm]; None for the default"""
     family: str | None
+    """tag family; None for the default"""
     board: str | None
+    """"charuco" to print a calibration board, None to print tags"""
     squares: str | None
+    """squares of the board, columns x rows, as text such as "7x9"; None for the default"""
     square_mm: float | None
+    """edge of a square of the board [mm]; None for the default"""
     paper: str
+    """A4 or Letter"""
 
 
 @click.command("print-tags")

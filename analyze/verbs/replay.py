@@ -1,4 +1,4 @@
-"""`analyze replay`: a recording or a running session, shown in rerun or written to a file."""
+"""`analyze replay`: a recording or a running session, shown in the viewer rerun or written to a file."""
 
 from __future__ import annotations
 
@@ -22,23 +22,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _ReplayArguments:
-    """Arguments and options of `analyze replay`."""
+    """Values of the arguments and options of `analyze replay`."""
 
     file: Path
+    """recording, or the file of a session that still runs"""
     object_file: Path | None
+    """object file to use instead of the recording's; None for the recording's"""
     exclude: tuple[str, ...]
+    """ids of strikes to leave out of the estimate"""
     save: Path | None
+    """file for rerun to write (.rrd); None to write none"""
     screenshot: Path | None
+    """picture of the page to write (PNG); None to write none"""
     web: bool
+    """True to show the recording in the browser"""
     no_browser: bool
+    """True to serve the page without opening a browser"""
     page: str | None
+    """page to show first: answer, session or a strike's id; None for the default"""
     every_frame: bool
+    """True to show every image, False for 60 a second"""
     lossless: bool
+    """True to keep every pixel (PNG), False for JPEG"""
     headless_port: int | None
+    """port on which to run the viewer without a screen; None for a window"""
 
     @property
     def outputs(self) -> tuple[Path, ...]:
-        """Files to write instead of showing the recording."""
+        """Files to write (--save, --screenshot) instead of showing the recording; empty if none are named."""
         return tuple(path for path in (self.save, self.screenshot) if path is not None)
 
 
@@ -100,7 +111,10 @@ def replay(arguments: _ReplayArguments) -> None:
 def _open_target(
     stack: ExitStack, recording: RecordingFile, arguments: _ReplayArguments
 ) -> ToFile | ToViewer:
-    """File, browser or window that the recording is sent to."""
+    """Open the destination of the replay by the options: a file, else the browser or a window.
+
+    It stays open until `stack` is closed. For --screenshot alone the file is temporary.
+    """
     from analyze.replay.target import to_browser, to_file, to_window
 
     if arguments.outputs:

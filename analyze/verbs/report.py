@@ -1,4 +1,4 @@
-"""`analyze report`: the estimate, or a comparison of sessions, as one HTML page with its tables."""
+"""`analyze report`: the estimate, or a comparison of sessions, as an HTML page, CSV tables or JSON."""
 
 from __future__ import annotations
 
@@ -79,7 +79,14 @@ def report(
 
 
 def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_json: bool) -> Path | None:
-    """Path of the page to write; None if only JSON is printed."""
+    """Path of the page to write: that of -o, else the recording's with the suffix .html.
+
+    None if only JSON is printed.
+
+    Raises:
+        click.UsageError: --compare with fewer than two recordings, or several recordings with neither -o nor
+            --json.
+    """
     if compare and len(files) < 2:
         raise click.UsageError(
             "--compare needs two recordings or more: name them all, as in --compare a.mcap b.mcap -o "
@@ -94,11 +101,14 @@ def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_jso
 
 @dataclass(frozen=True)
 class _Page:
-    """One report in its three forms: HTML page, CSV tables and JSON."""
+    """One report in its three forms, each made by a function when it is needed."""
 
     write: Callable[[Path], None]
+    """writes the HTML page to a path"""
     tables: Callable[[], list[CsvTable]]
+    """tables of the page, for CSV files"""
     json: Callable[[], str]
+    """content of the page as JSON text"""
 
 
 def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:

@@ -1,4 +1,4 @@
-"""`analyze reproduce`: published results computed again."""
+"""`analyze reproduce`: compute published results again (cube tosses, and the paper's experiments)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
 )
 @one_line
 def paper(recordings: tuple[Path, ...], out: Path) -> None:
-    """Make the paper's tables and figures again, beside ours, from sessions of the virtual rig.
+    """Make the tables and figures of the VISAPP 2013 paper again, beside ours, from virtual sessions.
 
     `make reproduce` records the sessions. RECORDINGS are added to the sessions in the folder; their images
     are not needed afterwards. Without RECORDINGS the page is only drawn again.

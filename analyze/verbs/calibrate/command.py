@@ -1,4 +1,4 @@
-"""The command `analyze calibrate`."""
+"""The command `analyze calibrate`: its options, and the calibration of a lens from views of a board."""
 
 from __future__ import annotations
 
@@ -21,23 +21,35 @@ _DEFAULT_MODEL, _DEFAULT_MARK = "pinhole", "0,0,0"
 
 @dataclass(frozen=True)
 class _LensArguments:
-    """Arguments and options of `analyze calibrate` without --drop."""
+    """Values of the arguments and options of `analyze calibrate` without --drop, for calibrating a lens."""
 
     inputs: tuple[Path, ...]
+    """images, folders of images, patterns, videos and recordings that show the board"""
     output: Path | None
+    """calibration file to write (TOML); None to write none"""
     model: str
+    """"pinhole" or "fisheye": the lens model"""
     squares: str | None
+    """squares of the board, columns x rows, as text such as "7x9"; None for the default"""
     square_mm: float | None
+    """edge of a square [mm]; None for the default"""
     family: str | None
+    """tag family of the board; None for the default"""
     table: Path | None
+    """image of the board on the table, to measure the camera's pose; None if it is not measured"""
     upright: bool
+    """True if the board stands in the image `table`, False if it lies on the table"""
     mark_mm: str
+    """position of the board's mark in the world frame W, as text "x,y,z" in mm"""
     rig: Path | None
+    """rig file; None if there is none"""
     write: bool
+    """True to write the calibration into the rig file"""
     picture: Path | None
+    """plot to write (PNG); None for the default, a file beside `output`"""
 
     def named(self) -> list[str]:
-        """Names of the options that were given on the command line."""
+        """Names (such as "--squares") of the options whose value is not the default; may be empty."""
         given = {
             "-o": self.output,
             "--squares": self.squares,
@@ -175,10 +187,13 @@ def _calibrate_options(arguments: _LensArguments) -> CalibrateOptions:
 
 
 def parse_mark(text: str) -> tuple[float, float, float]:
-    """Position x, y, z [m] of the board's mark, from millimetres as "x,y,z".
+    """Position (x, y, z) [m] of the board's mark, its origin, in the world frame W (--mark-mm).
+
+    Args:
+        text: three numbers in millimetres, as "x,y,z".
 
     Raises:
-        CalibrationError: the text is not understood.
+        CalibrationError: the text is not three numbers, or one of them is not between -2000 and 2000 mm.
     """
     from analyze.errors import CalibrationError
 
@@ -192,7 +207,13 @@ def parse_mark(text: str) -> tuple[float, float, float]:
 
 
 def _picture_path(arguments: _LensArguments) -> Path | None:
-    """Path of the plot; None if none is written."""
+    """Path of the calibration's plot: --picture, else the file of -o with the suffix .png.
+
+    None if neither option is given: no plot is written then.
+
+    Raises:
+        OutputError: the plot or the file of -o cannot be written, or would replace a file that is read.
+    """
     from schemas.output_file import refuse_unwritable
 
     output = arguments.output

@@ -1,4 +1,4 @@
-"""The options of `analyze calibrate --drop`, which measures a video's frame rate from a tag in free fall."""
+"""Options and printing of `analyze calibrate --drop`: a video's frame rate from a tag in free fall."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ DEFAULT_SIZE_SD_MM, DEFAULT_MASS_G = 0.1, 100.0
 
 
 def with_drop_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --drop and its options to a verb."""
+    """Add --drop and the options that only --drop uses to a click command, and return its function."""
     for option in reversed(_options):
         function = option(function)
     return function
@@ -81,9 +81,13 @@ def refuse_mixed(drop: bool, drop_values: dict[str, Any], lens_options: Sequence
     """Refuse options of the lens together with --drop, and options of --drop without it.
 
     Args:
-        drop: whether --drop was given.
-        drop_values: values of `DROP_OPTIONS`.
-        lens_options: names of the lens's options that were given.
+        drop: True if --drop was given.
+        drop_values: values of the parameters in `DROP_OPTIONS`, by name; an option whose value is None, False
+            or 0 counts as not given.
+        lens_options: names of the lens's options that were given, such as "--squares".
+
+    Raises:
+        click.UsageError: options of both kinds are mixed.
     """
     if drop and lens_options:
         raise click.UsageError(
@@ -95,7 +99,17 @@ def refuse_mixed(drop: bool, drop_values: dict[str, Any], lens_options: Sequence
 
 
 def measure_frame_rate(inputs: Sequence[Path], drop_values: dict[str, Any], as_json: bool) -> None:
-    """Measure the frame rate and print it."""
+    """Measure the true frame rate of one video from the fall of a tag in it, and print it.
+
+    Args:
+        inputs: the video, folder of images or recording; exactly one.
+        drop_values: values of the parameters in `DROP_OPTIONS`, by name.
+        as_json: True to print JSON instead of text.
+
+    Raises:
+        click.UsageError: not exactly one input is named, or the tag's size is missing.
+        AnalyzeError, DocumentError: the frame rate cannot be measured, as in `measure_drop`.
+    """
     from analyze.progress import ProgressBar
     from analyze.verbs.calibrate.drop import DropOptions, measure_drop
     from analyze.verbs.calibrate.drop_table import drop_json, drop_text

@@ -1,4 +1,4 @@
-"""A measured frame rate as text and JSON."""
+"""Text and JSON of a frame rate that `analyze calibrate --drop` measured."""
 
 from __future__ import annotations
 
@@ -43,16 +43,21 @@ MAX_SCATTER = 2.0
 
 
 def capture_fps(answer: DropAnswer) -> float:
-    """Frame rate to import with: the common rate within the 95 % interval, else the measured one [Hz]."""
+    """Frame rate [Hz] to state when videos of this camera are imported.
+
+    It is the usual rate of cameras (`COMMON_FRAME_RATES_HZ`) nearest to the measured rate if it lies within
+    the 95 % interval, else the measured rate, rounded to four significant digits.
+    """
     half = SIGMAS_95 * answer.true_sd_hz
     near = min(COMMON_FRAME_RATES_HZ, key=lambda rate: abs(rate - answer.true_hz))
     return near if abs(near - answer.true_hz) <= half else float(f"{answer.true_hz:.4g}")
 
 
 def capture_fps_sd(answer: DropAnswer) -> float:
-    """Standard deviation of `capture_fps` [Hz].
+    """Standard deviation [Hz] of `capture_fps`, the frame rate to state when videos are imported.
 
-    For a common rate, the measurement is combined with the usual accuracy of such rates.
+    It is that of the measurement. For a usual rate of cameras, the measurement is combined with the usual
+    accuracy of such rates (`STATED_RATE_SD`, relative), as independent errors.
     """
     measured, rate = answer.true_sd_hz, capture_fps(answer)
     return (
@@ -63,7 +68,7 @@ def capture_fps_sd(answer: DropAnswer) -> float:
 
 
 def drop_text(answer: DropAnswer) -> list[str]:
-    """Measured frame rate, its uncertainty and doubts, as lines for the terminal."""
+    """Measured frame rate, shares of its uncertainty, and doubts, as lines for the terminal."""
     time, setup, falls = answer.time, answer.setup, answer.falls
     to_hz = SIGMAS_95 * answer.true_hz / time.time_ratio
     longest = max(falls, key=lambda fall: fall.dropped)
@@ -100,7 +105,10 @@ def drop_text(answer: DropAnswer) -> list[str]:
 
 
 def doubts(answer: DropAnswer) -> list[str]:
-    """Reasons to doubt the measurement, each with a remedy, as lines for the terminal."""
+    """Reasons to doubt the measured frame rate, as lines for the terminal; empty if there are none.
+
+    Each names a remedy. An unknown line time of the shutter adds a note.
+    """
     found: list[str] = []
     worst = max(answer.falls, key=lambda fall: abs(fall.drag_share))
     if worst.drag_share > MAX_DRAG_SHARE:
@@ -134,7 +142,10 @@ def doubts(answer: DropAnswer) -> list[str]:
 
 
 def drop_json(answer: DropAnswer) -> dict[str, Any]:
-    """Measured frame rate, its uncertainty and all falls, as JSON values."""
+    """Measured frame rate, its standard deviation, doubts and all falls, as JSON values.
+
+    Units are in the keys (`_hz`, `_m`, `_kg`, `_ns`).
+    """
     time, setup = answer.time, answer.setup
     return {
         "schema_version": SCHEMA_VERSION,

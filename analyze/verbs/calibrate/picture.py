@@ -1,4 +1,4 @@
-"""Picture of a calibration: corners in the image, uncertainty of the pixels, and residuals."""
+"""Picture of a camera calibration: corners in the image, uncertainty of the pixels, and residuals."""
 
 from __future__ import annotations
 
@@ -28,7 +28,12 @@ _ARROW_FRACTION = 0.06
 
 
 def picture(found: Calibration) -> Figure:
-    """Figure with three panels over the image: corners, uncertainty, residuals."""
+    """Figure of a calibration with three panels over the image: corners, uncertainty and residuals.
+
+    The panels show the board's corners by view, the standard deviation [px] of the pixel to which a direction
+    projects, and the residuals as arrows. If the views do not determine the lens, a red title gives the
+    reason.
+    """
     lens = found.lens
     ratio = lens.height / lens.width
     with style():
@@ -61,7 +66,7 @@ def picture(found: Calibration) -> Figure:
 
 
 def write_picture(found: Calibration, output: Path) -> None:
-    """Write the picture of a calibration as PNG.
+    """Write the picture of a calibration to `output` as PNG; the file appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.

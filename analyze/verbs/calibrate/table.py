@@ -1,4 +1,4 @@
-"""A camera calibration as a table and as JSON."""
+"""A camera calibration as a table on the terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -19,7 +19,12 @@ MAX_NAMED = 4
 
 
 def render_calibration(answer: CalibrationAnswer, console: Console | None = None) -> None:
-    """Print the calibration as a table, with doubts and notes."""
+    """Print a camera calibration as a table, with images not used, doubts and notes.
+
+    Args:
+        answer: the calibration.
+        console: where to print; None for standard output.
+    """
     console = console or Console()
     found = answer.calibration
     lens = found.lens
@@ -83,7 +88,10 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
 
 
 def notes(answer: CalibrationAnswer) -> list[str]:
-    """Notes on what the calibration does not determine, as lines for the terminal."""
+    """Notes on what the calibration does not determine (camera pose, vertical), as lines of text.
+
+    If the pose was measured, the first line states that its distance depends on the size of the squares.
+    """
     lines: list[str] = []
     if answer.place is not None:
         lines.append(
@@ -106,7 +114,11 @@ def notes(answer: CalibrationAnswer) -> list[str]:
 
 
 def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
-    """Lens, uncertainty, views and camera pose, as JSON values."""
+    """Lens, uncertainty, views and camera pose of a calibration, as JSON values.
+
+    Units are in the keys (`_px`, `_m`, `_rad`). `place` is None if no pose was measured, `calibration` if
+    there is none to write into a rig file.
+    """
     found = answer.calibration
     lens, place, spec = found.lens, answer.place, calibration_spec(answer)
     units = {"fx": "px", "fy": "px", "cx": "px", "cy": "px"}

@@ -1,4 +1,4 @@
-"""The command `analyze gravity`."""
+"""The command `analyze gravity`: tilt of the table from images of a plumb line."""
 
 from __future__ import annotations
 

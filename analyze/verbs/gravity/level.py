@@ -1,4 +1,4 @@
-"""The table's tilt from images of plumb lines, as the rig file's level reading."""
+"""The table's tilt from images of plumb lines (strings with a weight), and its entry in the rig file."""
 
 from __future__ import annotations
 
@@ -36,11 +36,12 @@ MAX_IMAGES = 60
 
 @dataclass(frozen=True)
 class GravityOptions:
-    """Options of `analyze gravity`."""
+    """Options of `analyze gravity`: images of the strings, rig file, accuracy of the camera."""
 
     inputs: tuple[Path, ...]
+    """images, folders of images, patterns, videos and recordings that show the strings"""
     rig: Path | None = None
-    """rig file; None for the recording's camera and level"""
+    """rig file with camera and gravity_tilt_sd_rad; None for those of the first recording in `inputs`"""
     camera_turn_sd: float = float(np.radians(0.1))
     """standard deviation of T_world_camera's rotation about each axis of W [rad]"""
 
@@ -50,23 +51,34 @@ class GravityAnswer:
     """The table's tilt, and the strings that it was measured from."""
 
     table: TableLean
+    """lean of the vertical from the table's normal, with its covariance"""
     lines: tuple[PlumbLine, ...]
-    """one line per string"""
+    """one line per string, from left to right in the image"""
     seen_in: tuple[int, ...]
-    """number of images that show each string"""
+    """number of images that show each string, in the order of `lines`"""
     looked_at: int
     """number of images searched"""
     first: Image
+    """(height, width) grey values of the first image"""
     camera: CameraModel
+    """camera that took the images, with its pose in the world frame W"""
     options: GravityOptions
+    """options with which the tilt was measured"""
 
     @property
     def places_px(self) -> list[float]:
-        """Column of each string at the middle of its visible length [ideal px]."""
+        """Column [undistorted px] of the middle of each string's visible part, in the order of `lines`."""
         return [float((line.bottom + line.top)[0] / 2) for line in self.lines]
 
     def refuse_undetermined(self) -> None:
-        """Raise CalibrationError if the strings do not determine the tilt towards +x, which affects tips."""
+        """Check that the strings determine the table's tilt towards +x of the world frame W.
+
+        This component of the tilt affects tips.
+
+        Raises:
+            CalibrationError: they do not, or the tilt's prior standard deviation is 0, which no string can
+                change.
+        """
         if self.table.prior_sd == 0:
             raise CalibrationError(
                 "gravity_tilt_sd_rad is 0: the table is stated to be exactly level, which no string can "
@@ -84,13 +96,24 @@ class GravityAnswer:
 
 
 def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> GravityAnswer:
-    """Find the strings in the images, and compute the table's tilt from them.
+    """Find the plumb lines in the images, and compute the table's tilt from them.
+
+    At most `MAX_IMAGES` images are searched. The result may leave the tilt undetermined: call its
+    `refuse_undetermined`.
+
+    Args:
+        options: images, rig file, and accuracy of the camera's rotation.
+        progress: called with a text, the number of files or images read and of all.
+
+    Returns:
+        Tilt with its covariance, and the strings found.
 
     Raises:
-        CalibrationError: an image cannot be read or has another size, no camera is given, or no string is
-            seen.
+        CalibrationError: an image cannot be read or is not of the calibration's size, no camera or no camera
+            pose is given, or no string is seen.
+        ImportRefused: a video cannot be read.
         RecordingError: a recording cannot be read.
-        DocumentError: the rig file cannot be used.
+        DocumentError: an entry of the rig file has a value that is not allowed.
     """
     files = resolve_inputs(options.inputs)
     camera, prior_sd = _camera(files, options)
@@ -154,7 +177,11 @@ def _camera(files: Sequence[Path], options: GravityOptions) -> tuple[CameraModel
 
 
 def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
-    """Indices of the lines that show one string, grouped, from left to right in the image."""
+    """Group lines that show one string: lists of indices into `lines`, the strings from left to right.
+
+    A line belongs to the string of its left neighbour if their middles are less than `MIN_SEPARATION_PX`
+    apart.
+    """
     middles: Array = np.array([(line.bottom + line.top)[0] / 2 for line in lines])
     groups: list[list[int]] = []
     for i in np.argsort(middles, kind="stable").tolist():
@@ -166,7 +193,11 @@ def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
 
 
 def level_entries(answer: GravityAnswer) -> dict[str, str]:
-    """Entries of the rig file's [level] that are determined: TOML values by key."""
+    """Entries of the rig file's table [level], TOML values by key: the tilt, its sd, and how it was read.
+
+    The tilt towards +y is included only if the strings determine it. That towards +x always is: call
+    `refuse_undetermined` first.
+    """
     (x, y), (x_sd, y_sd) = answer.table.lean.tolist(), answer.table.sd.tolist()
     entries = {"towards_x_rad": f"{x:.6f}", "towards_x_sd_rad": f"{x_sd:.6f}"}
     if answer.table.determined[1]:
@@ -175,10 +206,10 @@ def level_entries(answer: GravityAnswer) -> dict[str, str]:
 
 
 def write_level(answer: GravityAnswer, rig: Path) -> None:
-    """Write the reading into the rig file; every other line stays as it is.
+    """Replace the table [level] of the rig file by the reading; all other tables stay as they are.
 
     Raises:
-        CalibrationError: the tilt is not determined, or the file has no plain table [level].
+        CalibrationError: the tilt is not determined, or the file's [level] is not written as a plain table.
         OutputError: the file cannot be written.
     """
     answer.refuse_undetermined()

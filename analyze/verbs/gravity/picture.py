@@ -22,7 +22,15 @@ STROKE_OFFSET_PX = 4
 def write_plumb_picture(
     image: NDArray[np.uint8], lines: Sequence[PlumbLine], camera: CameraModel, output: Path
 ) -> None:
-    """Write a PNG; the file appears complete or not at all.
+    """Write the image with the plumb lines found as a PNG; it appears complete or not at all.
+
+    A stroke on either side marks each string, which stays visible between them.
+
+    Args:
+        image: (height, width) grey values.
+        lines: plumb lines, in undistorted pixels.
+        camera: camera whose distortion is applied to the lines.
+        output: path of the PNG.
 
     Raises:
         OutputError: the file cannot be written.

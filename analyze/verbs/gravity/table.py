@@ -1,4 +1,4 @@
-"""The table's tilt from plumb lines, as text and JSON."""
+"""The table's tilt, measured from plumb lines, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from schemas.document import SCHEMA_VERSION
 
 
 def gravity_text(answer: GravityAnswer) -> list[str]:
-    """Tilt, strings, notes and doubts, as lines for the terminal."""
+    """Strings found, tilt with 95 % intervals, notes and doubts, as lines for the terminal."""
     table = answer.table
     lines: list[str] = []
     for line, place, many in zip(answer.lines, answer.places_px, answer.seen_in, strict=True):
@@ -59,7 +59,11 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
 
 
 def gravity_json(answer: GravityAnswer) -> dict[str, Any]:
-    """The tilt and its strings as JSON values."""
+    """The table's tilt and the strings that it was measured from, as JSON values.
+
+    `lean_rad` and `sd_rad` are towards x and y of the world frame W. `level` holds the entries for the rig
+    file; it is None if the tilt towards +x is not determined.
+    """
     table = answer.table
     return {
         "schema_version": SCHEMA_VERSION,

@@ -1,4 +1,4 @@
-"""The command `analyze inspect`."""
+"""The command `analyze inspect`: contents and health of a recording or any MCAP file."""
 
 from __future__ import annotations
 

@@ -14,7 +14,11 @@ EARLIEST_REAL_TIME_NS = 946_684_800_000_000_000
 
 
 def inspect_contents(contents: McapContents) -> dict[str, Any]:
-    """Part of `analyze inspect --json` that any MCAP file has."""
+    """Contents and health of any MCAP file, with or without a session, as JSON values.
+
+    Times are log times [ns]; `start_ns` and `end_ns` are None if the file contains no message. `health` lists
+    problems as text.
+    """
     topics = [_topic(contents, name) for name in contents.topics()]
     begins = [topic["first_ns"] for topic in topics if topic["count"]]
     ends = [topic["last_ns"] for topic in topics if topic["count"]]
@@ -47,7 +51,16 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
 
 
 def time_table(times: NDArray[np.int64]) -> dict[str, Any]:
-    """Count, first, last, rate and gaps of messages from their log times [ns], (n,), in any order."""
+    """Count, first and last time, rate and gaps of a topic's messages, as JSON values.
+
+    Args:
+        times: (n,) log times [ns], in any order.
+
+    Returns:
+        `count`, `first_ns`, `last_ns`, `rate_hz` (intervals over the time from first to last),
+        `median_interval_s`, `longest_gap_s` and `longest_gap_start_ns`. A value that the times do not
+        determine is None.
+    """
     times = np.sort(times)
     gaps = np.diff(times) * 1e-9
     longest = int(gaps.argmax()) if len(gaps) else None
@@ -82,16 +95,23 @@ def _topic(contents: McapContents, name: str) -> dict[str, Any]:
 
 
 def out_of_order_lines(topics: list[dict[str, Any]]) -> list[str]:
-    """A line per topic whose messages are not in the order of their times.
+    """A line of text per topic whose messages are not in the order of their times; empty if there is none.
 
-    Several publishers of one topic may interleave, which is no fault.
+    Only topics with a single channel count: several publishers of one topic may interleave, which is no
+    fault.
+
+    Args:
+        topics: topics as in `inspect_contents`, with `name` and `out_of_order`.
     """
     text = "{name}: {out_of_order} messages are older than the one before them"
     return [text.format(**topic) for topic in topics if topic["out_of_order"]]
 
 
 def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
-    """Problems of the file, each with a remedy where there is one."""
+    """Problems of the file as lines of text, each with a remedy if there is one; may be empty.
+
+    The order of messages is not checked here (`out_of_order_lines`).
+    """
     recover = f"`acquire recover {contents.path} -o NEW.mcap`"
     found: list[str] = []
     if not contents.finished:

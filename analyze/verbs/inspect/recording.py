@@ -23,13 +23,16 @@ MIN_GAP_PERIODS = 1.5
 
 
 def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str, Any]:
-    """Inspect a file, ready for JSON: the contents of any MCAP file, and the session of a recording.
+    """Inspect a file: contents and health of any MCAP file, and the session if it is a recording.
 
     A file that is cut short is inspected as far as it goes.
 
     Args:
         path: the file.
         progress: called with (text, bytes read, bytes in all).
+
+    Returns:
+        JSON values. `kind` is "percuss" for a recording of this project, which has a session, else "mcap".
 
     Raises:
         RecordingError: the file is missing, not MCAP, or a damaged recording.
@@ -106,7 +109,11 @@ def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
 
 
 def _health(session: dict[str, Any]) -> list[str]:
-    """Problems of the session, each with a remedy where there is one."""
+    """Problems of the session as lines of text, each with a remedy if there is one; may be empty.
+
+    Args:
+        session: the session as JSON values, without `health`.
+    """
     path = session["files"][0]["path"]
     found: list[str] = []
     cut = [Path(file["path"]).name for file in session["files"] if file["content_id"] is None]
@@ -146,10 +153,16 @@ def _health(session: dict[str, Any]) -> list[str]:
 
 
 def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
-    """Frame counts and rates of a camera from its frame metadata, whether or not images were kept.
+    """Frame counts and rates of a camera as JSON values, from its frame metadata.
 
-    Where the camera's process restarted between two files, its frame numbers begin anew, and the elapsed time
-    gives the number of frames lost.
+    Metadata are recorded for every frame, whether or not its image was kept. `lost` counts frames that never
+    arrived, `meta_missing` frame numbers without metadata. Where the camera's process restarted between two
+    files, its frame numbers begin anew, and the elapsed time gives the number of frames lost.
+
+    Args:
+        recording: the open recording.
+        name: name of the camera.
+        rate_hz: frame rate that the camera was set to [Hz].
     """
     found = list(recording.timed_frame_meta(name))
     metas = [meta for _, meta in found]
@@ -225,7 +238,10 @@ def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
 
 
 def _plan(recording: Recording) -> dict[str, Any] | None:
-    """Planned and missing strikes; None if the recording contains no readable plan."""
+    """Ids of the plan's strikes (`planned`) and of those not struck (`missing`).
+
+    None if the recording contains no readable plan.
+    """
     try:
         done = planned_strikes(recording.plan, (record.plan_strike_id for record in recording.strikes))
     except RecordingError:

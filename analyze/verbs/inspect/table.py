@@ -1,4 +1,7 @@
-"""The inspection of a file on the terminal: 100 columns x 40 lines for a dozen strikes, or narrower."""
+"""Prints the inspection of a file on the terminal.
+
+With a dozen strikes it takes 100 columns x 40 lines; a narrower terminal shows fewer columns of the tables.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,12 @@ WIDE_COLUMNS, NARROW_COLUMNS = 96, 58
 
 
 def render_inspection(found: dict[str, Any], console: Console | None = None) -> None:
-    """Print the result of `inspect_recording`."""
+    """Print contents, session and health of an inspected file on the terminal.
+
+    Args:
+        found: result of `inspect_recording`.
+        console: where to print; None for standard output.
+    """
     console = console or Console()
     ours = found["kind"] == "percuss"
 
@@ -85,7 +93,7 @@ def _write_session(found: dict[str, Any], write: Any) -> None:
 
 
 def _written(found: dict[str, Any]) -> str:
-    """The program that wrote the file, its encodings and compression."""
+    """Text that names the program that wrote the file, its encodings and compression."""
     by = f"written by {escape(found['library'])}" if found["library"] else "written by an unnamed program"
     parts = [by + (f" (profile {escape(found['profile'])})" if found["profile"] else "")]
     encodings = dict.fromkeys(topic["encoding"] for topic in found["topics"] if topic.get("encoding"))

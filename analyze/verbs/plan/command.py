@@ -1,4 +1,4 @@
-"""The command `analyze plan`."""
+"""The command `analyze plan`: its options, and the files that it writes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _PlanArguments:
-    """Arguments and options of `analyze plan`."""
+    """Values of the arguments and options of `analyze plan`."""
 
     object_file: Path
+    """object file (TOML)"""
     output: Path | None
+    """plan to write (JSON); None to write none"""
     cards: bool
+    """True to write the cards (a page per strike, to print) beside the plan"""
     scenes: Path | None
+    """file to write with the cards as scenes for the viewer rerun (.rrd); None to write none"""
     rig: Path | None
+    """rig file; None for the rig of a given recording, else a nominal rig"""
     strikes: int
+    """number of strikes; with `given`, of additional strikes"""
     axes: int | None
+    """largest number of different axes (pivot edges); None for no limit"""
     target_com_mm: float | None
+    """rms error of the centre of mass to reach [mm]; None to plan a number of strikes"""
     given: tuple[Path, ...]
+    """recordings and results of strikes already made"""
     method: str
+    """"ours" or "paper": the method of planning"""
     gravity: bool
+    """True to add a strike turned by 180 degrees, which determines the table's tilt"""
     as_json: bool
+    """True to print the plan as JSON"""
 
 
 @click.command()
@@ -158,10 +170,10 @@ def _refuse_early(arguments: _PlanArguments) -> None:
 
 
 def _write(planned: PlannedObject, arguments: _PlanArguments) -> Path | None:
-    """Write the files that the options name: plan, cards and scenes.
+    """Write the files that the options name: the plan, its cards and its scenes for the viewer rerun.
 
     Returns:
-        Path of the cards' page; None if it is not written.
+        Path of the cards' page (HTML, to print); None if it is not written.
     """
     from analyze.verbs.plan.plan_object import write_plan
 

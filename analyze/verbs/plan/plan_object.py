@@ -39,20 +39,22 @@ STEPS = 7
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Options of `analyze plan`."""
+    """Options of `analyze plan`: rig file, number of strikes or target, earlier results, method."""
 
     rig_path: Path | None = None
+    """rig file; None for the rig of the latest recording in `given`, else the nominal rig"""
     strikes: int = STRIKES
     """number of strikes; with `given`, of additional strikes"""
     target_com_mm: float | None = None
-    """rms error of the centre of mass to reach [mm], in place of a number of strikes"""
+    """rms error of the centre of mass to reach [mm], in place of a number of strikes; None if not set"""
     given: tuple[Path, ...] = ()
     """recordings and results of strikes already made"""
     method: PlanMethod = PlanMethod.OURS
+    """our method of planning, or the paper's"""
     gravity: bool = False
-    """one additional strike, turned by 180 degrees, to determine the table's tilt"""
+    """True to add a strike, turned by 180 degrees, which determines the table's tilt"""
     most_axes: int | None = None
-    """largest number of different axes; None for no limit"""
+    """largest number of different axes (pivot edges); None for no limit"""
 
 
 @dataclass(frozen=True)
@@ -60,19 +62,34 @@ class PlannedObject:
     """A plan with the object and camera that it was made for."""
 
     plan: StrikePlan
+    """the strikes, with their expected accuracy"""
     model: ObjectModel
+    """exterior shape of the object"""
     spec: ObjectSpec
+    """content of the object file"""
     camera: CameraModel
+    """camera of the rig, with its pose"""
 
 
 def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no_progress) -> PlannedObject:
-    """Plan the strikes for an object file.
+    """Plan the strikes for an object file; writes nothing.
+
+    Args:
+        object_path: the object file (TOML); its shape file is in the same folder.
+        options: rig file, number of strikes, method and earlier results.
+        progress: called with (text, done, total).
+
+    Returns:
+        The plan, with object and camera. Its warnings include a note on the rig, and one on the striker,
+        where they were taken from recordings.
 
     Raises:
-        DocumentError, ShapeError: the object file or its shape cannot be used.
-        RecordingError, MergeError, EstimationError: the recordings given cannot be used.
-        PlanError: the rig file or a result cannot be used, or no set of strikes determines the centre of
-            mass. Its notes (`__notes__`) are the warnings about the shape.
+        ShapeError: the object file or its shape cannot be used.
+        RecordingError, MergeError, TrackingError, EstimationError: the recordings given cannot be used.
+        DocumentError: a result given has an entry that cannot be used.
+        PlanError: the rig file or a result cannot be used, a marker is not on the object's surface, or no set
+            of strikes determines the centre of mass. In the last case its notes (`__notes__`) are the
+            warnings about the shape.
     """
     progress("reading the files", 0, STEPS)
     rig, notes = _rig_of(options)
@@ -127,7 +144,11 @@ def _plan_of(
 
 
 def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
-    """The rig of the rig file, else of the latest recording (which is noted), else the nominal rig."""
+    """Rig to plan for: that of the rig file, else of the latest recording given, else the nominal rig.
+
+    Returns:
+        The rig, and the notes for the user: one if the rig is a recording's, otherwise none.
+    """
     from analyze.result.given_results import RECORDING_SUFFIX
 
     recordings = [path for path in options.given if path.suffix == RECORDING_SUFFIX]
@@ -148,7 +169,7 @@ def _pieces(model: ObjectModel, wall: float) -> Pieces:
 
 
 def write_plan(plan: StrikePlan, path: Path) -> None:
-    """Write the plan as JSON, complete or not at all.
+    """Write a strike plan as JSON; the file appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.

@@ -25,16 +25,18 @@ class PlannedRig:
     """Camera, striker, friction and gravity that a plan assumes, with their errors."""
 
     bench: Bench
+    """striker, camera, friction coefficient, gravity and frame rate"""
     errors: SharedErrors
+    """standard deviations of the errors that strikes share: tilt, gravity and others"""
     config: RigConfig | None = None
     """content of the rig file; None for the nominal rig"""
 
 
 def planned_rig(path: Path | None) -> PlannedRig:
-    """The rig of a rig file; without one, the nominal rig.
+    """Rig of a rig file; the nominal rig if `path` is None.
 
     Raises:
-        PlanError: the file cannot be read, or see `rig_from_text`.
+        PlanError: the file cannot be read, is not a valid rig file, or its striker has no possible speed.
     """
     if path is None:
         return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), SharedErrors())
@@ -50,16 +52,17 @@ def planned_rig(path: Path | None) -> PlannedRig:
 
 
 def rig_from_text(text: str, name: str) -> PlannedRig:
-    """The rig from the text of a rig file, which must be valid for `acquire` too.
+    """Rig from the text of a rig file, which must be valid for `acquire` too.
 
-    Only the camera's address may be missing: planning uses no device.
+    Only the camera's address may be missing, because planning uses no device.
 
     Args:
-        text: content of the rig file.
+        text: content of the rig file (TOML).
         name: name of the file, for messages.
 
     Raises:
-        PlanError: `acquire` would refuse it, or its striker has no possible speed.
+        PlanError: the text is not TOML, an entry is missing or has a value that is not allowed, or the
+            striker's slowest speed is above its fastest.
     """
     try:
         data: dict[str, Any] = tomllib.loads(text)
@@ -95,7 +98,10 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
 
 
 def striker_model(striker: StrikerConfig) -> StrikerModel:
-    """The planner's model of a rig file's striker; an sd of 0 is raised to a small value."""
+    """Planner's model of a rig file's striker: effective mass, restitution, speeds and heights.
+
+    Standard deviations are raised to at least 0.1 g (effective mass) and 0.001 (restitution).
+    """
     speeds = striker.tip_speeds()
     lowest, highest = striker.reach_m
     return StrikerModel(

@@ -1,4 +1,4 @@
-"""A plan on the terminal: strikes, expected accuracy, and what was left out and why."""
+"""Prints a strike plan on the terminal: strikes, expected accuracy, and axes left out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ NOT_DETERMINED = "not determined"
 
 
 def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
-    """Print the plan as tables."""
+    """Print a strike plan: table of strikes, expected accuracy, advice, warnings, and axes left out.
+
+    Args:
+        plan: the plan.
+        console: where to print; None for standard output.
+    """
     console = console or Console(markup=False)
     console.print(_strike_table(plan))
     if plan.prediction is not None:
@@ -118,7 +123,10 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
 
 
 def axis_text(direction: Sequence[float]) -> str:
-    """Unit vector (3,) of an axis with two decimals, its first component that is not 0 positive."""
+    """Text "x, y, z" of an axis's unit vector (3,), with two decimals.
+
+    The vector is negated if its first rounded component that is not 0 is negative: an axis has no sign.
+    """
     rounded = np.round(direction, 2) + 0.0
     leading = rounded[np.flatnonzero(rounded)[0]] if rounded.any() else 1.0
     return ", ".join(f"{value:.2f}" for value in rounded * np.sign(leading) + 0.0)

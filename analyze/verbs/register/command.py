@@ -1,4 +1,4 @@
-"""The command `analyze register`."""
+"""The command `analyze register`: poses of an object's markers from its recorded strikes."""
 
 from __future__ import annotations
 

@@ -41,33 +41,39 @@ POSE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class RegisterOptions:
-    """Options of `analyze register`."""
+    """Options of `analyze register`: object file, strikes to leave out, and whether to estimate the table."""
 
     object_path: Path | None = None
-    """object file to use instead of the recording's"""
+    """object file to use instead of the recording's; None for the recording's"""
     exclude: frozenset[str] = frozenset()
     """ids of strikes to leave out"""
     find_table: bool = False
     """True if the table's tilt and height against T_world_camera are unknown and estimated too"""
     rig: Path | None = None
-    """rig file to write the estimated T_world_camera into"""
+    """rig file to write the estimated T_world_camera into; None if there is none"""
 
 
 @dataclass(frozen=True)
 class RegisterAnswer:
-    """Estimated poses, and the strikes that they come from."""
+    """Estimated poses of the markers and of the table, and the strikes that they come from."""
 
     registration: Registration
+    """poses of markers and tables, and the fit"""
     evidence: Evidence
+    """motions and tracks of all strikes, with object and plan"""
     object_toml: str
     """text of the object file that was used"""
     unused: tuple[LeftOut, ...]
-    """strikes that do not show a marker at rest, and those left out"""
+    """strikes that were not used, each with the reason"""
     options: RegisterOptions
+    """options with which the poses were estimated"""
 
     @property
     def given(self) -> dict[int | str, Array]:
-        """T_object_marker (4, 4) of the object file by marker, for comparison only."""
+        """Marker poses T_object_marker (4, 4) that the object file gives, by marker; translation in m.
+
+        They are for comparison only: the estimate does not use them. Markers without a pose are missing.
+        """
         return {
             marker.name: np.array(marker.T_object_marker)
             for marker in self.evidence.spec.marker
@@ -80,17 +86,27 @@ def register_recordings(
 ) -> RegisterAnswer:
     """Estimate the poses of the markers on the object, and of the table if asked; writes nothing.
 
+    The result may leave poses undetermined: see `refuse_undetermined`.
+
     Args:
         paths: recordings (MCAP) of one object.
         options: the user's choices.
         progress: called with (text, done, total).
 
+    Returns:
+        Poses with their errors, and the strikes not used.
+
     Raises:
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
-        EstimationError: strikes contradict each other, or determine no marker's pose.
-        CalibrationError: with a rig file, several recordings were given, or its T_world_camera is not theirs.
+        PlanError: a recording's plan is of another object, or does not hold a strike.
+        TrackingError: no marker of any strike can be tracked.
+        DocumentError: the object file or rig file has an entry that cannot be used.
+        EstimationError: an excluded strike does not exist, strikes contradict each other, or determine no
+            marker's pose.
+        CalibrationError: the rig file cannot be read, several recordings were given with it, or its
+            T_world_camera is not theirs.
     """
     heads = by_start_time([read_head(path) for path in paths])
     if options.rig is not None:
@@ -119,7 +135,11 @@ def register_recordings(
 
 
 def refuse_undetermined(answer: RegisterAnswer) -> None:
-    """Raise EstimationError if no marker's pose is determined, or the table's is not but was asked for."""
+    """Check that the pose of at least one marker is determined, and the table's if it was asked for.
+
+    Raises:
+        EstimationError: it is not; the message names the directions left open and the remedy.
+    """
     name = paths_text(answer.evidence.recordings)
     found = answer.registration
     if all(place.undetermined for place in found.markers):
@@ -137,12 +157,13 @@ def refuse_undetermined(answer: RegisterAnswer) -> None:
 
 
 def write_object(answer: RegisterAnswer, output: Path) -> tuple[int | str, ...]:
-    """Write the object file with the estimated poses, and return the markers written.
+    """Write the object file with the determined marker poses, and return the names of these markers.
 
-    Every other line stays as it is.
+    Markers whose pose is not determined, and all other lines, stay as they are.
 
     Raises:
         OutputError: the file cannot be written, or its markers are not plain [[marker]] tables.
+        DocumentError: the object file with these poses is not valid.
     """
     numbers = {marker.name: number for number, marker in enumerate(answer.evidence.spec.marker)}
     known = [place for place in answer.registration.markers if not place.undetermined]
@@ -159,12 +180,12 @@ def write_object(answer: RegisterAnswer, output: Path) -> tuple[int | str, ...]:
 
 
 def write_table(answer: RegisterAnswer, rig: Path) -> None:
-    """Write T_world_camera, with z = 0 of W on the estimated table, into the rig file.
+    """Write the T_world_camera that puts z = 0 of W on the estimated table into the rig file.
 
-    Every other line stays as it is.
+    T_world_camera is the camera's pose in the world frame W. Every other line stays as it is.
 
     Raises:
-        EstimationError: the strikes do not determine the table.
+        EstimationError: the strikes do not determine the table, or no marker's pose.
         CalibrationError: the file has no plain table to write into.
         OutputError: the file cannot be written.
     """
@@ -180,7 +201,14 @@ def write_table(answer: RegisterAnswer, rig: Path) -> None:
 
 
 def level_note(rig: Path) -> str:
-    """Note that the rig file's level reading must be repeated with its new T_world_camera, or empty."""
+    """Note that the rig file's level reading must be repeated; empty if it need not be.
+
+    The note is the end of a message. A reading by plumb line depends on T_world_camera, the camera's pose,
+    which was just changed; other readings do not.
+
+    Raises:
+        CalibrationError, DocumentError: the rig file cannot be used.
+    """
     level = read_rig(rig)[0].level
     if level is None or level.read_by != PLUMB_LINE:
         return ""
@@ -188,9 +216,18 @@ def level_note(rig: Path) -> str:
 
 
 def _refuse_other_place(heads: Sequence[RecordingHead], rig: Path) -> None:
-    """Refuse a rig file whose T_world_camera differs from the recording's.
+    """Refuse a rig file whose T_world_camera, the camera's pose, differs from the recording's.
 
     The table is estimated relative to the recording's T_world_camera.
+
+    Args:
+        heads: the recordings; only one is allowed.
+        rig: the rig file.
+
+    Raises:
+        CalibrationError: the poses differ, the rig file has none or cannot be read, or there are several
+            recordings.
+        DocumentError: an entry of the rig file has a value that is not allowed.
     """
     _, place = read_rig(rig)
     if len(heads) > 1:
@@ -207,7 +244,10 @@ def _refuse_other_place(heads: Sequence[RecordingHead], rig: Path) -> None:
 
 
 def pose_toml(T: Array) -> str:
-    """Pose (4, 4) as a TOML array of rows."""
+    """Pose (4, 4), translation in m, as the text of a TOML array of rows, with fixed numbers of decimals.
+
+    The last row is written as 0, 0, 0, 1.
+    """
 
     def row(values: Array) -> str:
         turn = ", ".join(f"{value + 0.0:.{ROTATION_DIGITS}f}" for value in values[:3])
@@ -217,7 +257,11 @@ def pose_toml(T: Array) -> str:
 
 
 def is_implausible(table: TablePlace) -> bool:
-    """True if the table's offset is larger than a board laid by hand would explain."""
+    """True if the table's tilt or height is larger than the error of a board laid on it by hand.
+
+    The limit for each of the two tilts and the height, against the recorded T_world_camera, is twice the
+    usual error of a laid board plus twice the estimate's own standard deviation.
+    """
     usual = np.array([LAID_BOARD.tilt_sd, LAID_BOARD.tilt_sd, LAID_BOARD.height_sd])
     return bool(np.any(np.abs(table.offset) > 2 * usual + 2 * table.sd))
 

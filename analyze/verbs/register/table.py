@@ -1,4 +1,4 @@
-"""Estimated marker poses as a table and as JSON."""
+"""Estimated marker poses and table poses as a table on the terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ from schemas.document import SCHEMA_VERSION
 
 
 def render_registration(answer: RegisterAnswer, console: Console | None = None) -> None:
-    """Print the marker poses, the table's pose, and the strikes not used."""
+    """Print the marker poses as a table, then the table's pose and the strikes not used.
+
+    Args:
+        answer: the estimated poses.
+        console: where to print; None for standard output.
+    """
     console = console or Console(highlight=False)
     found, given = answer.registration, answer.given
     used = {strike for place in found.markers for strike in place.strikes}
@@ -73,7 +78,7 @@ def _place_cells(place: MarkerPlace) -> list[str]:
 
 
 def pose_difference(T: Array, other: Array) -> tuple[float, float]:
-    """Angle [rad] and distance [m] between two poses (4, 4)."""
+    """Angle [rad] of the rotation, and distance [m], between two poses (4, 4)."""
     return float(np.linalg.norm(vector_from_matrix(T[:3, :3] @ other[:3, :3].T))), float(
         np.linalg.norm(T[:3, 3] - other[:3, 3])
     )
@@ -103,7 +108,10 @@ def _table_text(answer: RegisterAnswer, table: TablePlace) -> str:
 
 
 def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
-    """Marker poses, table poses and strikes not used, as JSON values."""
+    """Marker poses, table poses and strikes not used, as JSON values in SI units.
+
+    The pose of a marker that is not determined is None, and its `observed` is False.
+    """
     found, given = answer.registration, answer.given
     markers: list[dict[str, Any]] = []
     for place in found.markers:

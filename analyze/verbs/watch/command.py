@@ -1,4 +1,4 @@
-"""The command `analyze watch`."""
+"""The command `analyze watch`: follow a recording while it grows."""
 
 from __future__ import annotations
 

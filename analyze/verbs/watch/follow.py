@@ -1,8 +1,9 @@
 """`analyze watch`: follow a growing recording, report what is in view, and judge strikes.
 
-Requests, events and verdicts are JSON lines. It runs as a child of the daemon on a core that it shares with
-the capture: it is single-threaded and decodes at most twelve images a second. Images of a strike are kept as
-references until the strike is judged.
+Requests, events and verdicts are JSON lines (schemas/watch_lines.py). It runs as a child of the daemon on a
+core that it shares with the capture: it is single-threaded apart from reading its input, and decodes at most
+twelve images a second, except for a verdict. Images of the last seconds are kept as references into the file,
+not decoded, until a strike is judged.
 """
 
 from __future__ import annotations
@@ -42,26 +43,26 @@ MAX_WAIT_FOR_IMAGES_S = 3.0
 
 
 class WatchClock(Protocol):
-    """Clock that `watch_recording` uses."""
+    """Protocol of the clock that `watch_recording` uses; its time may be simulated."""
 
     def monotonic(self) -> float:
-        """Monotonic time [s]."""
+        """Time [s] since an arbitrary start, never decreasing."""
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Wait for a time [s]."""
+        """Wait for `seconds` [s]."""
         ...
 
 
 class SystemWatchClock:
-    """The machine's clock."""
+    """The machine's own clock, as a `WatchClock`."""
 
     def monotonic(self) -> float:
-        """Monotonic time [s]."""
+        """Time [s] since an arbitrary start, never decreasing."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for a time [s]."""
+        """Wait for `seconds` [s]."""
         time.sleep(seconds)
 
 
@@ -75,18 +76,19 @@ def _read_lines(stream: TextIO, lines: queue.SimpleQueue[str | None]) -> None:
 
 
 def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = None) -> None:
-    """Follow a recording, and the files that continue it, until `stdin` ends.
+    """Follow a recording, and the files that continue it, until `stdin` ends or `stdout` is closed.
 
-    Images recorded more than a second before the start are not evaluated.
+    An image that is more than a second older than the newest one read with it is not evaluated, so that a
+    late start does not delay the events. It is kept for verdicts.
 
     Args:
         path: the growing recording; it may not exist yet.
-        stdin: JudgeRequest lines.
+        stdin: JudgeRequest lines; other lines are ignored.
         stdout: WatchEvent and StrikeVerdict lines.
         clock: for pauses and timeouts; the machine's by default.
 
     Raises:
-        RecordingError: the file is no recording, or did not appear while `stdin` was open.
+        RecordingError: the file is no recording or is damaged, or did not appear while `stdin` was open.
     """
     clock = clock or SystemWatchClock()
     cv2.setNumThreads(1)
@@ -101,11 +103,11 @@ def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock
 
 
 class _ReaderGoneError(Exception):
-    """The reader of the output has closed it."""
+    """Raised when the reader of the output has closed it."""
 
 
 class _Watcher:
-    """Loop that follows one recording and answers requests."""
+    """Main loop of `analyze watch`: follows one recording, writes events and answers requests."""
 
     def __init__(
         self,
@@ -125,7 +127,13 @@ class _Watcher:
         """requests with the time until which they may wait for images"""
 
     def run(self) -> None:
-        """Follow the recording until the requests end or nobody reads the output."""
+        """Follow the recording until the requests end or the reader of the output closes it.
+
+        When the requests end, all that are pending are judged first.
+
+        Raises:
+            RecordingError: the file is no recording or is damaged, or has not appeared when the requests end.
+        """
         try:
             while True:
                 ended = self._take_requests()
@@ -142,7 +150,13 @@ class _Watcher:
             return
 
     def _take_requests(self) -> bool:
-        """Take the lines that have arrived; True if no more will come."""
+        """Take the request lines that have arrived: set the expected strike, or queue the request.
+
+        Lines that are not requests are ignored.
+
+        Returns:
+            True if no more lines will come.
+        """
         while not self._lines.empty():
             line = self._lines.get()
             if line is None:
@@ -160,7 +174,10 @@ class _Watcher:
         return False
 
     def _make_observer(self) -> Observer | None:
-        """Observer of this recording; None until its manifest and plan have been read."""
+        """Make the observer of this recording, and note the topic of its images.
+
+        None until the recording's manifest (description of the session) and plan have been read.
+        """
         recording = self._recording
         if recording.manifest is None or (plan := recording.plan) is None:
             return None
@@ -184,7 +201,11 @@ class _Watcher:
                 self._write(event)
 
     def _judge(self, ended: bool) -> None:
-        """Judge the strikes whose windows are in the file, and those that have waited long enough."""
+        """Write the verdicts of pending requests, in the order of the requests.
+
+        A request waits until the images of its window are in the file, at most `MAX_WAIT_FOR_IMAGES_S`;
+        requests behind it wait too. If `ended` is True, none waits.
+        """
         observer = self._observer
         while self._pending:
             deadline, request = self._pending[0]

@@ -1,4 +1,4 @@
-"""The observer of a growing recording: markers in view, placement, rest, and verdicts on strikes."""
+"""Observer of a growing recording: markers in view, placement, rest, and verdicts on strikes."""
 
 from __future__ import annotations
 
@@ -48,16 +48,19 @@ Hands near the object move it less.
 
 
 class StoredImage(Protocol):
-    """Image message as stored in the file."""
+    """Protocol of an image message as stored in the file, not decoded."""
 
     @property
     def log_time_ns(self) -> int:
-        """Mid-exposure time [ns]."""
+        """Time of the middle of the exposure [ns]."""
         ...
 
 
 def markers_of(spec: ObjectSpec) -> list[Marker]:
-    """Markers of an object, as the trackers take them."""
+    """Markers of an object file as the trackers take them: name, size [m], pose in O or None.
+
+    O is the object frame; a pose is None if the file does not give it.
+    """
     return [
         Marker(
             m.name, m.size_m, None if m.T_object_marker is None else np.array(m.T_object_marker, dtype=float)
@@ -67,14 +70,14 @@ def markers_of(spec: ObjectSpec) -> list[Marker]:
 
 
 class Observer:
-    """Observer of one recording's images; feed them in the order of their times.
+    """Observer of one recording's images; add them in the order of their times.
 
     Args:
-        camera: the camera's model.
+        camera: the camera, with its pose in the world frame W.
         markers: markers of the object.
         plan: the planned strikes.
         decode: decodes an image message; called only for images that are evaluated.
-        sections: sections of the object's mesh; None if the shape is unknown.
+        sections: cross-sections of the object's mesh; None if the shape is unknown.
     """
 
     def __init__(
@@ -102,21 +105,29 @@ class Observer:
 
     @property
     def newest_ns(self) -> int:
-        """Log time of the newest image [ns]; 0 before the first."""
+        """Log time of the newest image [ns]; 0 before the first image."""
         return self._images[-1].log_time_ns if self._images else 0
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare the placement with this planned strike from now on."""
+        """Set the planned strike with which the object's placement is compared from now on.
+
+        An id that the plan does not have ends the comparison.
+        """
         self._expected = self._strikes.get(plan_strike_id)
 
     def keep(self, image: StoredImage) -> None:
-        """Keep an image for verdicts without evaluating it."""
+        """Keep an image for verdicts without evaluating it; images more than `KEPT_NS` older are dropped."""
         self._images.append(image)
         while image.log_time_ns - self._images[0].log_time_ns > KEPT_NS:
             self._images.popleft()
 
     def add(self, image: StoredImage) -> WatchEvent | None:
-        """Keep an image and, at most every `LOOK_INTERVAL_NS`, evaluate it; the event if it was evaluated."""
+        """Keep an image and, if `LOOK_INTERVAL_NS` has passed since the last evaluated one, evaluate it.
+
+        Returns:
+            Markers in view, rest, and the placement if a strike is expected; None if the image was not
+            evaluated.
+        """
         self.keep(image)
         if 0 <= image.log_time_ns - self._last_look_ns < LOOK_INTERVAL_NS:
             return None
@@ -147,7 +158,13 @@ class Observer:
         )
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
-        """Verdict on a strike from the images kept; unreadable data give a verdict, not an exception."""
+        """Judge a strike from the images kept.
+
+        Returns:
+            The verdict, with the time of contact if it could be fitted. It is UNREADABLE, with the reason, if
+            the plan has no such strike or the images cannot be analysed (an AnalyzeError, which is not
+            raised).
+        """
         planned = self._strikes.get(request.plan_strike_id)
         if planned is None:
             known = ", ".join(self._strikes) or "none"
@@ -178,7 +195,11 @@ class Observer:
         return verdict_of(motion).model_copy(update=timed)
 
     def _judged_span(self, request: JudgeRequest) -> tuple[int, int]:
-        """Start and end [ns] of the images used: the rest before the contact, and the tip after it."""
+        """Start and end [ns] of the images used for a verdict: rest before and tip after the contact.
+
+        The contact is that of the request, else the last moment of rest. If neither is known, it is the whole
+        window.
+        """
         start, end = request.window_start_ns, request.window_end_ns or self.newest_ns
         contact = request.contact_time_ns or self._last_rest_ns(start, end)
         if contact:
@@ -186,10 +207,11 @@ class Observer:
         return start, end
 
     def _last_rest_ns(self, start: int, end: int) -> int:
-        """Time [ns] of the last evaluated image with a marker at its position of rest; 0 if none was seen.
+        """Time [ns] of the last evaluated image in which a marker had not moved; 0 if none was seen.
 
-        Locates a contact that the striker did not measure. A strike by hand may take seconds: following the
-        marker through all of its images would take longer than a verdict may.
+        A marker has moved if a corner is more than `MOVED_PX` from where it was first seen between `start`
+        and `end` [ns]. This locates a contact that the striker did not measure. A strike by hand may take
+        seconds: following the marker through all of its images would take longer than a verdict may.
         """
         rest: dict[int | str, Any] = {}
         before = 0
