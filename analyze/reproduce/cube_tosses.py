@@ -1,9 +1,10 @@
 """Centre of mass c and inertia per mass I/m of a real cube from 400 tosses, by flight and by contact.
 
 Data: ContactNets (Pfrommer, Halm and Posa 2020). The cube slides on every contact, so that a fit about a
-fixed pivot fails: this tests the moment balance on real motion. Free flight gives c and, because g is known
-better than the file's unit of length, the true length of the file's metre. Edge and corner contacts give c
-and I/m; they use nothing of the flights but that length.
+fixed pivot fails: this tests the moment balance (contact forces have no moment about the line of contact) on
+real motion. Free flight gives c and, because g is known better than the file's unit of length, the true
+length of the file's metre. Edge and corner contacts give c and I/m; they use nothing of the flights but that
+length.
 """
 
 from __future__ import annotations
@@ -57,10 +58,12 @@ LEAST_FRAMES: Final = 9
 
 @dataclass(frozen=True)
 class Tosses:
-    """Recorded motions of the cube, in the file's unit of length."""
+    """Recorded motions of the cube, in the file's unit of length (its "metre")."""
 
     motions: tuple[BodyMotion, ...]
+    """Motion of each toss: poses of the cube by time."""
     path: Path
+    """File that they were read from."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +71,15 @@ class CubeAnswer:
     """Centre of mass and inertia per mass of the cube by three methods, in true lengths."""
 
     tosses: int
+    """Number of tosses."""
     frames: int
+    """Number of frames of all tosses."""
     flight: FlightBody
-    """`com` [m] is corrected for the file's metre; `gravity` is in the file's unit of length."""
+    """By free flight. `com` [m] is in true lengths; `gravity` is in the file's unit of length."""
     edges: BalancedBody
+    """By edge contact, inertia per mass included; lengths in m."""
     corners: BalancedBody
+    """By corner contact, inertia per mass included; lengths in m."""
     slides_m: tuple[float, float, float]
     """Quartiles of the distance [m] that an edge slid during one contact."""
     scale: float
@@ -92,10 +99,10 @@ class CubeAnswer:
 
 
 def read_tosses(path: Path) -> Tosses:
-    """Read the packed tosses (.npz).
+    """Read the packed tosses (.npz): their poses, at `FRAME_RATE_HZ`.
 
     Raises:
-        RecordingError: the file does not exist, or does not hold packed tosses.
+        RecordingError: the file does not exist, or does not contain packed tosses with valid poses.
     """
     if not path.is_file():
         raise RecordingError(
@@ -131,8 +138,18 @@ def read_tosses(path: Path) -> Tosses:
 def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | None = None) -> CubeAnswer:
     """Estimate c and the file's metre from flights, then c and I/m from edge and from corner contacts.
 
+    c is the centre of mass, I/m the inertia per mass about it. Errors that all tosses share (drag, the cube's
+    width, the file's metre) are included in the covariances.
+
+    Args:
+        tosses: recorded motions.
+        progress: called with (text, done, total); None for no reports.
+
+    Returns:
+        Estimates by flight, by edge contact and by corner contact, in true lengths.
+
     Raises:
-        EstimationError: there are too few flights or contacts.
+        EstimationError: there are too few flights or contacts, or they are too similar.
     """
 
     def report(text: str, done: int) -> None:
@@ -192,7 +209,16 @@ def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | N
 
 
 def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -> Array:
-    """Deviation from a parabola (k,) of points at `heights` (k,), all in the file's unit of length."""
+    """Deviation from a parabola in flight (k,) of points of the cube, in the file's unit of length.
+
+    It is the rms deviation, as the median over the quarter of flights with the largest rotation.
+
+    Args:
+        flown: flights.
+        flight: centre of mass and gravity by flight, in the file's unit of length.
+        heights: (k,) z of the points in the object frame O, in the file's unit; x and y are those of the
+            centre of mass.
+    """
     turned = [
         float(np.sum(np.linalg.norm(each.motion.angular_velocity, axis=1) * each.motion.dt)) for each in flown
     ]
@@ -204,12 +230,15 @@ def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -
 
 
 def with_scaled_positions(motion: BodyMotion, scale: float) -> BodyMotion:
-    """Motion with every position multiplied by `scale`."""
+    """Motion with every position multiplied by `scale`; the rotations stay as they are."""
     return replace(motion, position=motion.position * scale)
 
 
 def cube_corners(edge: float) -> Array:
-    """Corners (8, 3) [m] of a cube with edge length `edge` [m], in O."""
+    """Corners (8, 3) [m] of a cube with edge length `edge` [m], in the object frame O.
+
+    O's origin is the middle of the cube.
+    """
     return (
         0.5
         * edge
@@ -218,7 +247,13 @@ def cube_corners(edge: float) -> Array:
 
 
 def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
-    """Flights: stretches of the tosses in which all corners are clear of the table."""
+    """Flights: stretches of the tosses in which all corners are more than `CLEAR_M` above the table.
+
+    `FLIGHT_GUARD` frames next to an impact are cut off; a flight has more than `LEAST_FRAMES` frames left.
+
+    Args:
+        motions: motions of the tosses, in the file's unit of length.
+    """
     found: list[Flight] = []
     for number, motion in enumerate(motions):
         clear = _heights(motion, EDGE_M).min(axis=1) > CLEAR_M
@@ -232,7 +267,15 @@ def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
 
 
 def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
-    """Edge contacts: stretches in which the cube stands on one edge; `edge` is its width [m]."""
+    """Edge contacts: stretches in which both ends of one edge touch the table, and no other corner.
+
+    The ends are within `TOUCH_M` of the table, the others above `LIFTED_M`. `CONTACT_GUARD` frames are cut
+    off at both ends; a contact has at least `LEAST_FRAMES` frames left.
+
+    Args:
+        motions: motions of the tosses [m].
+        edge: width of the cube [m].
+    """
     corners = cube_corners(edge)
     pairs = [(a, b) for a, b in combinations(range(8), 2) if np.count_nonzero(corners[a] != corners[b]) == 1]
     found: list[Contact] = []
@@ -251,7 +294,15 @@ def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
 
 
 def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
-    """Stretches of frames in which one corner touches the table and all others are lifted."""
+    """Corner contacts: stretches in which one corner touches the table and all others are lifted.
+
+    The corner is below `CORNER_TOUCH_M`, the others are above `CORNER_LIFTED_M`. `CONTACT_GUARD` frames are
+    cut off at both ends; a contact has at least `LEAST_FRAMES` frames left.
+
+    Args:
+        motions: motions of the tosses [m].
+        edge: width of the cube [m].
+    """
     corners = cube_corners(edge)
     found: list[Contact] = []
     for number, motion in enumerate(motions):
@@ -268,19 +319,23 @@ def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]
 
 
 def _wider(contact: Contact, by: float) -> Contact:
-    """The same contact on a cube wider by `by` [m]."""
+    """Contact with its corner where it is on a cube wider by `by` [m]; the motion stays the same."""
     return replace(contact, corner=contact.corner * (1.0 + by / EDGE_M))
 
 
 def _entries(body: BalancedBody) -> Array:
-    """Centre of mass (3), inertia (6) and edge rounding (1), (10,), in the order of the covariance."""
+    """Numbers of a fitted body (10,), in the order of its covariance.
+
+    They are the centre of mass [m], the inertia per mass as xx, yy, zz, xy, xz, yz [m^2], and the edges'
+    rounding [m].
+    """
     inertia = body.inertia
     off = [inertia[0, 1], inertia[0, 2], inertia[1, 2]]
     return np.array([*body.com, *np.diag(inertia), *off, body.rounding])
 
 
 def _heights(motion: BodyMotion, edge: float) -> Array:
-    """Heights (n, 8) [m] of the corners above the table."""
+    """Heights (n, 8) of the cube's corners above the table, in the unit of `motion` and `edge`."""
     return motion.position[:, 2:] + motion.R_world_object[:, 2, :] @ cube_corners(edge).T
 
 
@@ -295,7 +350,11 @@ def _runs(true: Array) -> list[tuple[int, int]]:
 
 
 def answer_json(answer: CubeAnswer) -> dict[str, Any]:
-    """Answer as JSON values in SI units; 95 % intervals are the value ± 1.96 sd."""
+    """Centre of mass and inertia per mass by each method, as JSON values with units and 95 % intervals.
+
+    An interval is the value ± 1.96 sd. Lengths are in true metres, except for `gravity`, which is in the
+    file's unit of length.
+    """
 
     def quantity(value: Array, sd: Array, unit: str) -> dict[str, Any]:
         interval = [(value - SIGMAS_95 * sd).tolist(), (value + SIGMAS_95 * sd).tolist()]
@@ -337,7 +396,9 @@ def answer_json(answer: CubeAnswer) -> dict[str, Any]:
 
 
 def distance_sd(difference: Array, covariance: Array) -> float:
-    """Standard deviation [m] of the length of `difference` (3,), from its `covariance` (3, 3).
+    """Standard deviation [m] of the length of a vector `difference` (3,) [m].
+
+    It follows from the vector's `covariance` (3, 3) [m^2], along its direction.
 
     Raises:
         EstimationError: the difference is exactly zero: its length has no direction to take the variance

@@ -25,7 +25,17 @@ _VIEWS = ((0, 2, "x", "z"), (0, 1, "x", "y"))
 
 
 def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
-    """Print the table of the three methods, and the conclusions; intervals are 95 %."""
+    """Print the results by flight, edge contact and corner contact as a table, and the conclusions.
+
+    Intervals are 95 %.
+
+    Args:
+        answer: estimates of the cube.
+        console: where to print; None for standard output.
+
+    Raises:
+        EstimationError: the centres of mass by edge contact and by flight are exactly equal.
+    """
     console = console or Console(highlight=False)
     table = Table(
         title=f"{answer.tosses} tosses of a real cube, {1e3 * EDGE_M:.1f} mm, {MASS_KG:g} kg"
@@ -75,7 +85,11 @@ def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
 
 
 def cube_figure(answer: CubeAnswer) -> Figure:
-    """Figure of c in the cube by three methods, its height by flight alone, and the moments of inertia."""
+    """Figure of the cube's centre of mass c by three methods, and of its moments of inertia.
+
+    Four panels show c from the side and from above with 95 % ellipses, the deviation from a parabola in
+    flight over the height in the cube, and the moments of inertia per mass by edge and corner contact.
+    """
     with style():
         figure = Figure(figsize=(10.4, 3.4), layout="constrained")
         front, top, flight, moments = figure.subplots(1, 4, width_ratios=(1, 1, 1.15, 1))
@@ -148,7 +162,11 @@ def _moments(axes: Axes, answer: CubeAnswer) -> None:
 
 
 def _flight(axes: Axes, answer: CubeAnswer) -> None:
-    """Draw the deviation of body points from a parabola in flight, which is smallest at c."""
+    """Draw the deviation of points of the cube from a parabola in flight, over their height.
+
+    The deviation is smallest at the centre of mass; its height by each method is marked with its 95 %
+    interval.
+    """
     axes.plot(1e3 * answer.heights, 1e3 * answer.off_parabola, color=ORANGE, lw=1.6)
     for name, colour, body in _methods(answer):
         height, half = 1e3 * float(body.com[2]), SIGMAS_95 * 1e3 * float(body.com_sd[2])

@@ -39,7 +39,14 @@ TIME = "Most of the time is spent on sampling the dividing plane, in one thread;
 
 
 def masses_bound(records: Sequence[SessionRecord], condition: Condition) -> str:
-    """Sentence on why the error of the region masses is not smaller; "" if no session has region masses."""
+    """Sentences on why the error of the region masses is not smaller; "" if no session has region masses.
+
+    The regions are the shell and the interior's two parts, above and below a dividing plane.
+
+    Args:
+        records: results of the sessions.
+        condition: calibration under which they were analysed.
+    """
     pairs = scores.answers(records, condition, paper=False)
     off: dict[str, list[float]] = {}
     for answer, record in pairs:
@@ -76,7 +83,15 @@ def masses_bound(records: Sequence[SessionRecord], condition: Condition) -> str:
 
 
 def naive_bound(name: str, records: Sequence[SessionRecord]) -> str:
-    """Sentence on why the region masses of an object are not much better than the best naive answer."""
+    """Sentences on why an object's region masses are not much better than the best naive answer.
+
+    A naive answer assumes the distribution, for example all mass in the shell. The text is "" without
+    records.
+
+    Args:
+        name: name of the object.
+        records: results of the sessions on this object.
+    """
     if not records:
         return ""
     best = 100 * float(np.mean([scores.best_naive(record) for record in records]))

@@ -1,4 +1,7 @@
-"""The paper's own method (sections 3.2 and 3.3) on a session's strikes, with our edges and theta(t)."""
+"""The paper's own method (sections 3.2 and 3.3) on a session's strikes, with our edges and theta(t).
+
+theta is the tipping angle.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PaperAnswer:
-    """Result of the paper's method from one round: one strike per axis."""
+    """Result of the paper's method from one round: one strike on each axis (pivot edge)."""
 
     com: Array
     """Centre of mass (3,) [m] in O."""
@@ -28,8 +31,11 @@ class PaperAnswer:
     left_out: dict[str, float]
     """Fraction of stage two's frames that eq. (5) leaves out, by axis id."""
     regions: PaperRegions | None
-    """Region masses; None if no dividing plane and no I within dI gives three positive masses with the right
-    sum."""
+    """Masses of shell, upper and lower part; None without a solution.
+
+    There is none if no moment about an edge is known, or if no dividing plane and no I within dI gives three
+    positive masses with the right sum.
+    """
 
 
 @dataclass(frozen=True)
@@ -40,11 +46,13 @@ class _Struck:
 
 
 def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
-    """Results of the paper's method, one per round: the first strikes on all axes, the second, and so on.
+    """Results of the paper's method, one per round: first strikes on all axes, second strikes, and so on.
 
-    The paper's tables list its results by such rounds. Angles are those of the sign change of the
-    acceleration; strikes that rocked back have none. I follows (VISAPP 2013, eq. 5), with R to the paper's
-    own centre of mass, which also selects the regions.
+    The paper's tables list its results by such rounds. Only strikes that tipped over count; the axis with the
+    fewest sets the number of rounds, and the list is empty without any. The balance angle of a strike is that
+    at the sign change of the angular acceleration. I about the edge follows by VISAPP 2013, eq. 5, with the
+    distance R of the edge from the paper's own centre of mass, with which the region masses are computed as
+    well.
     """
     by_axis = _by_axis(estimate)
     rounds = min((len(each) for each in by_axis.values()), default=0)
@@ -52,7 +60,10 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
 
 
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
-    """Strikes that tipped over, by axis; axes without one are left out."""
+    """Strikes that tipped over, with their fit by sign change of the acceleration, by id of the axis.
+
+    Axes without such a strike are left out.
+    """
     evidence = estimate.evidence
     found: dict[str, list[_Struck]] = {}
     for motion in evidence.motions:
@@ -79,12 +90,27 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
 def regions_at(
     planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], estimate: Estimate
 ) -> PaperRegions | None:
-    """Region masses (VISAPP 2013, eqs. 8, 9) from c (3,) [m] and moments about the edges [kg m^2]."""
+    """The paper's region masses (VISAPP 2013, eqs. 8, 9) for a given centre of mass and moments.
+
+    Args:
+        planes: equi-planes (through pivot line and centre of mass), one per axis, for their pivot lines.
+        com: (3,) centre of mass in the object frame O [m].
+        i_edge: moment of inertia about the edge [kg m^2] by axis id.
+        estimate: estimate of the session, for mass and cells of the body.
+
+    Returns:
+        The masses with their dividing plane; None if `i_edge` is empty or there is no solution with positive
+        masses.
+    """
     return paper_regions(planes, com, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
 
 
 def refuse_without_tips(estimate: Estimate, name: str) -> None:
     """Refuse a session without a strike that tipped over: the paper's method has no angle then.
+
+    Args:
+        estimate: estimate of the session.
+        name: name of the session, for the message.
 
     Raises:
         EstimationError: no strike tipped over.

@@ -35,7 +35,10 @@ _PHASE_WORDS = {
 
 
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 6: theta, omega and alpha of one strike, with its phases; None if no session has a profile."""
+    """Figure 6: angle theta, rate omega and acceleration alpha of one tipping object over time.
+
+    None if no session planned by our method has such a profile.
+    """
     profile = next(
         (record.profile for record in scores.with_our_plan(records) if record.profile is not None), None
     )
@@ -72,7 +75,15 @@ def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> None:
-    """Draw the phases as bands in all panels, their names above, and the times t1 to t3 as lines."""
+    """Draw the phases as bands in all panels, their names above, and the times t1 to t3 as lines.
+
+    t1 is the end of the strike, t2 the balance and t3 the landing.
+
+    Args:
+        panels: panels of the figure, from the top.
+        profile: motion with its phases.
+        seconds: (n,) times of the frames [s].
+    """
     for name in PHASE_NAMES:
         if (span := profile.phases.get(name)) is None:
             continue
@@ -100,7 +111,10 @@ def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> No
 
 
 def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 9(a): error of the equi-plane's angle for each strike on the carton; None without strikes."""
+    """Figure 9(a): error of the balance angle of each strike that tipped the carton over.
+
+    Both methods are shown. None without such a strike.
+    """
     angles = [
         angle
         for record in scores.with_our_plan(records)
@@ -133,7 +147,10 @@ def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 9(b, c): error of c over angle noise, and of the region masses over noise of the moments."""
+    """Figure 9(b, c): errors of c over noise of angles, and of region masses over noise of moments.
+
+    c is the centre of mass. None if no session was analysed with both kinds of noise.
+    """
     mine = scores.with_our_plan(records)
     com = [row for record in mine if record.moment_noise for row in record.angle_noise]
     masses = [row for record in mine for row in record.moment_noise]
@@ -156,7 +173,10 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 10: errors of c and of the region masses over the noise of the scan."""
+    """Figure 10: errors of the centre of mass c and of the region masses over the noise of the scan.
+
+    None if no session was analysed with a noisy scan.
+    """
     mine = scores.with_our_plan(records)
     com, masses = (
         [row for r in mine for row in r.scan_noise_com],
@@ -181,7 +201,14 @@ def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: float) -> None:
-    """Draw median and central two thirds over the noise level, for both methods."""
+    """Draw the median and the central two thirds of an error over the noise level, for both methods.
+
+    Args:
+        axes: panel to draw in.
+        rows: errors at each level, of all sessions.
+        scale_x: factor on the levels.
+        scale_y: factor on the errors.
+    """
     sides: tuple[tuple[str, str, Callable[[Sensitivity], list[float | None]]], ...] = (
         ("the paper's method", ORANGE, lambda row: row.paper),
         ("ours", BLUE, lambda row: row.ours),
@@ -206,7 +233,10 @@ def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: flo
 
 
 def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 11: every result of both metrics with its mean, next to the paper's published results."""
+    """Figure 11: every error of c and of the region masses with its mean, next to the published ones.
+
+    c is the centre of mass. None if there is no session on the paper's objects, planned by our method.
+    """
     mine = scores.on_paper_objects(scores.with_our_plan(records))
     if not mine:
         return None
@@ -269,7 +299,10 @@ def _metrics(records: Sequence[SessionRecord], condition: Condition, *, paper: b
 
 
 def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 12: each object's silhouette with true and estimated c, and a slice of estimated regions."""
+    """Figure 12: each object's silhouette with true and estimated c, errors of c, and regions.
+
+    c is the centre of mass. None if there is no session planned by our method.
+    """
     mine = scores.with_our_plan(records)
     names = [
         name
@@ -294,7 +327,7 @@ def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
-    """Draw the silhouette with true and estimated c of all sessions."""
+    """Draw an object's silhouette with the true and estimated centres of mass of all its sessions."""
     section = records[0].section
     if section is not None:
         axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor=BODY, edgecolor=INK, lw=0.9))
@@ -316,7 +349,7 @@ def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 
 
 def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
-    """Draw the errors of c in a close-up; larger errors are clipped to the axes' limits."""
+    """Draw the errors in x and z of the centre of mass in a close-up; larger ones lie on its border."""
     for mark, colour, paper in (("D", ORANGE, True), ("o", BLUE, False)):
         off = [
             np.subtract(a.com_m, r.true_com_m)[[0, 2]]
@@ -333,7 +366,10 @@ def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 
 
 def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
-    """Draw the slice of estimated regions; cells in a wrong region are red."""
+    """Draw a slice of the estimated regions, red where the ground truth differs, with their masses [g].
+
+    The panel stays empty if the record has no slice.
+    """
     section = record.section
     plain(axes)
     axes.set_xticks([])

@@ -1,10 +1,11 @@
 """Random calibration errors applied to the strikes of a session.
 
-The evidence is then that of a rig and a scan known less precisely. The errors change phi, k and the edges.
-Their standard deviations replace the rig's own, while their values stay hidden from the estimators. All
-strikes of one session share one tilt, one mass and one mean edge radius; all strikes of one axis share one
-edge and its k. Errors that every estimate allows for (air drag, an edge rounder than the others) are drawn as
-well, so that the ratio of error to stated sd can reach 1.
+The evidence is then that of a rig and a scan known less precisely. The errors change the balance angle phi
+and the rate constant k of the strikes, the edges and the mass. The standard deviations of tilt, mass and
+edges replace the stated ones, while the values stay hidden from the estimators. All strikes of one session
+share one tilt, one mass and one mean edge radius; all strikes of one axis share one edge and its k. Errors
+that every estimate allows for (air drag, an edge rounder than the others) are drawn as well, so that the
+ratio of error to stated sd can reach 1.
 """
 
 from __future__ import annotations
@@ -41,11 +42,17 @@ MIN_EDGE_RADIUS_M = 1e-4
 
 
 def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evidence:
-    """Evidence with calibration errors drawn and their sd stated (docs/explanation/method.md, Targets).
+    """Evidence with calibration errors drawn and their standard deviations stated.
+
+    Evidence is the fitted motions of all strikes, with object and plan. The errors are those of
+    docs/explanation/method.md, Targets.
 
     Args:
-        evidence: strikes of one recording on a well calibrated rig.
+        evidence: strikes of one recording on a well calibrated rig; it is not changed.
         rng: generator that draws the errors.
+
+    Returns:
+        The evidence with changed fits, edges and mass.
     """
     tilt = rng.normal(0.0, TILT_SD, 2)
     rounding = float(rng.normal(0.0, RADIUS_SD))
@@ -84,7 +91,10 @@ def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evi
 
 
 def _changed(motion: TipMotion, phi_error: float, k_factor: float) -> TipMotion:
-    """Motion with `phi_error` [rad] added to its phi and its k multiplied by `k_factor`."""
+    """Motion with `phi_error` [rad] added to phi and k multiplied by `k_factor`, in all its fits.
+
+    phi is the balance angle, k the rate constant of the tip; a k that is None stays None.
+    """
 
     def changed(fit: MotionFit) -> MotionFit:
         return replace(fit, phi=fit.phi + phi_error, k=None if fit.k is None else fit.k * k_factor)
@@ -97,7 +107,16 @@ def _changed(motion: TipMotion, phi_error: float, k_factor: float) -> TipMotion:
 
 
 def _edge_moved(strike: PlannedStrike, rounding: float, shift: Array) -> PlannedStrike:
-    """Strike with `rounding` [m] added to its edge radius and its edge moved by `shift` (2,) [m]."""
+    """Strike with a changed radius and place of its pivot edge.
+
+    The radius is at least `MIN_EDGE_RADIUS_M`. A larger one moves the centre line of the rounding up and
+    against the tip by as much. The stated sd of the place becomes `SCAN_SD`.
+
+    Args:
+        strike: the planned strike.
+        rounding: length added to the edge's radius [m].
+        shift: (2,) shift of the edge in the direction of the tip, and up [m].
+    """
     R = np.array(strike.R_world_object)
     tip, up = R[0], R[2]
     radius = max(strike.pivot.radius_m + rounding, MIN_EDGE_RADIUS_M)

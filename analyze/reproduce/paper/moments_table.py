@@ -1,4 +1,4 @@
-"""Table of moments about the edges: by the paper's eq. (5), by its corrected I (3.3.2), and by ours."""
+"""Table of the moments about the edges: by the paper's eq. (5), as its 3.3.2 corrects them, and ours."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from analyze.reproduce.paper.tables import Column, Table, Value, objects_of
 
 
 def moments_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of moments with one row per object and axis, with exact calibration."""
+    """Table of the errors of the moments about the edges, one row per object and axis (pivot edge).
+
+    Calibration is exact; only sessions planned by our method count.
+    """
     ours = scores.with_our_plan(records)
     rows: list[tuple[Value, ...]] = []
     for name in objects_of(ours):
@@ -78,7 +81,7 @@ def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[Axis
 
 
 def _median_and_worst(off: Sequence[float]) -> tuple[float | None, float | None]:
-    """Median and maximum of the absolute values [%]; (None, None) without values."""
+    """Median and maximum [%] of the absolute values of relative errors; (None, None) without any."""
     if not off:
         return None, None
     return 100 * float(np.median(np.abs(off))), 100 * float(np.max(np.abs(off)))

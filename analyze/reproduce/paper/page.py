@@ -96,7 +96,14 @@ _FIGURES: tuple[tuple[Callable[[Sequence[SessionRecord]], Figure | None], str, s
 
 
 def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
-    """Write `index.html` and one CSV file per table and sweep into `folder`.
+    """Write `index.html`, and one CSV file per table and per figure panel with data, into `folder`.
+
+    Args:
+        records: results of the sessions.
+        folder: existing folder.
+
+    Returns:
+        Path of the page.
 
     Raises:
         OutputError: a file cannot be written.
@@ -115,7 +122,12 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
 
 
 def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> str:
-    """Page as HTML text."""
+    """Page with summary, targets, tables and figures, as HTML text.
+
+    Args:
+        records: results of the sessions.
+        tables: tables in the order of the page.
+    """
     environment = page_environment()
     environment.filters["cell"] = _cell
     figures = [(make(records), title, caption) for make, title, caption in _FIGURES]
@@ -139,7 +151,10 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
 
 
 def summary(records: Sequence[SessionRecord]) -> str:
-    """Summary in three sentences: errors of c and of the region masses, and the targets missed."""
+    """Summary in three sentences: error of the centre of mass, of the region masses, and targets missed.
+
+    Without a session on the paper's objects it is one sentence, which states this.
+    """
     lines = {each.quantity: each for each in targets(records)}
     not_reached = [each.quantity for each in lines.values() if each.verdict == "missed"]
     exact = next(each for name, each in lines.items() if "calibration exact" in name)
@@ -158,7 +173,7 @@ def summary(records: Sequence[SessionRecord]) -> str:
 
 
 def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequence[Sequence[Value]]]]:
-    """Data of the figures as (file name, headings, rows)."""
+    """Data of the figures for CSV files, as (file name without suffix, headings, rows) each."""
     mine = scores.with_our_plan(records)
     found: list[tuple[str, list[str], Sequence[Sequence[Value]]]] = []
     profile = next((record.profile for record in mine if record.profile is not None), None)
@@ -231,7 +246,11 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
 
 
 def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
-    """Rows of all dots of Fig. 11; the published results of c and of masses are separate rows."""
+    """Rows of all dots of Fig. 11: object, seed, calibration, method, error of c [m], and paper's metric.
+
+    c is the centre of mass. The published results of c and of the region masses are separate rows; a value
+    that a row does not have is None.
+    """
     rows: list[tuple[Value, ...]] = [
         (each.object, None, None, "published", each.distance_m, None) for each in published_centres()
     ]

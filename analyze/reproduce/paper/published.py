@@ -1,4 +1,7 @@
-"""The paper's Tables 1 and 2, with errors recomputed: some printed ones do not follow from its values."""
+"""The paper's Tables 1 and 2, with errors recomputed from its coordinates and masses.
+
+Some printed errors do not follow from these values.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ juice bottle's."""
 
 @dataclass(frozen=True)
 class PublishedCentre:
-    """One result of Table 1."""
+    """One result of the paper's Table 1: error of a centre of mass."""
 
     object: str
     """Name of its virtual counterpart."""
@@ -37,18 +40,18 @@ class PublishedCentre:
 
 @dataclass(frozen=True)
 class PublishedMasses:
-    """One result of Table 2."""
+    """One result of the paper's Table 2: error of the masses of shell, upper and lower part."""
 
     object: str
     """Name of its virtual counterpart."""
     metric: float
-    """Mean over the regions of |dm| / M."""
+    """Mean over the regions of the absolute error of the mass, over the total mass."""
     misplaced: float
-    """Sum over the regions of |dm| / 2M."""
+    """Sum over the regions of the absolute error of the mass, over twice the total mass."""
 
 
 def published_centres() -> list[PublishedCentre]:
-    """The nine results of Table 1."""
+    """The nine results of the paper's Table 1 (centre of mass), in its order."""
     found: list[PublishedCentre] = []
     reference = np.zeros(3)
     for row in _rows("table1_centre_of_mass.csv"):
@@ -63,7 +66,7 @@ def published_centres() -> list[PublishedCentre]:
 
 
 def published_masses() -> list[PublishedMasses]:
-    """The nine results of Table 2."""
+    """The nine results of the paper's Table 2 (region masses), in its order."""
     found: list[PublishedMasses] = []
     reference = np.zeros(3)
     for row in _rows("table2_mass_distribution.csv"):
@@ -82,7 +85,10 @@ def published_masses() -> list[PublishedMasses]:
 
 
 def volume_ratio(distance: float, volume: float) -> float:
-    """The paper's metric of c: volume of a sphere of radius `distance`, over `volume` (consistent units)."""
+    """The paper's error of a centre of mass: volume of a sphere of radius `distance`, over `volume`.
+
+    Both are in the same unit of length.
+    """
     return 4 / 3 * np.pi * distance**3 / volume
 
 

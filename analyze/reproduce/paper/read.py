@@ -1,4 +1,4 @@
-"""Session record of a virtual rig's recording; the estimate does not see the ground truth."""
+"""Session record of a virtual rig's recording; the estimate does not use the ground truth."""
 
 from __future__ import annotations
 
@@ -16,10 +16,17 @@ if TYPE_CHECKING:
 
 
 def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:
-    """Analyse one recording into the record that tables and figures are made from.
+    """Analyse one recording of the virtual rig into the record that tables and figures are made from.
+
+    Args:
+        path: recording with ground truth.
+        progress: called with (text, done, total).
 
     Raises:
-        RecordingError: the recording cannot be read, or holds no ground truth.
+        RecordingError: the recording cannot be read, or contains no ground truth.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+        TrackingError: no marker can be tracked.
         EstimationError: too few strikes can be used, or none tipped over.
     """
     head = read_head(path)

@@ -26,25 +26,34 @@ class Condition(enum.StrEnum):
     EXACT = "exact"
     """The rig's calibration as recorded."""
     DRAWN = "drawn"
-    """Calibration errors drawn, and their sd stated: see miscalibrated.py."""
+    """Random calibration errors applied, and their sd stated to the estimators (miscalibrated.py)."""
 
 
 class ThetaSource(enum.StrEnum):
-    """Origin of theta(t): tracked in rendered images, or simulated with the camera's noise."""
+    """Origin of the tipping angle theta(t)."""
 
     IMAGES = "images"
+    """Tracked in rendered images."""
     SIMULATED = "simulated theta(t)"
+    """Simulated with the camera's noise, without images."""
 
 
 class AxisMoment(Document):
-    """Errors of the moments of inertia of one pivot axis, relative to the ground truth."""
+    """Errors of the moments of inertia of one pivot axis, relative to the ground truth.
+
+    `edge` stands for the moment about the edge, `com` for that about the parallel axis through the centre of
+    mass. R is the distance of the centre of mass from the pivot line.
+    """
 
     axis_id: str
+    """Id of the axis in the plan."""
     distance_m: float = Field(description="R, ground truth")
     i_edge_off: float = Field(description="relative error")
     i_edge_sd: float = Field(description="relative, as estimated")
     i_com_off: float
+    """Relative error."""
     i_com_sd: float
+    """Relative sd, as estimated; 0 for the paper's method, which states none."""
     i_edge_kg_m2: float | None = Field(default=None, description="ground truth")
     corrected_off: float | None = Field(
         default=None, description="relative error of the paper's corrected I about the edge (3.3.2)"
@@ -61,62 +70,88 @@ class MethodAnswer(Document):
     """
 
     com_m: Vector3
+    """Centre of mass in O [m]."""
     com_covariance_m2: Matrix3 | None = None
+    """Its covariance; None for the paper's method."""
     masses_kg: Vector3 | None = None
+    """Region masses; None if the method found none."""
     masses_sd_kg: Vector3 | None = None
+    """Their standard deviations; None for the paper's method."""
     masses_low_kg: Vector3 | None = None
+    """Lower limits of their 95 % intervals; None for the paper's method."""
     masses_high_kg: Vector3 | None = None
+    """Upper limits of their 95 % intervals; None for the paper's method."""
     moments: list[AxisMoment] = Field(default=[])
+    """Errors of the moments of inertia, one entry per axis."""
 
 
 class Angle(Document):
-    """Angle phi of one strike's equi-plane, ground truth and estimates."""
+    """Balance angle phi of one strike: ground truth and estimates."""
 
     axis_id: str
+    """Id of the strike's pivot axis."""
     strike_id: str
+    """Id of the strike."""
     true_rad: float
     ours_rad: float
     ours_sd_rad: float
+    """Standard deviation that our estimate states."""
     paper_rad: float | None
+    """Angle at the sign change of the acceleration; None if the object did not tip over."""
     frame_residual_rad: float = Field(description="rms of theta(t) minus its fit")
 
 
 class Sensitivity(Document):
-    """Errors of a result at one level of an input's error."""
+    """Errors of a result at one level of noise of an input."""
 
     level: float = Field(description="degrees, relative, or metres")
     ours: list[float | None]
+    """Errors by our method, one per draw of the noise; None where it has no result."""
     paper: list[float | None]
+    """Errors by the paper's method, one per draw of the noise; None where it has no result."""
 
 
 class Profile(Document):
-    """theta(t) of one strike and its derivatives (paper, Fig. 6)."""
+    """Tipping angle theta(t) of one strike and its derivatives (paper, Fig. 6), by frame."""
 
     time_s: list[float]
+    """Time since the fit's first frame."""
     theta_rad: list[float]
     rate_rad_s: list[float]
     acceleration_rad_s2: list[float]
     phases: dict[str, tuple[int, int]]
+    """Ranges [start, stop) of frames by name of the phase."""
     phi_rad: float
+    """Balance angle by our fit."""
     phi_true_rad: float
+    """Balance angle, ground truth."""
 
 
 class Section(Document):
-    """Silhouette, and the regions in a slice through c, in x and z of O (paper, Fig. 12)."""
+    """Silhouette of the object, and its regions in a slice through c, in x and z of O (paper, Fig. 12).
+
+    O is the object frame. c is the estimated centre of mass. A region is 0 for the shell, 1 for the upper
+    part and 2 for the lower part.
+    """
 
     outline_m: list[tuple[float, float]]
+    """Corners (x, z) of the convex outline."""
     points_m: list[tuple[float, float]]
+    """Middles (x, z) of the slice's cells."""
     ours: list[int]
+    """Estimated region of each cell."""
     true: list[int]
+    """True region of each cell."""
 
 
 class OwnChoice(Document):
-    """Centre of mass from the paper's own three strikes, given angles without error."""
+    """Centre of mass from the strikes that the paper's planner chooses, given angles without error."""
 
     refused: str | None = Field(
         default=None, description="reason why the paper's planner has no strikes; null if it has"
     )
     axes: int = 0
+    """Number of axes struck."""
     spread: float = Field(
         default=0.0, description="least singular value of the unit normals, over the root of their number"
     )
@@ -125,29 +160,46 @@ class OwnChoice(Document):
     )
     friction_needed: float = Field(default=0.0, description="least friction coefficient without sliding")
     paper_off_m: float | None = None
+    """Distance of the centre of mass by the paper's method from the true one."""
     ours_off_m: float | None = None
+    """Distance of the centre of mass by our method from the true one."""
     ours_sd_m: float | None = None
+    """Standard deviation of the distance that our method states."""
     ours_observed: bool = False
+    """True if our method reports all directions as observed."""
 
 
 class SessionRecord(Document):
     """Ground truth and estimates of one session on one object."""
 
     object: str
+    """Name of the object."""
     seed: int
+    """Seed of the virtual session."""
     source: ThetaSource
+    """Origin of the tipping angles."""
     method: PlanMethod
+    """Method by which the strikes were planned."""
     strikes: int
+    """Number of strikes used."""
     axes: int
+    """Number of pivot axes among them."""
     singular: bool = Field(description="true if a direction of c is not observable")
     mass_kg: float
+    """True mass."""
     volume_m3: float
+    """Volume of the shape."""
     centroid_m: Vector3
+    """Centroid of the volume in O."""
     true_com_m: Vector3
+    """True centre of mass in O."""
     true_masses_kg: Vector3
+    """True masses of shell, upper and lower part."""
     cpu_s: float = Field(description="CPU time from phi and k to all results, one core")
     angles: list[Angle]
+    """Balance angle of each strike used."""
     ours: dict[Condition, MethodAnswer]
+    """Our answer by condition."""
     paper: dict[Condition, list[MethodAnswer]] = Field(
         description="one answer per round of strikes, as in the paper's tables"
     )
@@ -161,30 +213,38 @@ class SessionRecord(Document):
         default=[], description="region masses' metric over scan noise [m]"
     )
     own_choice: OwnChoice | None = None
+    """Result from the strikes of the paper's own planner; None in older records."""
     profile: Profile | None = None
+    """Motion of one strike for Fig. 6; None for most objects."""
     section: Section | None = None
+    """Silhouette and slice for Fig. 12; None in older records."""
 
     @field_validator("naive_kg", mode="before")
     @classmethod
     def _current_names(cls, value: object) -> object:
-        """Rename naive answers of older records, so that their sessions need not be recorded again."""
+        """Replace the names of naive answers in older records by the present ones.
+
+        Their sessions need not be recorded again then. A value that is not a dictionary is returned as it is.
+        """
         if not isinstance(value, dict):
             return value
         return {_FORMER_NAIVE_NAMES.get(name, name): masses for name, masses in value.items()}
 
     @property
     def name(self) -> str:
-        """Name of the record's file, without suffix."""
+        """Name of the record's file, without suffix: object, planner if the paper's, seed, and source."""
         planned = "" if self.method is PlanMethod.OURS else "-paper"
         simulated = "" if self.source is ThetaSource.IMAGES else "-simulated"
         return f"{self.object}{planned}-{self.seed}{simulated}"
 
 
 def read_records(folder: Path) -> list[SessionRecord]:
-    """Read all session records of a folder, in the order of their file names.
+    """Read all session records (JSON) of a folder, in the order of their file names.
+
+    The list is empty if the folder contains none.
 
     Raises:
-        RecordingError: a file is not a session record.
+        RecordingError: a file cannot be read or is not a session record.
     """
     found: list[SessionRecord] = []
     for path in sorted(folder.glob("*.json")):

@@ -37,16 +37,20 @@ SAME_EDGE_COSINE = np.cos(np.radians(15.0))
 def errors_over_scan_noise(
     evidence: Evidence, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
 ) -> tuple[list[Sensitivity], list[Sensitivity]]:
-    """Error of c [m] and metric of the region masses, each over the largest shift [m] of a scanned point.
+    """Errors of c and of the region masses over the noise of a scan that replaces the shape.
 
-    Both are given for our method, and for the paper's method with our edges. An entry is None if too few
-    strikes are left whose edge the scan has.
+    c is the centre of mass. Both errors are given for our method, and for the paper's method with our edges.
 
     Args:
         evidence: strikes of the session.
         body: ground truth.
         levels: largest shifts [m]; each point is moved by up to this distance in a random direction.
         rng: generator that draws points and shifts.
+
+    Returns:
+        Distance of c from the true one [m], and the mean error of a region's mass over the total mass, one
+        entry per level each. A value is None if the scan cannot be used, or if too few strikes are left whose
+        edge it has.
     """
     com, masses = [], []
     for level in levels:
@@ -59,7 +63,11 @@ def errors_over_scan_noise(
 def _scored(
     evidence: Evidence | None, body: pb.TruthBody
 ) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
-    """Errors of c [m] and metrics of the region masses, each as (ours, paper); None without an estimate."""
+    """Errors of c [m] and metrics of the region masses, as (ours, paper) each; None without an estimate.
+
+    c is the centre of mass; the metric is the mean error of a region's mass over the total mass. The paper's
+    method is scored by its first round of strikes.
+    """
     try:
         estimate = None if evidence is None else estimate_evidence(evidence)
     except AnalyzeError:
@@ -85,7 +93,15 @@ def _scored(
 
 
 def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evidence | None:
-    """Evidence with a noisy scan as shape, and the strikes on edges it has; None if the scan is unusable."""
+    """Evidence with a noisy scan as shape, and only the strikes whose edge the scan has.
+
+    Evidence is the fitted motions of the strikes, with object and plan. None if the scan cannot be used.
+
+    Args:
+        evidence: strikes of the session.
+        noise: largest shift of a scanned point [m].
+        rng: generator that draws points and shifts.
+    """
     points = noisy_cloud(evidence.model, noise, rng)
     text = "\n".join(" ".join(f"{value:.7f}" for value in point) for point in points)
     spec = evidence.spec.model_copy(update={"shape": Shape.model_validate({"file": "scan.xyz", "unit": "m"})})
@@ -108,7 +124,10 @@ def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evid
 
 
 def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> Array:
-    """Points (n, 3) [m] uniform over the surface, each moved by up to `noise` [m] in a random direction."""
+    """Points (n, 3) [m] in O, drawn uniformly over the surface and moved at random; n is `POINTS`.
+
+    O is the object frame. Each is moved by up to `noise` [m] in a random direction.
+    """
     corners = model.vertices[model.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     chosen = corners[rng.choice(len(corners), POINTS, p=area / area.sum())]
@@ -120,7 +139,11 @@ def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> A
 
 
 def _on_scanned_edge(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | None:
-    """Strike whose pivot is the corresponding edge of the scan; None if the scan has no such edge."""
+    """Strike whose pivot is the corresponding edge of the scan; None if the scan has no such edge.
+
+    An edge corresponds if its direction and the normal of its resting face are within 15 degrees of the
+    strike's; of several, the nearest is taken.
+    """
     R = np.array(strike.R_world_object)
     point = np.array(strike.pivot.point)
     alike = [axis for axis in axes if min(axis.direction @ R[1], axis.plane.up @ R[2]) > SAME_EDGE_COSINE]

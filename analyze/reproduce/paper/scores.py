@@ -25,7 +25,7 @@ def with_our_plan(records: Iterable[SessionRecord]) -> list[SessionRecord]:
 
 
 def on_paper_objects(records: Iterable[SessionRecord]) -> list[SessionRecord]:
-    """Sessions on the paper's four objects, each a shell and two uniform parts."""
+    """Sessions on the paper's four objects, each of which is a shell and two uniform parts."""
     return [record for record in records if record.object in OBJECTS]
 
 
@@ -35,52 +35,86 @@ def on_other_objects(records: Iterable[SessionRecord]) -> list[SessionRecord]:
 
 
 def distance(answer: MethodAnswer, record: SessionRecord) -> float:
-    """Distance [m] of the estimated c from the true c."""
+    """Distance [m] of the estimated centre of mass from the true one."""
     return float(np.linalg.norm(np.subtract(answer.com_m, record.true_com_m)))
 
 
 def metric(masses: Sequence[float], record: SessionRecord) -> float:
-    """The paper's metric of region masses: mean of |dm| / M over the regions."""
+    """The paper's metric of region masses: mean absolute error of a region's mass, over the total mass.
+
+    Args:
+        masses: estimated masses of shell, upper and lower part [kg].
+        record: session, with the true masses.
+    """
     return float(np.abs(np.subtract(masses, record.true_masses_kg)).mean() / record.mass_kg)
 
 
 def mass_in_wrong_region(masses: Sequence[float], record: SessionRecord) -> float:
-    """Fraction of the mass M that is attributed to a wrong region."""
+    """Fraction of the total mass that is attributed to a wrong region.
+
+    It is half the sum of the absolute errors over the total mass.
+
+    Args:
+        masses: estimated masses of shell, upper and lower part [kg].
+        record: session, with the true masses.
+    """
     return float(np.abs(np.subtract(masses, record.true_masses_kg)).sum() / 2 / record.mass_kg)
 
 
 def answers(
     records: Iterable[SessionRecord], condition: Condition, *, paper: bool
 ) -> Iterator[tuple[MethodAnswer, SessionRecord]]:
-    """Answers with their sessions: ours of each session, or with `paper` the paper's of each round."""
+    """Yield answers with their sessions: ours of each session, or the paper's of each round of strikes.
+
+    Args:
+        records: sessions.
+        condition: calibration under which they were analysed.
+        paper: True for the answers of the paper's method, False for ours.
+    """
     for record in records:
         for answer in record.paper.get(condition, []) if paper else [record.ours[condition]]:
             yield answer, record
 
 
 def best_naive(record: SessionRecord) -> float:
-    """The paper's metric of the best naive answer."""
+    """The paper's metric of the best naive answer.
+
+    The metric is the mean absolute error of a region's mass over the total mass. A naive answer assumes the
+    distribution, for example all mass in the shell.
+    """
     return min(metric(masses, record) for masses in record.naive_kg.values())
 
 
 @dataclass(frozen=True)
 class Standardised:
-    """Errors of one quantity over their stated sd."""
+    """Errors of one quantity over their stated standard deviations (sd), of many sessions."""
 
     name: str
+    """Name of the quantity."""
     scores: Array
     """(n,) error over stated sd."""
     held: Array
-    """(m,) 1 where the 95 % interval holds the true value, else 0."""
+    """(m,) 1 where the 95 % interval contains the true value, else 0; m may exceed n."""
 
     @property
     def scatter(self) -> float:
-        """Root mean square of error over stated sd; 1 if the stated sd is right."""
+        """Root mean square of error over stated sd: 1 if the stated sd is right; NaN without errors."""
         return float(np.sqrt(np.mean(self.scores**2)))
 
 
 def standardised(records: Sequence[SessionRecord], condition: Condition) -> list[Standardised]:
-    """Standardised errors of c, moments and region masses; c's is the Mahalanobis distance over root 3."""
+    """Errors over stated sd of our centre of mass, moments of inertia and region masses.
+
+    The moments are those about the edge and about the centre of mass. The error of the centre of mass is the
+    Mahalanobis distance over the root of 3. Region masses are those of the paper's four objects.
+
+    Args:
+        records: sessions.
+        condition: calibration under which they were analysed.
+
+    Returns:
+        One entry per quantity, four in all.
+    """
     centre: list[float] = []
     edge: list[float] = []
     about_com: list[float] = []
@@ -101,7 +135,16 @@ def standardised(records: Sequence[SessionRecord], condition: Condition) -> list
 
 
 def standardised_masses(records: Iterable[SessionRecord], condition: Condition, name: str) -> Standardised:
-    """Standardised errors of the region masses above their lower bound; coverage counts all regions."""
+    """Errors over stated sd of our region masses, and whether the 95 % intervals hold the true masses.
+
+    A region that is truly empty (below `EMPTY_REGION_FRACTION` of the total mass) has no error here, since
+    its mass is at its lower bound, zero; its interval counts all the same.
+
+    Args:
+        records: sessions.
+        condition: calibration under which they were analysed.
+        name: name of the quantity.
+    """
     found: list[float] = []
     held: list[float] = []
     for record in records:
@@ -115,7 +158,12 @@ def standardised_masses(records: Iterable[SessionRecord], condition: Condition, 
 def scatter_of_mean(records: Sequence[SessionRecord], condition: Condition) -> float:
     """Root mean square, over the regions of one object, of the mean standardised error over its sessions.
 
-    It is the part of the error that repeats in every session.
+    A standardised error is the error of a region's mass over its stated sd. Its mean is the part that repeats
+    in every session. Regions that are truly empty are left out; NaN if none remains.
+
+    Args:
+        records: sessions on one object, at least one.
+        condition: calibration under which they were analysed.
     """
     rows = [list(_masses(record.ours[condition], record)) for record in records]
     means = [

@@ -44,13 +44,18 @@ DRAWS = 4
 def com_over_angles(
     estimate: Estimate, body: pb.TruthBody, levels_deg: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Error of c [m] from true angles with noise added (Fig. 9(b)); the noise is the only error stated.
+    """Error [m] of the centre of mass from true balance angles with noise added (Fig. 9(b)).
+
+    Our method is given the sd of the noise, and the session's own systematic errors.
 
     Args:
-        estimate: result of the session; its planes are used, but not their angles.
+        estimate: result of the session; the pivot lines of its strikes are used, but not their angles.
         body: ground truth.
         levels_deg: standard deviations of the noise [deg].
         rng: generator that draws the noise.
+
+    Returns:
+        One entry per level, with `DRAWS` errors of each method, or one where the level is 0.
     """
     evidence, true = estimate.evidence, np.array(body.com_object)
     model = evidence.model
@@ -78,7 +83,10 @@ def com_over_angles(
 
 
 def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
-    """Equi-plane with angle `phi` [rad] of standard deviation `sd`, and without k."""
+    """Equi-plane with its balance angle replaced by `phi` [rad] with standard deviation `sd` [rad].
+
+    The equi-plane contains the pivot line and the centre of mass. The rate constant k of the tip is removed.
+    """
     normal = equiplane_normal(plane.direction, plane.up, phi)
     return replace(plane, phi=phi, sd_phi=sd, k=None, sd_k=None, cov_phi_k=0.0, normal=normal)
 
@@ -86,16 +94,22 @@ def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
 def masses_over_moments(
     estimate: Estimate, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Metric of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
+    """Error of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
 
-    Subtracting m*R^2 from a moment about the edge leaves I_c,l, whose relative error is about four times as
-    large for a tall object.
+    c is the centre of mass. The error is the paper's metric: the mean absolute error of a region's mass over
+    the total mass. Subtracting m R^2 from a moment about the edge (R: distance of c from it) leaves I_c,l,
+    the moment about the parallel axis through c, whose relative error is about four times as large for a tall
+    object.
 
     Args:
         estimate: result of the session.
         body: ground truth.
-        levels: relative standard deviations of the moments, the only error stated to each method.
+        levels: standard deviations of the noise, relative to the moments about the edges. Our method is given
+            them, with the sd of the mass and a small one of c.
         rng: generator that draws the noise.
+
+    Returns:
+        One entry per level, with one error of each method; None if the paper's method has no solution.
     """
     com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
     planes = list({plane.axis_id: plane for plane in estimate.planes}.values())
@@ -139,10 +153,21 @@ def masses_over_moments(
 
 
 def in_true_order(masses: Array, dividing_plane_normal: Array, body: pb.TruthBody) -> Array:
-    """Region masses (3,) in the ground truth's order of the two sides of the dividing plane."""
+    """Region masses (3,) with the two sides of the dividing plane named as in the ground truth.
+
+    Args:
+        masses: (3,) estimated masses of shell, upper and lower part.
+        dividing_plane_normal: (3,) estimated normal in O, towards the upper part.
+        body: ground truth, with its own dividing plane.
+    """
     return masses if dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0 else masses[[0, 2, 1]]
 
 
 def metric(masses: Array, body: pb.TruthBody) -> float:
-    """The paper's metric of region masses (3,): mean of |dm| over the regions, over M."""
+    """The paper's metric of region masses: mean absolute error of a region's mass, over the total mass.
+
+    Args:
+        masses: (3,) estimated masses of shell, upper and lower part [kg].
+        body: ground truth.
+    """
     return float(np.abs(masses - np.array(body.region_mass_kg)).mean() / body.mass_kg)

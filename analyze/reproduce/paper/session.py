@@ -59,15 +59,24 @@ SMOOTHING_FRAMES = 5
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Noise levels of Figs. 9(b, c) and 10; an empty tuple omits the sweep."""
+    """Noise levels at which a session is analysed for Figs. 9(b, c) and 10; () omits a sweep."""
 
     angles_deg: tuple[float, ...] = (PAPER_NOISE_DEG,)
+    """Standard deviations of the angles' noise [deg]."""
     moments: tuple[float, ...] = ()
+    """Standard deviations of the moments' noise, relative."""
     scan_m: tuple[float, ...] = ()
+    """Largest shifts of a scanned point [m]."""
 
 
 def default_sweeps(name: str) -> Sweeps:
-    """Default sweeps of an object: all for the carton, as in the paper, else the paper's angle noise only."""
+    """Default noise levels for an object: all sweeps for the carton, as in the paper.
+
+    Other objects are analysed with the paper's own angle noise only.
+
+    Args:
+        name: name of the object.
+    """
     return Sweeps(ANGLE_LEVELS_DEG, MOMENT_LEVELS, LEVELS_M) if name == SWEPT_OBJECT else Sweeps()
 
 
@@ -78,14 +87,17 @@ def session_record(
     sweeps: Sweeps | None = None,
     progress: Progress | None = None,
 ) -> SessionRecord:
-    """Analyse a session by both methods under both conditions.
+    """Analyse a session by both methods (ours, the paper's) under both conditions of calibration.
 
     Args:
         evidence: strikes of the session.
         body: ground truth, which no estimate uses.
-        source: origin of theta(t).
-        sweeps: noise levels; by default those of `default_sweeps` for the object.
+        source: origin of theta(t), the tipping angles.
+        sweeps: noise levels; None for those of `default_sweeps` for the object.
         progress: called with (text, done, total).
+
+    Returns:
+        Ground truth, estimates, and data of the figures.
 
     Raises:
         EstimationError: too few strikes can be used, or none tipped over.
@@ -245,7 +257,10 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
 
 
 def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
-    """Profile of the first strike that tipped over; None without such a strike."""
+    """Motion of the first strike that tipped over, up to `LANDING_FRAMES` of its landing, for Fig. 6.
+
+    None if no strike tipped over, or if that strike has no phases or fit.
+    """
     motion = next((each for each in estimate.evidence.motions if each.verdict is Verdict.GOOD), None)
     if motion is None or motion.angle is None or motion.phases is None or motion.fit is None:
         return None
@@ -276,7 +291,10 @@ def _true_phi(motion: TipMotion, estimate: Estimate, body: pb.TruthBody) -> floa
 
 
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
-    """Silhouette along O's y, and the regions in a slice through c normal to it."""
+    """Silhouette along O's y axis, and the regions in a slice normal to this axis.
+
+    O is the object frame. The slice passes through the estimated centre of mass.
+    """
     cells, distribution = estimate.cells, estimate.distribution
     outline = estimate.evidence.model.vertices[:, [0, 2]]
     near = np.abs(cells.points[:, 1] - estimate.com.position[1]) < SLICE_HALF_CELLS * cells.pitch

@@ -35,24 +35,28 @@ class Column:
     """Column of a table."""
 
     name: str
+    """Heading."""
     digits: int | None = None
     """Digits after the decimal point; None for text or a count."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Table of the page, also written as a CSV file."""
+    """Table of the reproduction's page, also written as a CSV file."""
 
     name: str
     """File name without suffix."""
     title: str
+    """Heading on the page."""
     columns: tuple[Column, ...]
     rows: tuple[tuple[Value, ...], ...]
+    """Cells of each row, in the order of `columns`; None for an empty cell."""
     note: str = ""
+    """Text below the table."""
 
 
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
-    """All tables with rows, in the order of the page."""
+    """Tables that have rows, except those of targets and moments, in the order of the page."""
     found = [
         table1(records),
         table2(records),
@@ -64,7 +68,7 @@ def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
 
 
 def table1(records: Sequence[SessionRecord]) -> Table:
-    """Table 1: errors of the centre of mass, by object and method."""
+    """Table 1: errors of the centre of mass [mm], by object and method, next to the paper's."""
     rows: list[tuple[Value, ...]] = []
     for name, mine, printed in _by_object(records, published_centres()):
         if printed:
@@ -114,7 +118,12 @@ def table1(records: Sequence[SessionRecord]) -> Table:
 def _by_object(
     records: Sequence[SessionRecord], published: Sequence[P]
 ) -> Iterator[tuple[str, list[SessionRecord], list[P]]]:
-    """Yield each object's name, its sessions planned by our design, and its published results."""
+    """Yield each object's name, its sessions planned by our design, and its published results.
+
+    Args:
+        records: sessions.
+        published: published results of all objects.
+    """
     ours = scores.with_our_plan(records)
     for name in objects_of(ours):
         mine = [record for record in ours if record.object == name]
@@ -139,7 +148,7 @@ def _centre_row(
 
 
 def table2(records: Sequence[SessionRecord]) -> Table:
-    """Table 2: errors of the region masses, by object and method."""
+    """Table 2: errors of the region masses [%], by object and method, next to the paper's."""
     rows: list[tuple[Value, ...]] = []
     for name, mine, printed in _by_object(records, published_masses()):
         if printed:
@@ -202,7 +211,10 @@ def _masses_row(
 
 
 def stated_errors_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of achieved errors over stated standard deviations, by condition and quantity."""
+    """Table of achieved errors over stated standard deviations, by condition of calibration and quantity.
+
+    Only sessions planned by our method count; rows without values are omitted.
+    """
     rows: list[tuple[Value, ...]] = []
     ours = scores.with_our_plan(records)
     for condition in Condition if ours else ():
@@ -245,7 +257,7 @@ def _stated_error_row(
 
 
 def papers_choice_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the centre of mass from the paper's own choice of strikes, by object."""
+    """Table of the centre of mass from the strikes that the paper's planner chooses, by object."""
     rows: list[tuple[Value, ...]] = []
     ours = scores.with_our_plan(records)
     for name in objects_of(ours):
@@ -299,7 +311,7 @@ def _present(values: Iterable[float | None]) -> list[float]:
 
 
 def sessions_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the errors of every session."""
+    """Table of the errors of every session, with true and estimated region masses."""
     rows: list[tuple[Value, ...]] = []
     for record in records:
         exact, drawn = record.ours[Condition.EXACT], record.ours[Condition.DRAWN]
@@ -340,6 +352,6 @@ def sessions_table(records: Sequence[SessionRecord]) -> Table:
 
 
 def objects_of(records: Iterable[SessionRecord]) -> list[str]:
-    """Names of the objects: the paper's in its order, then the others."""
+    """Names of the objects in `records`, each once: the paper's in its order, then the others sorted."""
     there = {record.object for record in records}
     return [name for name in OBJECTS if name in there] + sorted(there - set(OBJECTS))

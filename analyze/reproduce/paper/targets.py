@@ -19,15 +19,18 @@ SCAN_NOISE_M = 5e-3
 
 @dataclass(frozen=True)
 class Target:
-    """Target of one quantity, with the values reached."""
+    """Target of one quantity, with the values that the sessions reached."""
 
     quantity: str
+    """Name of the quantity."""
     unit: str
+    """Unit of all values."""
     digits: int
+    """Decimals with which the values are shown."""
     paper: str
-    """Value that the paper reported."""
+    """Value that the paper reported, as text; "–" if none."""
     must: float
-    """Target that has to be reached."""
+    """Largest value with which the target is reached."""
     aim: float
     """Better value to aim for; NaN if there is none."""
     values: Sequence[float]
@@ -35,11 +38,11 @@ class Target:
     must_text: str = ""
     """Text in place of `must`, if it is a formula."""
     bound: str = ""
-    """Sentence on the physical limit; shown if the target is missed."""
+    """Text on the physical limit; shown if the target is missed."""
 
     @property
     def verdict(self) -> str:
-        """Outcome by the worse of median and mean: `aim reached`, `reached`, `missed` or `not run`."""
+        """Outcome by the larger of median and mean: `aim reached`, `reached`, `missed` or `not run`."""
         if not len(self.values):
             return "not run"
         reached = max(float(np.median(self.values)), float(np.mean(self.values)))
@@ -47,7 +50,11 @@ class Target:
 
 
 def targets(records: Sequence[SessionRecord]) -> list[Target]:
-    """All targets, in the order of the table (docs/explanation/method.md, Targets)."""
+    """All targets with the values reached, in the order of the table.
+
+    They are those of docs/explanation/method.md, Targets. Only sessions on the paper's four objects, planned
+    by our method, count.
+    """
     mine = scores.on_paper_objects(scores.with_our_plan(records))
     carton = [record for record in mine if record.scan_noise_com]
     moments = [axis for record in mine for axis in record.ours[Condition.EXACT].moments]
@@ -184,7 +191,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
 
 
 def targets_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the targets and the values reached."""
+    """Table of the targets and the values reached: median, mean, worst and verdict."""
     rows = tuple(
         (
             f"{each.quantity} [{each.unit}]",
@@ -209,7 +216,7 @@ def targets_table(records: Sequence[SessionRecord]) -> Table:
 
 
 def missed_targets(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
-    """Missed targets grouped by reason, as (quantities, physical reason)."""
+    """Missed targets, grouped by their physical limit, as (quantities joined by ";", text)."""
     found: dict[str, list[str]] = {}
     for each in targets(records):
         if each.verdict == "missed":
@@ -218,7 +225,14 @@ def missed_targets(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
 
 
 def _over_naive(name: str, records: Sequence[SessionRecord]) -> Target:
-    """Target for the error of our region masses over that of the best naive answer, on one object."""
+    """Target for the error of our region masses, in percent of the best naive answer's, on one object.
+
+    A naive answer assumes the distribution, for example all mass in the shell.
+
+    Args:
+        name: name of the object.
+        records: sessions on this object.
+    """
     answers = [
         (answer.masses_kg, record) for answer, record in scores.answers(records, Condition.EXACT, paper=False)
     ]
@@ -240,7 +254,16 @@ def _over_naive(name: str, records: Sequence[SessionRecord]) -> Target:
 
 
 def _allowed(moments: Sequence[AxisMoment], fraction: float, length: float) -> float:
-    """Target of a relative error, `fraction` + `length` [m] over R, at the median of 1/R."""
+    """Limit of the relative error of a moment about the edge: `fraction` + `length` / R.
+
+    R is the distance [m] of the centre of mass from the edge; the median of 1/R over `moments` is taken.
+    Without moments the limit is `fraction`.
+
+    Args:
+        moments: moments of all sessions and axes, for R.
+        fraction: constant part of the limit, relative.
+        length: factor on 1/R [m].
+    """
     return (
         fraction + length * float(np.median([1 / axis.distance_m for axis in moments]))
         if moments
@@ -249,7 +272,10 @@ def _allowed(moments: Sequence[AxisMoment], fraction: float, length: float) -> f
 
 
 def _scatter(records: Iterable[SessionRecord]) -> list[float]:
-    """Standard deviations [rad] of the errors of repeated strikes on one axis of one session."""
+    """Standard deviations [rad] of our balance angles' errors, one per axis and session.
+
+    Only strikes that tipped over count; axes with fewer than two are left out.
+    """
     found: list[float] = []
     for record in records:
         for axis in {angle.axis_id for angle in record.angles}:

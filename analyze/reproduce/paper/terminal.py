@@ -18,7 +18,12 @@ OMITTED_COLUMNS = ("paper", "n", "mean")
 
 
 def render_table(table: Table, console: Console | None = None) -> None:
-    """Print a table of the reproduction on the terminal."""
+    """Print a table of the reproduction on the terminal, without the columns in `OMITTED_COLUMNS`.
+
+    Args:
+        table: the table.
+        console: where to print; None for standard output.
+    """
     console = console or Console(highlight=False)
     shown = RichTable(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     places = [i for i, column in enumerate(table.columns) if column.name not in OMITTED_COLUMNS]
