@@ -40,7 +40,7 @@ STATED_G_SD = 0.002
 
 @dataclass(frozen=True)
 class DropOptions:
-    """Options of `analyze calibrate --drop`."""
+    """Options of `analyze calibrate --drop`: the video, the falling tag and the camera."""
 
     source: Path
     """video, folder of images or recording"""
@@ -67,37 +67,45 @@ class DropAnswer:
     """True frame rate of a camera, measured from one or more free falls of a tag."""
 
     options: DropOptions
+    """options with which it was measured"""
     marker_id: int | str
+    """id of the tag"""
     frames: int
     """frames of the video"""
     seen: int
-    """frames with the tag"""
+    """frames in which the tag was found"""
     falls: tuple[Fall, ...]
+    """falls that agree with the longest one; at least one"""
     time: TrueTime
+    """ratio of true to stated time from all falls, with its standard deviation"""
     setup: FallSetup
+    """tag, gravity, falling mass and camera that were assumed"""
     stated_hz: float
     """frame rate by the video's time stamps [Hz]"""
 
     @property
     def true_hz(self) -> float:
-        """Measured frame rate [Hz]."""
+        """Measured frame rate [Hz]: the stated rate over the ratio of true to stated time."""
         return self.stated_hz / self.time.time_ratio
 
     @property
     def true_sd_hz(self) -> float:
-        """Standard deviation of the measured frame rate [Hz]."""
+        """Standard deviation [Hz] of the measured frame rate `true_hz`."""
         return self.true_hz * self.time.sd / self.time.time_ratio
 
 
 @dataclass(frozen=True)
 class _Footage:
-    """An open video or recording, and what is known about its camera."""
+    """An open video or recording of the falling tag, and what is known about its camera."""
 
     name: str
+    """path or name, for messages"""
     frames: Callable[[], Iterator[ImageFrame]]
     """function that starts reading from the first frame"""
     count: int | None
+    """number of frames; None if unknown"""
     camera: CameraModel
+    """lens of the camera that took it"""
     time_sd: float
     """standard deviation of a frame's time [s]"""
     gravity: tuple[float, float]
@@ -107,10 +115,20 @@ class _Footage:
 
 
 def measure_drop(options: DropOptions, progress: Progress = no_progress) -> DropAnswer:
-    """Measure the true frame rate of a video from the falls of a tag in it.
+    """Measure the true frame rate of a camera from the free falls of a tag in a video or recording.
+
+    Args:
+        options: the video, and what is known about tag, body, camera and gravity.
+        progress: called with a text, the number of frames read and of all.
+
+    Returns:
+        Frame rate with its uncertainty, and the falls that it was measured from.
 
     Raises:
-        CalibrationError: no camera is given, no tag is seen, or it does not fall.
+        CalibrationError: no camera is given, the camera file cannot be used, `options` name a tag that does
+            not exist, a capture rate is given for a recording, no tag is seen, or it does not fall.
+        DocumentError: an entry of the camera file has a value that is not allowed.
+        EstimationError: a fall has no acceleration.
         ImportRefused, RecordingError: the video or recording cannot be read.
         TrackingError: a tag is in view twice, or the images are not of the camera's size.
     """
@@ -142,17 +160,17 @@ def measure_drop(options: DropOptions, progress: Progress = no_progress) -> Drop
                     manifest.time_source is not TimeSource.CONTAINER_PTS,
                 )
                 return _measure(footage, options, progress)
-    with open_source(options.source, SourceOptions(capture_hz=options.capture_hz)) as source:
-        footage = _Footage(
-            source.name,
-            lambda: _frames(source),
-            source.frame_count,
-            _camera(options),
-            1e-9 * source.time_sd_ns,
-            WORLDWIDE_G,
-            False,
-        )
-        return _measure(footage, options, progress)
+    source = open_source(options.source, SourceOptions(capture_hz=options.capture_hz))
+    footage = _Footage(
+        source.name,
+        lambda: _frames(source),
+        source.frame_count,
+        _camera(options),
+        1e-9 * source.time_sd_ns,
+        WORLDWIDE_G,
+        False,
+    )
+    return _measure(footage, options, progress)
 
 
 def _camera(options: DropOptions) -> CameraModel:
@@ -221,9 +239,10 @@ def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
 
 
 def _consistent(falls: list[Fall]) -> list[Fall]:
-    """Longest fall, and all falls that agree with it within their uncertainty.
+    """Falls, in the given order, whose ratio of true to stated time agrees with that of the longest fall.
 
-    A hand's swing that resembles a fall does not agree.
+    They agree if the ratios differ by at most four standard deviations. This leaves out a hand's swing that
+    resembles a fall. The longest fall itself is always among them.
     """
     best = max(falls, key=lambda fall: fall.dropped)
     return [
@@ -243,7 +262,13 @@ def _marker_id(name: str) -> int | str:
 
 
 def _first_tag(footage: _Footage) -> int | str:
-    """Largest tag of the first frame that shows one."""
+    """Id of the largest tag of family 36h11 in the first image that shows one, of the images searched.
+
+    The first image is searched, and those whose number is a multiple of `SEARCH_EVERY_FRAMES` (5).
+
+    Raises:
+        CalibrationError: there are no images, or none of those searched shows such a tag.
+    """
     looked_at, first = 0, None
     for frame in footage.frames():
         first = frame.image if first is None else first

@@ -1,9 +1,9 @@
 """`analyze watch`: follow a growing recording, report what is in view, and judge strikes.
 
-Requests, events and verdicts are JSON lines (schemas/watch_lines.py). It runs as a child of the daemon on a
-core that it shares with the capture: it is single-threaded apart from reading its input, and decodes at most
-twelve images a second, except for a verdict. Images of the last seconds are kept as references into the file,
-not decoded, until a strike is judged.
+Requests, events and verdicts are JSON lines (schemas/watch_lines.py). The process runs as a child of the
+daemon on a core that it shares with the capture: it is single-threaded apart from reading its input, and
+decodes at most twelve images a second, except for a verdict. Images of the last seconds are kept as
+references into the file, not decoded, until a strike is judged.
 """
 
 from __future__ import annotations
@@ -83,8 +83,9 @@ def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock
 
     Args:
         path: the growing recording; it may not exist yet.
-        stdin: JudgeRequest lines; other lines are ignored.
-        stdout: WatchEvent and StrikeVerdict lines.
+        stdin: JudgeRequest lines, each a request for a verdict or the planned strike to expect; others are
+            ignored.
+        stdout: WatchEvent lines (markers in view, rest, placement) and StrikeVerdict lines.
         clock: for pauses and timeouts; the machine's by default.
 
     Raises:

@@ -160,6 +160,9 @@ class Observer:
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
         """Judge a strike from the images kept.
 
+        Args:
+            request: the strike's ids, its time window, and the time of contact if the striker measured it.
+
         Returns:
             The verdict, with the time of contact if it could be fitted. It is UNREADABLE, with the reason, if
             the plan has no such strike or the images cannot be analysed (an AnalyzeError, which is not
