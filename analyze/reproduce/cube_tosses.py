@@ -68,7 +68,7 @@ class Tosses:
 
 @dataclass(frozen=True)
 class CubeAnswer:
-    """Centre of mass and inertia per mass of the cube by three methods, in true lengths."""
+    """Centre of mass of the cube by flight, edge and corner contact, and inertia per mass by contact."""
 
     tosses: int
     """Number of tosses."""

@@ -41,8 +41,8 @@ class ThetaSource(enum.StrEnum):
 class AxisMoment(Document):
     """Errors of the moments of inertia of one pivot axis, relative to the ground truth.
 
-    `edge` stands for the moment about the edge, `com` for that about the parallel axis through the centre of
-    mass. R is the distance of the centre of mass from the pivot line.
+    `i_edge` is the moment about the edge, `i_com` that about the parallel axis through the centre of mass. R
+    is the distance of the centre of mass from the pivot line.
     """
 
     axis_id: str
@@ -64,9 +64,10 @@ class AxisMoment(Document):
 
 
 class MethodAnswer(Document):
-    """Estimates of one method under one condition; region masses are those of shell, upper and lower part.
+    """Estimates of one method, ours or the paper's, under one condition of calibration.
 
-    The side of the dividing plane that the ground truth calls upper is called upper.
+    Region masses are those of shell, upper and lower part of the body. The side of the dividing plane that
+    the ground truth calls upper is called upper.
     """
 
     com_m: Vector3

@@ -1,4 +1,7 @@
-"""Errors of the estimates of many sessions against the ground truth, for the tables."""
+"""Errors of the estimates of many sessions against the ground truth, for the tables.
+
+A session is one virtual recording on one object; its record contains estimates and ground truth.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,10 @@ EMPTY_REGION_FRACTION = 0.01
 
 
 def with_our_plan(records: Iterable[SessionRecord]) -> list[SessionRecord]:
-    """Sessions whose strikes were planned by our design (method 1.6), not by the paper's rule."""
+    """Sessions whose strikes were planned by our design, not by the paper's rule.
+
+    Our design: docs/explanation/method.md, 1.6.
+    """
     return [record for record in records if record.method is PlanMethod.OURS]
 
 

@@ -42,7 +42,10 @@ class Target:
 
     @property
     def verdict(self) -> str:
-        """Outcome by the larger of median and mean: `aim reached`, `reached`, `missed` or `not run`."""
+        """Outcome by the larger of median and mean: `aim reached`, `reached` or `missed`.
+
+        It is `not run` if there are no values.
+        """
         if not len(self.values):
             return "not run"
         reached = max(float(np.median(self.values)), float(np.mean(self.values)))
