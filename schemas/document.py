@@ -10,9 +10,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 
 from schemas.document_problems import problems_in_one_line
 
@@ -44,6 +51,21 @@ class Document(BaseModel):
 
     by_hand: ClassVar[bool] = False
     """True if people write such documents: messages then show how to add a missing entry."""
+
+
+class SparseDocument(Document):
+    """Base of documents that leave out some optional entries while they have their default value."""
+
+    left_out: ClassVar[tuple[str, ...]] = ()
+    """Names of entries that are not written if they equal their default."""
+
+    @model_serializer(mode="wrap")
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        for name in self.left_out:
+            if written[name] == type(self).model_fields[name].default:
+                del written[name]
+        return written
 
 
 def check_pose(T: list[list[float]]) -> None:

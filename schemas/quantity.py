@@ -1,12 +1,12 @@
-"""A quantity with its uncertainty, and bases of result documents: renamed keys, entries left out."""
+"""A quantity with its uncertainty, and the base of result documents whose keys were renamed."""
 
 from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, Literal, cast
 
-from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import model_validator
 
 from schemas.document import Document
 
@@ -39,21 +39,6 @@ class RenamedDocument(Document):
     def _take_new_names(cls, data: Any) -> Any:
         entries, renamed = json_entries(data), RENAMED[cls.__name__]
         return data if entries is None else {renamed.get(key, key): value for key, value in entries.items()}
-
-
-class SparseDocument(Document):
-    """Base of result documents that leave out optional entries without a value."""
-
-    left_out_if_none: ClassVar[tuple[str, ...]] = ()
-    """Names of entries that are not written if they are None."""
-
-    @model_serializer(mode="wrap")
-    def _without_empty_entries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = write(self)
-        for name in self.left_out_if_none:
-            if written[name] is None:
-                del written[name]
-        return written
 
 
 class Quantity(Document):

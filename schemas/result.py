@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 
 from pydantic import Field, model_validator
 
-from schemas.document import Document, Vector3
-from schemas.quantity import RENAMED, Quantity, RenamedDocument, SparseDocument, json_entries
+from schemas.document import Document, SparseDocument, Vector3
+from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
 from schemas.strike_result import StrikeResult
 
 RESULT_VERSION = "2.0"
@@ -72,7 +72,7 @@ class RegionResult(SparseDocument):
     Regions are the shell, the interior on either side of a dividing plane (upper, lower), or labelled parts.
     """
 
-    left_out_if_none: ClassVar[tuple[str, ...]] = ("limits_kg",)
+    left_out: ClassVar[tuple[str, ...]] = ("limits_kg",)
 
     name: str
     """shell, upper, lower, or a label's name"""
@@ -105,7 +105,7 @@ class Regions(RenamedDocument, SparseDocument):
     middle of its longest direction.
     """
 
-    left_out_if_none: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")
+    left_out: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")
 
     @model_validator(mode="before")
     @classmethod
@@ -254,7 +254,7 @@ class ResultInputs(SparseDocument):
     `plan_sha256` is their common plan's, or the SHA-256 of the different plans' hashes, sorted, one per line.
     """
 
-    left_out_if_none: ClassVar[tuple[str, ...]] = ("recordings",)
+    left_out: ClassVar[tuple[str, ...]] = ("recordings",)
 
     recording_id: str
     """id of the recording; several ids are joined by " + " in the text"""
@@ -280,7 +280,7 @@ class Result(SparseDocument):
     the object's frame.
     """
 
-    left_out_if_none: ClassVar[tuple[str, ...]] = (
+    left_out: ClassVar[tuple[str, ...]] = (
         "table_tilt",
         "parts",
         "verdict",

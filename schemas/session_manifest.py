@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import enum
-from typing import Any
+from typing import Any, ClassVar
 
-from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from schemas.document import SCHEMA_VERSION, Document, Matrix3, Matrix4, check_pose
+from schemas.document import SCHEMA_VERSION, Document, Matrix3, Matrix4, SparseDocument, check_pose
 from schemas.object_spec import ObjectSpec
 
 FISHEYE_COEFFICIENTS = 4
@@ -31,11 +31,13 @@ class LensModel(enum.Enum):
     FISHEYE = "fisheye"
 
 
-class CameraCalibrationSpec(Document):
+class CameraCalibrationSpec(SparseDocument):
     """Intrinsics of a camera and its pose in W, the world frame.
 
     Pinhole with distortion k1, k2, p1, p2, k3, or fisheye with k1, k2, k3, k4 (OpenCV).
     """
+
+    left_out: ClassVar[tuple[str, ...]] = ("line_time_s",)
 
     model: LensModel = LensModel.PINHOLE
     width: int = Field(gt=0, description="width of the image, in pixels")
@@ -74,13 +76,6 @@ class CameraCalibrationSpec(Document):
             )
         return self
 
-    @model_serializer(mode="wrap")
-    def _omit_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written = write(self)
-        if not self.line_time_s:
-            del written["line_time_s"]
-        return written
-
 
 class LevelReading(Document):
     """Tilt of the table, read from a level or a plumb line: its rise towards W's +x and +y.
@@ -103,11 +98,13 @@ class LevelReading(Document):
     read_by: str = Field(default="level", description="instrument that was read")
 
 
-class ManifestCamera(Document):
+class ManifestCamera(SparseDocument):
     """One camera of the recording: name, make, frame rate, exposure and calibration.
 
     The names of its topics begin with /camera/<name>/.
     """
+
+    left_out: ClassVar[tuple[str, ...]] = ("frame_rate_sd_hz",)
 
     name: str
     vendor: str = ""
@@ -124,13 +121,6 @@ class ManifestCamera(Document):
         default=None, gt=0, description="exposure time [us]; null if not known, as for an imported video"
     )
     calibration: CameraCalibrationSpec
-
-    @model_serializer(mode="wrap")
-    def _omit_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written = write(self)
-        if self.frame_rate_sd_hz is None:
-            del written["frame_rate_sd_hz"]
-        return written
 
 
 class SessionManifest(Document):

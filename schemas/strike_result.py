@@ -7,11 +7,11 @@ the contact), k [1/s^2] the rate in theta'' = -k sin(phi - theta).
 from __future__ import annotations
 
 import enum
-from typing import Any
+from typing import ClassVar
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
-from schemas.document import Document
+from schemas.document import Document, SparseDocument
 from schemas.quantity import Quantity, RenamedDocument
 
 
@@ -81,11 +81,13 @@ class PredictionResult(RenamedDocument):
     )
 
 
-class StrikeResult(RenamedDocument):
+class StrikeResult(RenamedDocument, SparseDocument):
     """Outcome of one strike in a result: verdict, window, balance angle phi, rate k and residuals.
 
     The values are null where the strike could not be fitted.
     """
+
+    left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction")
 
     id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
     plan_strike_id: str = Field(description="id of the planned strike")
@@ -126,12 +128,3 @@ class StrikeResult(RenamedDocument):
     prediction: PredictionResult | None = Field(
         default=None, description="leave-one-out prediction of a strike used; not written where there is none"
     )
-
-    @model_serializer(mode="wrap")
-    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = write(self)
-        if not self.heading_rad:
-            del written["heading_rad"]
-        if self.prediction is None:
-            del written["prediction"]
-        return written

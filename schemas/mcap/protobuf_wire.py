@@ -53,8 +53,7 @@ def read_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
     Varint and 64-bit fields are skipped.
 
     Raises:
-        ContainerError: the bytes are no protobuf message, or end within a field (not noticed within a 64-bit
-            field).
+        ContainerError: the bytes are no protobuf message, or end within a field.
     """
     at = 0
     try:
@@ -74,6 +73,7 @@ def read_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
             elif wire_type == 0:
                 _, at = read_varint(data, at)
             elif wire_type == 1:
+                struct.unpack_from("<Q", data, at)  # raises if it is cut off
                 at += 8
             else:
                 raise ContainerError(f"not a protobuf message: it has a field of wire type {wire_type}")
