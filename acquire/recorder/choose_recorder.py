@@ -7,7 +7,8 @@ import math
 from acquire.config import RecorderConfig
 from acquire.recorder.direct.backlog import BACKLOG_S
 from acquire.recorder.direct.borrowed_queue import BorrowedQueue
-from acquire.recorder.frame_file import FrameFile, ImageSink
+from acquire.recorder.file_series import FileSeries
+from acquire.recorder.frame_file import FrameFile
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.frame_recorder import ContinuousRecorder, FrameRecorder
 from acquire.recorder.paged.copied_queue import CopiedQueue
@@ -15,7 +16,7 @@ from acquire.recorder.window_recorder import WindowRecorder
 
 
 def choose_recorder(
-    sink: ImageSink, frames: FrameFormat, config: RecorderConfig, wall_anchor_ns: int
+    sink: FileSeries, frames: FrameFormat, config: RecorderConfig, wall_anchor_ns: int
 ) -> FrameRecorder:
     """Start the recorder of one camera.
 

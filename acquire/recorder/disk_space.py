@@ -5,7 +5,7 @@ A disk that fills up later ends the images of a recording, but its file is still
 
 from __future__ import annotations
 
-import os
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +20,9 @@ def free_bytes(folder: Path) -> int:
         RecorderError: the folder does not exist or cannot be accessed.
     """
     try:
-        disk = os.statvfs(folder)
+        return shutil.disk_usage(folder).free
     except OSError as error:
         raise RecorderError(f"{folder}: cannot be used: {error.strerror}: create the folder first") from None
-    return disk.f_bavail * disk.f_frsize
 
 
 @dataclass(frozen=True)

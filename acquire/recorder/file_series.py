@@ -167,8 +167,7 @@ class FileSeries:
                 not finished. In each case no image was written.
         """
         with self._lock:
-            if 0 < self._rotation.rotate_bytes <= self._writer.size:
-                self._rotate()
+            self._rotate_if_full()
             self._writer.write_images(channel, messages)
 
     def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
@@ -183,8 +182,7 @@ class FileSeries:
                 not finished. In each case no buffer is released.
         """
         with self._lock:
-            if 0 < self._rotation.rotate_bytes <= self._writer.size:
-                self._rotate()
+            self._rotate_if_full()
             self._writer.write_borrowed(channel, images)
 
     def flush(self) -> None:
@@ -225,12 +223,14 @@ class FileSeries:
 
     # --- under the lock ---
 
-    def _rotate(self) -> None:
-        """Change to the next file if it is ready; else start to open it, unless that is under way.
+    def _rotate_if_full(self) -> None:
+        """If the file is full, change to the next one if it is ready; else start to open it, once.
 
         Raises:
             RecorderError: the next file could not be opened, or an earlier one not finished.
         """
+        if not 0 < self._rotation.rotate_bytes <= self._writer.size:
+            return
         if (error := self._error or self._refused) is not None:
             raise error
         if self._next is not None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Final
 
 from acquire.frames.frame import Frame
 from acquire.recorder.checksum import crc_of
+from acquire.recorder.file_series import FileSeries
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.image import RawImageEncoder, png_message
 from acquire.recorder.messages import BorrowedImage, ImageMessage, SmallMessage
-from acquire.recorder.writer import Channel
 from schemas import topics
 from schemas.mcap.records import Buffer
 from schemas.proto import percuss_pb2 as pb
@@ -19,53 +19,10 @@ FRAME_ID: Final = "camera"
 """Foxglove's name of the camera frame C; the calibration message carries the same name"""
 
 
-class ImageSink(Protocol):
-    """Destination of messages: one file, or a series of files.
-
-    Raises:
-        RecorderError: from the methods that write, if the disk refuses or the recording is finished.
-    """
-
-    @property
-    def never_waits(self) -> bool:
-        """True if `write_images` and `write_borrowed` return without waiting for the disk."""
-        ...
-
-    def add_topic(self, topic: topics.Topic) -> Channel:
-        """Declare a topic and return its handle; the same topic again gives the same handle."""
-        ...
-
-    def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
-        """Write messages of one small topic (any topic but the images)."""
-        ...
-
-    def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images of one topic together, all or none.
-
-        Raises:
-            DiskBehind: there is no memory for them now; only if `never_waits`.
-        """
-        ...
-
-    def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
-        """Write images directly from their borrowed buffers, all or none.
-
-        Each buffer is released once the disk has its image or has failed.
-
-        Raises:
-            DiskBehind: there is no room for them now; no buffer was released.
-        """
-        ...
-
-    def flush(self) -> None:
-        """Write the collected messages of the small topics (all but the images) to the file now."""
-        ...
-
-
 class FrameFile:
     """Writer of frames as messages of two topics: the image, and the meta (times, exposure, losses)."""
 
-    def __init__(self, sink: ImageSink, frames: FrameFormat, wall_anchor_ns: int, *, raw: bool) -> None:
+    def __init__(self, sink: FileSeries, frames: FrameFormat, wall_anchor_ns: int, *, raw: bool) -> None:
         """Declare the two topics in `sink`.
 
         Args:

@@ -1,32 +1,39 @@
-"""Interface of a frame's two paths to the disk: copied via the page cache, or borrowed for direct I/O."""
+"""Base of a frame's two paths to the disk: copied via the page cache, or borrowed for direct I/O."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections import deque
+from typing import Any
 
 from acquire.errors import RecorderError
 from acquire.frames.frame import Frame
 
 
-class FramePath(Protocol):
+class FramePath(ABC):
     """Path of one camera's frames to the disk: `CopiedQueue` (page cache) or `BorrowedQueue` (O_DIRECT).
 
     The path is chosen once, when the recording opens.
     """
 
-    error: RecorderError | None
-    """reason why the file accepts no more images; None while it accepts them"""
+    def __init__(self) -> None:
+        self.error: RecorderError | None = None
+        """reason why the file accepts no more images; None while it accepts them"""
+        self._refused = self._failed = 0
+        """images dropped on arrival, and on writing"""
+        self._queue: deque[Any] = deque()
 
     @property
     def dropped(self) -> int:
         """Number of images that should be in the file and are not, because the disk was too slow or full."""
-        ...
+        return self._refused + self._failed
 
     @property
     def waiting(self) -> int:
-        """Number of frames that are not handed to the file yet."""
-        ...
+        """Number of frames in the queue; a batch that CopiedQueue is writing has left it."""
+        return len(self._queue)
 
+    @abstractmethod
     def take(self, frame: Frame) -> bool:
         """Take a frame to be written; its meta (FrameMeta: times, exposure, losses) is queued in any case.
 
@@ -35,12 +42,11 @@ class FramePath(Protocol):
         Returns:
             True if the image was taken, False if it was dropped.
         """
-        ...
 
+    @abstractmethod
     def wait_until_written(self, timeout_s: float) -> None:
         """Wait until all frames taken before are handed to the file, at most `timeout_s` seconds."""
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Write the waiting frames and end the path's thread. Safe to call twice."""
-        ...

@@ -8,12 +8,12 @@ import math
 import pytest
 from click.testing import CliRunner
 
-from acquire.recorder.recover.edit import remove_topics
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from schemas import topics
 from schemas.result import Result
+from tests.removed_topics import remove_topics
 
 pytestmark = pytest.mark.timeout(240)
 

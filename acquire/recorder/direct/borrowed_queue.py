@@ -10,11 +10,12 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Final
 
 from acquire.errors import RecorderError
 from acquire.frames.frame import Frame
+from acquire.recorder.frame_file import FrameFile
+from acquire.recorder.frame_path import FramePath
 from acquire.recorder.messages import DiskBehind
 
 BATCH_FRAMES: Final = 12
@@ -27,29 +28,8 @@ LATE_FRAME_TIMEOUT_S: Final = 1.0
 _ROOM_POLL_S: Final = 5e-3
 
 
-class BorrowedFrameFile(Protocol):
-    """Destination of the frames, implemented by FrameFile: writer of images and of their metadata."""
-
-    def write_borrowed(self, frames: Sequence[Frame]) -> None:
-        """Write images from their borrowed buffers, all or none.
-
-        Raises:
-            DiskBehind: there is no room for them now.
-            RecorderError: the disk is full or failing.
-        """
-        ...
-
-    def write_metas(self, frames: Sequence[tuple[Frame, bool]]) -> None:
-        """Write the meta (times, exposure, losses) of frames, each with True if its image is in the file.
-
-        Raises:
-            RecorderError: the disk is full or failing.
-        """
-        ...
-
-
-class BorrowedQueue:
-    """Queue of frames that borrows camera buffers until the disk has their images (a FramePath).
+class BorrowedQueue(FramePath):
+    """Queue of frames that borrows camera buffers until the disk has their images.
 
     A frame whose buffer cannot be borrowed is dropped and counted.
 
@@ -58,12 +38,10 @@ class BorrowedQueue:
     writes what is left when no more frames arrive.
     """
 
-    def __init__(self, file: BorrowedFrameFile) -> None:
-        self.error: RecorderError | None = None
+    def __init__(self, file: FrameFile) -> None:
+        super().__init__()
         self._file = file
-        self._refused = self._failed = 0
-        """images dropped on arrival, and on writing"""
-        self._queue: deque[tuple[Frame, bool]] = deque()
+        self._queue: deque[tuple[Frame, bool]]
         """frames, and True if the buffer is borrowed; a dropped frame keeps its place for its meta"""
         self._newest_ns = 0
         """mid-exposure of the frame that began the newest batch"""
@@ -73,16 +51,6 @@ class BorrowedQueue:
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._write_stragglers, name="recorder-stragglers")
         self._thread.start()
-
-    @property
-    def dropped(self) -> int:
-        """Number of images that should be in the file and are not: no free buffer, or a failed disk."""
-        return self._refused + self._failed
-
-    @property
-    def waiting(self) -> int:
-        """Number of frames that are not handed to the file yet."""
-        return len(self._queue)
 
     def take(self, frame: Frame) -> bool:
         """Queue a frame, borrowing its buffer, and write the queued frames if enough have gathered.

@@ -11,6 +11,7 @@ from acquire.frames.buffer_pool import BufferPool
 from acquire.frames.frame import Frame
 from acquire.recorder.frame_file import FrameFile
 from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.frame_path import FramePath
 
 BATCH_BYTES: Final = 3 << 19
 BATCH_S: Final = 0.02
@@ -28,8 +29,8 @@ class _Queued(NamedTuple):
     with_meta: bool = True
 
 
-class CopiedQueue:
-    """Queue of frames copied into a buffer pool and written by a thread (a FramePath).
+class CopiedQueue(FramePath):
+    """Queue of frames copied into a buffer pool and written by a thread.
 
     Images that find no free buffer are dropped and counted.
     """
@@ -42,27 +43,15 @@ class CopiedQueue:
             frames: size of the images.
             buffers: number of images that may be held at a time, including those that wait for a trigger.
         """
-        self.error: RecorderError | None = None
-        self._refused = self._failed = 0
-        """images dropped on arrival, and on writing"""
+        super().__init__()
         self._pool = BufferPool(0, buffers, frames.image_bytes)
         self._file = file
         self._batch_frames = max(1, min(32, BATCH_BYTES // frames.image_bytes))
         self._change = threading.Condition()
-        self._queue: deque[_Queued] = deque()
+        self._queue: deque[_Queued]
         self._writing = self._ending = False
         self._thread = threading.Thread(target=self._write_queue, name="recorder-write")
         self._thread.start()
-
-    @property
-    def dropped(self) -> int:
-        """Number of images that should be in the file and are not: no free buffer, or a failed disk."""
-        return self._refused + self._failed
-
-    @property
-    def waiting(self) -> int:
-        """Number of frames in the queue, without the batch being written."""
-        return len(self._queue)
 
     def take(self, frame: Frame) -> bool:
         """Copy a frame and queue it for writing. Never waits for the disk.

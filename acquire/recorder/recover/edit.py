@@ -1,7 +1,4 @@
-"""Adds topics to a finished recording, and removes topics from one.
-
-An original to which topics are added is replaced only by a complete new file.
-"""
+"""Adds topics of ground truth to a finished recording, which is replaced only by a complete new file."""
 
 from __future__ import annotations
 
@@ -13,13 +10,12 @@ from pydantic import ValidationError
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
-from acquire.recorder.recover.rewrite import Layout, Rewriter, mapped, read_layout
+from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout
 from schemas.mcap import records as container
-from schemas.mcap.chunks import ChunkEntry, MessagePlaces, chunk_messages
+from schemas.mcap.chunks import MessagePlaces
 from schemas.mcap.content_hash import ContentHash
-from schemas.mcap.records import ContainerError
 from schemas.mcap.walk import walk
-from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
+from schemas.session_manifest import MANIFEST_NAME, SessionManifest
 from schemas.topics import TRUTH_PREFIX, Topic
 
 
@@ -64,9 +60,7 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
         for topic, log_time_ns, body in messages:
             if topic.name not in new:
                 if topic.name in taken:
-                    raise RecorderError(
-                        f"{path}: holds {topic.name} already: remove it with remove_topics first"
-                    )
+                    raise RecorderError(f"{path}: holds {topic.name} already: a topic can be added once")
                 if not topic.name.startswith(TRUTH_PREFIX):
                     raise RecorderError(
                         f"{path}: {topic.name} is part of the sealed content: only {TRUTH_PREFIX} topics "
@@ -82,65 +76,6 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
         atomic.sync_folder(path.parent)
     finally:
         writer.close()
-
-
-def remove_topics(path: Path, out: Path, prefix: str) -> None:
-    """Copy the recording `path` to `out` without the topics whose names begin with `prefix`.
-
-    The content_id (hash of the messages outside /truth/) is kept if `prefix` begins with /truth/, and
-    computed anew otherwise.
-
-    Raises:
-        RecorderError: `path` is incomplete or damaged, or `out` exists or cannot be written; nothing is left
-            behind then.
-    """
-    atomic.refuse_taken(out)
-    with mapped(path) as data:
-        layout = read_layout(path, data)
-        writer = Rewriter(out, out.with_name(f".{out.name}.{os.getpid()}.removing"))
-        try:
-            writer.records.begin()
-            _copy_without(data, layout, prefix, writer)
-            writer.finish()
-            atomic.publish(writer.part_path, out)
-        except ContainerError as error:
-            raise RecorderError(f"{path}: damaged: {error}: `acquire recover` it first") from None
-        finally:
-            writer.close()
-
-
-def _copy_without(data: memoryview, layout: Layout, prefix: str, writer: Rewriter) -> None:
-    removed = {number for number, topic in layout.topics.items() if topic.startswith(prefix)}
-    kept = {number: topic for number, topic in layout.topics.items() if number not in removed}
-    schemas = {layout.channels[number].schema_id for number in kept}
-    for whole in layout.summary.schemas:
-        if container.parse_schema(_body(whole)).id in schemas:
-            writer.copy_declaration(whole)
-    for whole in layout.summary.channels:
-        if container.parse_channel(_body(whole)).id in kept:
-            writer.copy_declaration(whole)
-    digest = ContentHash()
-    chunks = {entry.offset: entry for entry in map(ChunkEntry.parse, map(_body, layout.summary.chunks))}
-    for opcode, at, body in walk(data[: layout.data_end], len(container.MAGIC)):
-        whole = data[at : at + container.RECORD_HEAD + len(body)]
-        if opcode == container.ATTACHMENT:
-            writer.copy_attachment(whole)
-        elif opcode == container.METADATA:
-            metadata = container.parse_metadata(body)
-            entries = metadata.entries
-            if metadata.name == SEAL_NAME and not prefix.startswith(TRUTH_PREFIX):
-                entries = {**entries, "content_id": digest.hexdigest()}
-            writer.write_metadata(metadata.name, entries)
-        elif opcode == container.CHUNK and not _holds_only(chunks.get(at), removed):
-            copy_messages(chunk_messages(container.parse_chunk(body)), kept, writer, digest)
-
-
-def _holds_only(entry: ChunkEntry | None, channels: set[int]) -> bool:
-    """True if a chunk's summary entry lists at least one channel, and only some of `channels`.
-
-    False without an entry (None).
-    """
-    return entry is not None and bool(entry.index_offsets) and set(entry.index_offsets) <= channels
 
 
 def _body(whole: bytes) -> memoryview:

@@ -9,12 +9,13 @@ import shutil
 import pytest
 from click.testing import CliRunner
 
-from acquire.recorder.recover.edit import append_topics, remove_topics
+from acquire.recorder.recover.edit import append_topics
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from tests.places import SAMPLE
+from tests.removed_topics import remove_topics
 
 
 def run(*arguments: object) -> str:

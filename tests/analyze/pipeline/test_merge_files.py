@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from acquire.recorder.recover.edit import append_topics, remove_topics
+from acquire.recorder.recover.edit import append_topics
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording
 from schemas import topics
@@ -18,6 +18,7 @@ from schemas.object_spec import object_sha256
 from schemas.proto import percuss_pb2 as pb
 from tests.analyze.split_recording import as_two_sessions, rewritten
 from tests.places import SAMPLE
+from tests.removed_topics import remove_topics
 
 
 def run(*arguments: object) -> Result:

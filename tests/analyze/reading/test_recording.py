@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from acquire.errors import RecorderError
-from acquire.recorder.recover.edit import append_topics, remove_topics
+from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
 from analyze.errors import RecordingCut, RecordingError, RecordingVersion
@@ -22,6 +22,7 @@ from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import TimeSource
 from tests import small_recording as small
+from tests.removed_topics import remove_topics
 
 
 @pytest.fixture(scope="module")

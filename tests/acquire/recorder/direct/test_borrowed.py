@@ -23,7 +23,7 @@ from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.borrowed_chunks import gap_before
 from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.recover.edit import append_topics, remove_topics
+from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
 from analyze.reading.followed_recording import FollowedRecording
@@ -49,6 +49,7 @@ from tests.acquire.recorder.direct.counting_buffer import (
     borrowed_image,
     image_of,
 )
+from tests.removed_topics import remove_topics
 
 
 @given(at=st.integers(0, 1 << 40))
