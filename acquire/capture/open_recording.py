@@ -17,7 +17,6 @@ from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_format import FrameFormat
-from acquire.recorder.frame_recorder import FrameRecorder
 from acquire.recorder.writer import McapWriter
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME, SessionManifest
@@ -55,7 +54,7 @@ class OpenRecording:
         rig: RigConfig,
         borrowable: int,
     ) -> None:
-        """Open the first file and write its head.
+        """Open the first file, write its head, declare the small topics, and start to record frames.
 
         Args:
             path: first file of the recording.
@@ -66,7 +65,7 @@ class OpenRecording:
             borrowable: number of camera buffers that may be borrowed, for direct I/O; 0: frames are copied.
 
         Raises:
-            RecorderError: the path is taken, or the disk refuses or has no room.
+            RecorderError: the path is taken, or the disk refuses or has no room; no file is left then.
         """
         config = rig.recorder
         self.rig = rig
@@ -89,11 +88,17 @@ class OpenRecording:
             if config.image_format == "raw" and borrowable and can_write_directly(path.parent):
                 self._memory = backlog_memory(self._format, borrowable)
         self.files = FileSeries(path, write_head, rotation, self._disk, self._memory, manifest.part)
-        self.frames: FrameRecorder | None = None
         self.first_frame_ns: int | None = None
         """log time of the first frame; None before it"""
         self._small = wire.small_topics(self.camera)
         self._sequences: Counter[str] = Counter()
+        try:
+            for topic in self._small.values():
+                self.files.add_topic(topic)
+            self.frames = choose_recorder(self.files, self._format, config, self.anchor)
+        except BaseException:
+            self.files.abandon()
+            raise
 
     @property
     def path(self) -> Path:
@@ -103,7 +108,7 @@ class OpenRecording:
     @property
     def waiting_bytes(self) -> int:
         """Bytes of images in memory that wait for the disk: queued frames, used blocks, borrowed buffers."""
-        queued = self.frames.waiting * self._format.image_bytes if self.frames is not None else 0
+        queued = self.frames.waiting * self._format.image_bytes
         return queued + (self._memory.used_bytes if self._memory is not None else 0)
 
     def require_space(self) -> None:
@@ -111,16 +116,6 @@ class OpenRecording:
         config = self.rig.recorder
         frames = math.ceil((config.max_window_s + config.pre_trigger_s) * self._format.frame_rate_hz)
         self._disk.require(frames * self._format.image_bytes, "a window")
-
-    def begin(self) -> None:
-        """Declare the small topics, and start to record frames. Called once, after construction.
-
-        Raises:
-            RecorderError: the disk refuses.
-        """
-        for topic in self._small.values():
-            self.files.add_topic(topic)
-        self.frames = choose_recorder(self.files, self._format, self.rig.recorder, self.anchor)
 
     def write(self, name: str, log_time_ns: int, data: bytes) -> None:
         """Write one message of a small topic (any topic but the camera's images and their meta).
@@ -152,19 +147,12 @@ class OpenRecording:
         """
         frames = self.frames
         try:
-            if frames is not None:
-                frames.close()
+            frames.close()
         finally:  # the file is finished even if writing the last frames failed
             seal = self.files.finish()
         return {
             "path": str(seal.path),
-            "frames": frames.frames if frames else 0,
-            "lost": frames.lost + frames.dropped if frames else 0,
+            "frames": frames.frames,
+            "lost": frames.lost + frames.dropped,
             "content_id": seal.content_id,
         }
-
-    def abandon(self) -> None:
-        """Stop writing and delete the file; for a recording that could not be begun."""
-        if self.frames is not None:
-            self.frames.close()
-        self.files.abandon()

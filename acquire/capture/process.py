@@ -32,7 +32,6 @@ from acquire.clock.reading import ClockReading
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
 from acquire.frames.frame import Frame
-from acquire.recorder.frame_recorder import FrameRecorder
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import SessionManifest
@@ -174,16 +173,10 @@ class Capture:
             attachments.append((name, media_type, payload[at : at + size]))
             at += size
         log_time_ns = manifest.wall_anchor_ns + self._clock.monotonic_ns()
-        recording = OpenRecording(
+        self._recording = OpenRecording(
             Path(header["path"]), manifest, attachments, log_time_ns, rig, stream.borrowable_frames
         )
-        try:
-            recording.begin()
-        except BaseException:
-            recording.abandon()
-            raise
         self._error = ""
-        self._recording = recording
         for text in (*stream.status().warnings, stream.status().trouble):
             if text:
                 self._on_text(text)
@@ -197,12 +190,11 @@ class Capture:
     def _open_window(self, *_: object) -> dict[str, Any]:
         recording = self._open()
         recording.require_space()
-        return {"start_ns": self._frames(recording).open_window(self._clock.monotonic_ns())}
+        return {"start_ns": recording.frames.open_window(self._clock.monotonic_ns())}
 
     def _close_window(self, header: dict[str, Any], *_: object) -> dict[str, Any]:
-        return asdict(
-            self._frames(self._open()).close_window(self._clock.monotonic_ns(), int(header.get("end_ns", 0)))
-        )
+        frames = self._open().frames
+        return asdict(frames.close_window(self._clock.monotonic_ns(), int(header.get("end_ns", 0))))
 
     def _messages(self, header: dict[str, Any], payload: bytes) -> None:
         recording = self._recording
@@ -214,17 +206,12 @@ class Capture:
     def _status(self, *_: object) -> dict[str, Any]:
         stream = self._started()[1]
         status, recording = stream.status(), self._recording
-        frames = recording.frames if recording is not None else None
-        error = (
-            str(frames.error)
-            if frames is not None and frames.error is not None
-            else self._error or status.trouble
-        )
+        error = recording.frames.error if recording is not None else None
         now = self._clock.monotonic_ns()
         return {
             "frames": status.frames,
             "lost": status.lost,
-            "dropped": frames.dropped if frames is not None else 0,
+            "dropped": recording.frames.dropped if recording is not None else 0,
             "waiting_bytes": recording.waiting_bytes if recording is not None else 0,
             "fps": status.fps,
             "recording": str(recording.path) if recording is not None else None,
@@ -237,7 +224,7 @@ class Capture:
             "last_frame_age_s": (now - status.last_frame_ns) * 1e-9
             if status.last_frame_ns is not None
             else None,
-            "error": error,
+            "error": str(error) if error is not None else self._error or status.trouble,
             "warnings": status.warnings,
         }
 
@@ -256,16 +243,11 @@ class Capture:
             raise RecorderError("no recording is open")
         return self._recording
 
-    def _frames(self, recording: OpenRecording) -> FrameRecorder:
-        if recording.frames is None:
-            raise RecorderError(f"{recording.path}: this recording does not take frames yet")
-        return recording.frames
-
     # --- from the camera's threads ---
 
     def _on_frame(self, frame: Frame) -> None:
         recording = self._recording
-        if recording is not None and recording.frames is not None:
+        if recording is not None:
             if recording.first_frame_ns is None:
                 recording.first_frame_ns = recording.anchor + frame.mid_exposure_ns
             recording.frames.add(frame)
