@@ -13,7 +13,6 @@ import stat
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from acquire.camera.discovery import GVCP_PORT
 from acquire.camera.receive_buffer import enlarge_receive_buffer
@@ -77,35 +76,7 @@ class Route:
     """True if packets stay on this computer"""
 
 
-class Computer(Protocol):
-    """Operating system as the checks use it; tests have a substitute."""
-
-    def port(self, path: str) -> PortState:
-        """State of the serial port at `path`; a missing port is a state too."""
-        ...
-
-    def socket_folder(self, folder: Path) -> FolderState:
-        """State of the folder in which the daemon's socket is to be created."""
-        ...
-
-    def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
-        """Receive buffer that a UDP socket of this user gets when it requests `asked_bytes`."""
-        ...
-
-    def route(self, address: str) -> Route | None:
-        """Network interface that leads to an IPv4 address; None if it cannot be found.
-
-        Raises:
-            OSError: there is no route to the address.
-        """
-        ...
-
-    def latency_timer_ms(self, port: str) -> int | None:
-        """Latency timer [ms] of the USB adapter at a serial port; None if the port has none."""
-        ...
-
-
-class LinuxComputer:
+class Computer:
     """Linux computer that this program runs on.
 
     Args:
@@ -229,13 +200,12 @@ def _has_flock(path: str) -> bool:
 # --- the checks
 
 
-def check_port(computer: Computer, port: str) -> Check:
+def check_port(state: PortState, port: str) -> Check:
     """Check that this user may read and write the servo's serial port.
 
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.
     """
-    state = computer.port(port)
     if not state.exists:
         remedy = "check the adapter's cable, and `port` in the rig file (`ls -l /dev/serial/by-id`)"
         return failed_check("serial port", f"{port}: does not exist", remedy)
@@ -248,21 +218,20 @@ def check_port(computer: Computer, port: str) -> Check:
     return passed_check("serial port", f"{port}: readable and writable")
 
 
-def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
+def check_lock(state: PortState, port: str, daemon_pid: int | None) -> Check:
     """Check that the servo's serial port is free, or held by the rig's daemon.
 
     While a daemon runs, a lock on the port counts as the daemon's. The check is not made if the port cannot
     be used.
 
     Args:
-        computer: the operating system.
+        state: state of the serial port.
         port: path of the serial port.
         daemon_pid: process id of the rig's daemon; None if none runs.
 
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.
     """
-    state = computer.port(port)
     if not state.usable:
         return skipped_check("port lock", "the serial port must be usable first")
     if daemon_pid is not None:
@@ -366,7 +335,7 @@ def check_packet_size(computer: Computer, address: str, packet_size: int) -> Che
     return passed_check(name, found, measured)
 
 
-def check_latency_timer(computer: Computer, port: str) -> Check:
+def check_latency_timer(computer: Computer, state: PortState, port: str) -> Check:
     """Check that the USB adapter's latency timer is at most LATENCY_MS; a port without one passes.
 
     FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed. The check is
@@ -375,7 +344,7 @@ def check_latency_timer(computer: Computer, port: str) -> Check:
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.
     """
-    if not computer.port(port).exists:
+    if not state.exists:
         return skipped_check("USB latency", "the serial port must exist first")
     latency = computer.latency_timer_ms(port)
     if latency is None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from acquire.preflight.check import Check, Measured, failed_check, passed_check, skipped_check
+from acquire.recorder.atomic import write_all
 
 if TYPE_CHECKING:
     from acquire.config import RigConfig
@@ -23,27 +24,7 @@ MAX_TEST_BYTES = 256 << 20
 _BLOCK = 1 << 20
 
 
-class Disk(Protocol):
-    """Disk as the checks use it; tests have a substitute. Both methods raise OSError."""
-
-    def free_bytes(self, folder: Path) -> int:
-        """Free space for this user [B] on the disk that holds `folder`.
-
-        Raises:
-            OSError: the folder cannot be used.
-        """
-        ...
-
-    def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """Speed [B/s] of writing and synchronising `size_bytes` in `folder`; no file remains.
-
-        Raises:
-            OSError: the data cannot be written.
-        """
-        ...
-
-
-class RealDisk:
+class Disk:
     """Disk of this computer.
 
     Args:
@@ -59,8 +40,7 @@ class RealDisk:
         Raises:
             OSError: the folder does not exist or cannot be used.
         """
-        disk = os.statvfs(folder)
-        return disk.f_bavail * disk.f_frsize
+        return shutil.disk_usage(folder).free
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
         """Speed [B/s] of writing and synchronising `size_bytes`, rounded up to whole MiB, in `folder`.
@@ -75,19 +55,10 @@ class RealDisk:
         with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
             start = self._now_ns()
             for number in range(blocks):
-                _write_all(file.fileno(), number.to_bytes(8, "little") + block[8:])
+                write_all(file.fileno(), [number.to_bytes(8, "little") + block[8:]])
             os.fdatasync(file.fileno())
             end = self._now_ns()
         return blocks * _BLOCK * 1e9 / max(1, end - start)
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    view = memoryview(data)
-    while view:
-        written = os.write(descriptor, view)
-        if written == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        view = view[written:]
 
 
 def data_rate(rig: RigConfig) -> float:

@@ -18,7 +18,6 @@ from acquire.preflight.camera import CAMERA_LINES, check_camera
 from acquire.preflight.check import Check, failed_by_error, failed_check, passed_check, skipped_check
 from acquire.preflight.computer import (
     Computer,
-    LinuxComputer,
     check_latency_timer,
     check_lock,
     check_packet_size,
@@ -26,7 +25,7 @@ from acquire.preflight.computer import (
     check_receive_buffer,
     check_socket,
 )
-from acquire.preflight.disk import Disk, RealDisk, check_disk
+from acquire.preflight.disk import Disk, check_disk
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 from acquire.preflight.video import DaemonCapture, OwnCapture, VideoSource
 
@@ -96,8 +95,8 @@ def real_probes(clock: Clock | None = None) -> Probes:
             yield RunningDaemon(client.call("status"), DaemonCapture(rig, client, clock))
 
     return Probes(
-        computer=LinuxComputer(),
-        disk=RealDisk(clock.monotonic_ns),
+        computer=Computer(),
+        disk=Disk(clock.monotonic_ns),
         servo=lambda config: read_servo(config, clock),
         capture=lambda rig: OwnCapture(rig, clock),
         daemon=daemon,
@@ -160,9 +159,10 @@ def _check_daemon(rig: RigConfig, daemon: RunningDaemon | None) -> Check:
 def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon | None) -> Iterator[Check]:
     striker, camera = rig.striker, rig.camera
     if striker.kind == "dynamixel":
-        yield check_port(computer, striker.port)
-        yield check_lock(computer, striker.port, None if daemon is None else int(daemon.status["pid"]))
-        yield check_latency_timer(computer, striker.port)
+        port = computer.port(striker.port)
+        yield check_port(port, striker.port)
+        yield check_lock(port, striker.port, None if daemon is None else int(daemon.status["pid"]))
+        yield check_latency_timer(computer, port, striker.port)
     yield check_receive_buffer(computer, camera.receive_buffer_bytes)
     yield check_packet_size(computer, camera.address, camera.packet_size)
 

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-import threading
-import uuid
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -24,15 +23,16 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from acquire.capture.link import CaptureProcess
 from acquire.config import RecorderConfig
 from acquire.daemon.client import DaemonClient
+from acquire.daemon.manifest import OpenCamera, session_files, session_manifest
 from acquire.daemon.watcher import Watcher
 from acquire.errors import RecorderError
+from acquire.recorder.frame_recorder import WindowReport
 from acquire.recorder.recover.rewrite import mapped, read_layout
 from schemas import topics
-from schemas.document import canonical_json, sha256_text
+from schemas.document import canonical_json
 from schemas.mcap.walk import walk_chunks, walk_messages
 from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import ManifestCamera, SessionManifest, TimeSource
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
 from schemas.watch_lines import WatchEvent
 
@@ -64,30 +64,6 @@ size_m = 0.03
 """
 
 
-class _WatchEnd:
-    """Condition that ends the wait for `analyze watch` to report on the test video.
-
-    The wait ends at the first report on the end of the video that states rest, or that is at least a second
-    later than the first report. If `analyze watch` starts late it begins with the present, and it needs two
-    images to distinguish rest from motion.
-
-    Args:
-        until_ns: log time [ns] that counts as the end of the video.
-    """
-
-    def __init__(self, until_ns: int) -> None:
-        self._until_ns = until_ns
-        self._first_ns: int | None = None
-
-    def is_done(self, event: WatchEvent) -> bool:
-        """True if no report of `analyze watch` after `event`, the newest one, is needed."""
-        if self._first_ns is None:
-            self._first_ns = event.time_ns
-        return event.time_ns >= self._until_ns and (
-            event.at_rest or event.time_ns >= self._first_ns + _MOTION_NS
-        )
-
-
 @dataclass(frozen=True)
 class VideoContent:
     """Content of a test video's recording: the last image and the quality of the frame times."""
@@ -115,31 +91,82 @@ class CheckVideo:
     """last event of `analyze watch`; None if there was none"""
 
 
-class VideoSource(Protocol):
-    """Camera that can record a test video, directly or through the daemon."""
+class VideoSource(ABC):
+    """Camera that can record a test video, directly or through the daemon.
 
+    Args:
+        rig: configuration of camera and recorder.
+        clock: time and sleep.
+    """
+
+    def __init__(self, rig: RigConfig, clock: Clock) -> None:
+        self._rig = rig
+        self._clock = clock
+
+    @abstractmethod
     def open(self) -> str:
         """Start the camera with the rig's settings and return a description of it.
 
         Raises:
             AcquireError: camera, settings or capture process failed.
         """
-        ...
 
+    @abstractmethod
     def record(self, folder: Path) -> CheckVideo:
         """Record a test video in `folder`, read it and delete it.
 
         Raises:
             AcquireError: the video could not be recorded or read.
         """
-        ...
 
+    @abstractmethod
     def close(self) -> None:
         """Release the camera; safe at any time, also before `open` and more than once."""
-        ...
+
+    def _record_window(
+        self, open_window: Callable[[], object], close_window: Callable[[], WindowReport]
+    ) -> WindowReport:
+        """Record a window of CLIP_S in an open recording, and return the report of its end.
+
+        The pre-trigger buffer is filled before: frames missing from it would count as lost.
+        """
+        self._clock.sleep(self._rig.recorder.pre_trigger_s + 0.3)
+        open_window()
+        self._clock.sleep(CLIP_S)
+        return close_window()
+
+    def _watch(self, until_ns: int, state: Callable[[], tuple[bool, WatchEvent | None]]) -> WatchEvent | None:
+        """Newest report of `analyze watch` when none after it is needed; None if there was none.
+
+        The wait ends at the first report on the end of the video that states rest, or that is at least a
+        second later than the first report. If `analyze watch` starts late it begins with the present, and it
+        needs two images to distinguish rest from motion.
+
+        Args:
+            until_ns: log time [ns] of the end of the video.
+            state: returns whether `analyze watch` runs, and its newest report.
+        """
+        end_ns = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9)
+        until_ns -= _END_MARGIN_NS
+        first_ns: int | None = None
+        while True:
+            alive, event = state()
+            if event is not None:
+                first_ns = event.time_ns if first_ns is None else first_ns
+                settled = event.at_rest or event.time_ns >= first_ns + _MOTION_NS
+                alive = alive and not (event.time_ns >= until_ns and settled)
+            if not alive or self._clock.monotonic_ns() > end_ns:
+                return event
+            self._clock.sleep(_POLL_S)
+
+    def _video(self, report: WindowReport, event: WatchEvent | None, written: Path) -> CheckVideo:
+        """Test video from the report of its window, the newest report on it, and its finished recording."""
+        content = read_video(written, self._rig.camera.name)
+        seconds = (report.end_ns - report.start_ns) * 1e-9
+        return CheckVideo(seconds, report.frames, report.lost, content, event)
 
 
-class OwnCapture:
+class OwnCapture(VideoSource):
     """Test video through a capture process of its own, started as the daemon would start it."""
 
     def __init__(self, rig: RigConfig, clock: Clock) -> None:
@@ -148,8 +175,7 @@ class OwnCapture:
         recorder = RecorderConfig(
             directory=given.directory, pre_trigger_s=given.pre_trigger_s, preview_hz=4.0, disk_reserve_bytes=0
         )
-        self._rig = rig.model_copy(update={"recorder": recorder})
-        self._clock = clock
+        super().__init__(rig.model_copy(update={"recorder": recorder}), clock)
         self._capture = CaptureProcess(self._rig)
 
     def open(self) -> str:
@@ -158,8 +184,8 @@ class OwnCapture:
         Raises:
             AcquireError: camera, settings or capture process failed.
         """
-        info = self._capture.start()
-        return f"{info.vendor} {info.model} ({info.serial}) at {info.address}"
+        self._info = self._capture.start()
+        return f"{self._info.vendor} {self._info.model} ({self._info.serial}) at {self._info.address}"
 
     def record(self, folder: Path) -> CheckVideo:
         """Record a test video in `folder`, read it and delete it.
@@ -169,73 +195,33 @@ class OwnCapture:
         Raises:
             AcquireError: the video could not be recorded or read.
         """
+        capture = self._capture
         with _temporary(folder) as path, contextlib.closing(self):
             # The camera's clock is latched every half second, and the mapping needs a few latches.
             self._clock.sleep(1.0)
-            plan = placeholder_plan()
-            attachments = [
-                ("object.toml", "application/toml", OBJECT_TOML.encode()),
-                ("plan.json", "application/json", plan.encode()),
-            ]
-            self._capture.open_recording(path, self._manifest(plan), attachments)
-            self._clock.sleep(fill_s(self._rig))
-            self._capture.open_window()
-            self._clock.sleep(CLIP_S)
-            report = self._capture.close_window()
-            event = self._watch(Path(f"{path}.part"), report.end_ns - _END_MARGIN_NS)
-            written = self._capture.close_recording().path
-            content = read_video(written, self._rig.camera.name)
-        return CheckVideo(
-            (report.end_ns - report.start_ns) * 1e-9, report.frames, report.lost, content, event
-        )
+            files = session_files({"object_toml": OBJECT_TOML, "plan_json": placeholder_plan()}, "")
+            anchor_ns = self._clock.wall_ns() - self._clock.monotonic_ns()
+            manifest = session_manifest(
+                self._rig, OpenCamera(self._info, clock_latched=False), files, anchor_ns
+            )
+            capture.open_recording(path, manifest, list(files.attachments))
+            report = self._record_window(capture.open_window, capture.close_window)
+            watcher = Watcher(Path(f"{path}.part"), lambda _: None)
+            with contextlib.closing(watcher):
+                event = self._watch(report.end_ns, lambda: (watcher.alive, watcher.latest))
+            return self._video(report, event, capture.close_recording().path)
 
     def close(self) -> None:
         """End the capture process, which releases the camera; safe at any time."""
         self._capture.stop()
 
-    def _watch(self, part: Path, until_ns: int) -> WatchEvent | None:
-        finished, end = threading.Event(), _WatchEnd(until_ns)
-        watcher = Watcher(part, lambda event: finished.set() if end.is_done(event) else None)
-        try:
-            end_ns = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9)
-            while not finished.wait(_POLL_S) and watcher.alive and self._clock.monotonic_ns() < end_ns:
-                pass
-            return watcher.latest
-        finally:
-            watcher.close()
 
-    def _manifest(self, plan: str) -> SessionManifest:
-        spec = parse_object_spec(OBJECT_TOML, "check")
-        camera = self._rig.camera
-        return SessionManifest(
-            recording_id=str(uuid.uuid4()),
-            created="1970-01-01T00:00:00+00:00",
-            software="acquire check",
-            wall_anchor_ns=self._clock.wall_ns() - self._clock.monotonic_ns(),
-            time_source=TimeSource.HOST_ARRIVAL,
-            time_source_sd_ns=1_000_000,
-            g_m_s2=self._rig.g_m_s2,
-            g_sd_m_s2=self._rig.g_sd_m_s2,
-            gravity_tilt_sd_rad=self._rig.gravity_tilt_sd_rad,
-            cameras=[
-                ManifestCamera(
-                    name=camera.name,
-                    frame_rate_hz=camera.frame_rate_hz,
-                    exposure_us=camera.exposure_us,
-                    calibration=camera.calibration,
-                )
-            ],
-            object=spec,
-            object_sha256=object_sha256(spec, None),
-            plan_sha256=sha256_text(plan),
-        )
-
-
-class DaemonCapture:
+class DaemonCapture(VideoSource):
     """Test video through the running daemon, recorded like a session without a strike."""
 
     def __init__(self, rig: RigConfig, client: DaemonClient, clock: Clock) -> None:
-        self._rig, self._client, self._clock = rig, client, clock
+        super().__init__(rig, clock)
+        self._client = client
 
     def open(self) -> str:
         """Return make, model, serial and address of the camera that the daemon holds; nothing is started.
@@ -253,8 +239,8 @@ class DaemonCapture:
         Raises:
             AcquireError: the video could not be recorded or read.
         """
+        call = self._client.call
         with _temporary(folder) as path:
-            call = self._client.call
             call(
                 "recording.open",
                 path=str(path.absolute()),
@@ -262,38 +248,20 @@ class DaemonCapture:
                 plan_json=placeholder_plan(),
             )
             try:
-                self._clock.sleep(fill_s(self._rig))
-                call("window.open")
-                self._clock.sleep(CLIP_S)
-                report = call("window.close")
-                event = self._watch(report["end_ns"] - _END_MARGIN_NS)
+                report = self._record_window(
+                    lambda: call("window.open"), lambda: WindowReport(**call("window.close"))
+                )
+                event = self._watch(report.end_ns, self._watch_state)
             finally:
                 written = call("recording.close")["path"]
-            content = read_video(Path(written), self._rig.camera.name)
-        return CheckVideo(
-            (report["end_ns"] - report["start_ns"]) * 1e-9, report["frames"], report["lost"], content, event
-        )
+            return self._video(report, event, Path(written))
 
     def close(self) -> None:
         """Do nothing; the daemon keeps the camera."""
 
-    def _watch(self, until_ns: int) -> WatchEvent | None:
-        end_ns, end = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9), _WatchEnd(until_ns)
-        while True:
-            answer = self._client.call("watch.latest")
-            event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
-            late = self._clock.monotonic_ns() > end_ns
-            if (event is not None and end.is_done(event)) or not answer["alive"] or late:
-                return event
-            self._clock.sleep(_POLL_S)
-
-
-def fill_s(rig: RigConfig) -> float:
-    """Time [s] until a recording's pre-trigger buffer is full, with a margin.
-
-    Frames missing from the buffer would count as lost.
-    """
-    return rig.recorder.pre_trigger_s + 0.3
+    def _watch_state(self) -> tuple[bool, WatchEvent | None]:
+        answer = self._client.call("watch.latest")
+        return answer["alive"], WatchEvent.model_validate(answer["event"]) if answer["event"] else None
 
 
 @contextmanager

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from acquire.preflight.computer import FolderState, LinuxComputer, ReceiveBuffer
-from acquire.preflight.disk import RealDisk
+from acquire.preflight.computer import Computer, FolderState, ReceiveBuffer
+from acquire.preflight.disk import Disk
 from tests.acquire.preflight.bench import (
     RIG,
     Bench,
@@ -19,7 +19,7 @@ from tests.acquire.preflight.bench import (
 
 def test_disk_test_leaves_no_file(tmp_path: Path) -> None:
     ticks = iter([0, 2_000_000_000])
-    assert RealDisk(lambda: next(ticks)).write_speed(tmp_path, 3 << 20) == pytest.approx((3 << 20) / 2.0)
+    assert Disk(lambda: next(ticks)).write_speed(tmp_path, 3 << 20) == pytest.approx((3 << 20) / 2.0)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -30,7 +30,7 @@ def test_linux_computer_reads_the_system(tmp_path: Path) -> None:
     limit = tmp_path / "proc/sys/net/core/rmem_max"
     limit.parent.mkdir(parents=True)
     limit.write_text("212992\n", encoding="ascii")
-    computer = LinuxComputer(tmp_path / "sys", tmp_path / "proc", tmp_path)
+    computer = Computer(tmp_path / "sys", tmp_path / "proc", tmp_path)
     assert computer.latency_timer_ms("/dev/ttyUSB7") == 16
     assert computer.latency_timer_ms("/dev/ttyUSB8") is None
     assert computer.receive_buffer(65_536) == ReceiveBuffer(65_536, 212_992)
@@ -42,7 +42,7 @@ def test_linux_computer_reads_the_system(tmp_path: Path) -> None:
 
 
 def test_port_in_use_is_detected_by_flock_and_lock_file(tmp_path: Path) -> None:
-    computer = LinuxComputer(lock=tmp_path)
+    computer = Computer(lock=tmp_path)
     master, slave = os.openpty()
     try:
         path = os.ttyname(slave)
@@ -62,7 +62,7 @@ def test_port_in_use_is_detected_by_flock_and_lock_file(tmp_path: Path) -> None:
 
 
 def test_state_of_the_socket_folder(tmp_path: Path) -> None:
-    computer = LinuxComputer()
+    computer = Computer()
     tmp_path.chmod(0o700)
     assert computer.socket_folder(tmp_path) == FolderState(
         exists=True, owned=True, private=True, can_be_made=True
