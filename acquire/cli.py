@@ -262,12 +262,13 @@ class StrikeOptions:
 def strike(rig: Path | None, yes: bool, as_json: bool, **strike_options: Any) -> None:
     """Strike once without a session, or --calibrate a bare striker. Asks before every strike."""
     from acquire.console import strike as strike_command
+    from acquire.session.single_strike import CalibrationOrder
 
     _end_as_on_ctrl_c()  # the arm is stopped
     given = StrikeOptions(**strike_options)
     given.refuse_contradictions(rig)
     if given.calibrate and rig is not None:
-        order = strike_command.CalibrationRequest(given.speeds, given.bodies, given.repeats)
+        order = CalibrationOrder(strike_command.parse_speeds(given.speeds), given.repeats, given.bodies)
         strike_command.calibrate(rig, order, write=given.write, yes=yes, as_json=as_json)
         return
     speed = given.speed or 0.0

@@ -6,7 +6,6 @@ import contextlib
 import sys
 import threading
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -15,7 +14,7 @@ from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
 
 
-class SessionProgress:
+class SessionProgress(Progress):
     """Progress line of a session: planned strikes done, elapsed time, current step.
 
     It is written to standard error, so that the output of --json stays clean. As a context manager it is
@@ -23,16 +22,16 @@ class SessionProgress:
     """
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True)
-        self._progress = Progress(
+        console = Console(stderr=True)
+        super().__init__(
             TextColumn("{task.completed:.0f}/{task.total:.0f} strikes"),
             BarColumn(bar_width=24),
             TimeElapsedColumn(),
             TextColumn("{task.description}"),
-            console=self._console,
-            disable=not self._console.is_terminal,
+            console=console,
+            disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("starting", total=1)
+        self._task = self.add_task("starting", total=1)
 
     def __call__(self, text: str, done: int, total: int) -> None:
         """Show `text` on the progress line; also print it as a line of its own if it contains a colon.
@@ -44,13 +43,13 @@ class SessionProgress:
             done: number of planned strikes done.
             total: number of planned strikes.
         """
-        self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
+        self.update(self._task, description=text, completed=done, total=max(total, 1))
         if ":" in text:
             self.print_line(text)
 
     def print_line(self, text: str) -> None:
         """Print a line of text above the progress line."""
-        self._console.print(text, highlight=False, soft_wrap=True)
+        self.console.print(text, highlight=False, soft_wrap=True)
 
     def ask(self, text: str) -> str:
         """Ask the operator a question and return the answer; the progress line pauses meanwhile.
@@ -58,20 +57,11 @@ class SessionProgress:
         Returns:
             A line of standard input with its line end; "" if standard input has ended.
         """
-        self._progress.stop()
-        self._console.print(text, highlight=False)
+        self.stop()
+        self.console.print(text, highlight=False)
         answer = sys.stdin.readline()
-        self._progress.start()
+        self.start()
         return answer
-
-    def __enter__(self) -> SessionProgress:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
 
 class ConsoleOperator:

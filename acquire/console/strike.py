@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -86,18 +86,6 @@ def planned_speed(plan_path: Path, strike_id: str, energy: float | None) -> floa
     return speed
 
 
-@dataclass(frozen=True)
-class CalibrationRequest:
-    """Speeds, bodies and repeats of a calibration, as given on the command line."""
-
-    speeds: str | None
-    """tip speeds [m/s], comma-separated; None for the default"""
-    bodies_kg: tuple[float, ...]
-    """masses of the free bodies to strike; infinite for a wall"""
-    repeats: int
-    """number of swings at each speed and target"""
-
-
 def parse_speeds(text: str | None) -> tuple[float, ...] | None:
     """Tip speeds [m/s] from a comma-separated list; None if no list was given.
 
@@ -117,26 +105,24 @@ def parse_speeds(text: str | None) -> tuple[float, ...] | None:
     return speeds
 
 
-def calibrate(rig_path: Path, request: CalibrationRequest, *, write: bool, yes: bool, as_json: bool) -> None:
+def calibrate(
+    rig_path: Path, order: single_strike.CalibrationOrder, *, write: bool, yes: bool, as_json: bool
+) -> None:
     """Calibrate a bare striker: swing, estimate its parameters and print them.
 
     Args:
         rig_path: the rig file; with `write` its section [striker] gets the estimates.
-        request: speeds, bodies and repeats.
+        order: speeds, repeats and bodies.
         write: True to write the estimates, unless the swings determine none (such as swings in the air
             alone).
         yes: True to swing without asking.
         as_json: True to print swings and estimates as JSON.
 
     Raises:
-        AcquireError: the rig file or a speed cannot be used, the daemon cannot be reached, the answer was no,
+        AcquireError: the rig file cannot be used, the daemon cannot be reached, the answer was no,
             or the striker failed.
     """
-    speeds = parse_speeds(request.speeds)
     rig = read_rig(rig_path)
-    order = single_strike.CalibrationOrder(
-        speeds or single_strike.default_tip_speeds(rig), request.repeats, request.bodies_kg
-    )
     arm = rig.striker
     prior = StrikerParameters(
         arm.effective_mass_kg, arm.effective_mass_sd_kg, arm.restitution, arm.restitution_sd

@@ -62,21 +62,9 @@ _DISTURBED = frozenset(
     {Verdict.SLID, Verdict.ROLLED, Verdict.TWISTED, Verdict.AIRBORNE, Verdict.STRUCK_TWICE}
 )
 """verdicts on strikes whose energy ratio is known, but only roughly"""
-
-
-@dataclass(frozen=True)
-class EnergyGoal:
-    """Upper limits of three quantiles of the next strike's energy ratio E.
-
-    E is the kinetic energy after the strike over the energy needed to reach balance; 1 just reaches it.
-    """
-
-    median: float = 1.15
-    """limit of the median"""
-    quantile_95: float = 2.0
-    """limit of the 95 % quantile: exceeded with at most 5 % probability"""
-    quantile_99_5: float = 2.7
-    """limit of the 99.5 % quantile: exceeded with at most 0.5 % probability"""
+ENERGY_LIMITS = ((0.5, 1.15), (0.95, 2.0), (0.995, 2.7))
+"""limits of the next strike's energy ratio E: (probability, greatest value of that quantile of E); E is the
+kinetic energy after the strike over the energy needed to reach balance"""
 
 
 @dataclass(frozen=True)
@@ -175,11 +163,9 @@ class EnergyLearner:
     Args:
         plan: the planned strikes and, if the plan has one, its hypothesis (assumed centre of mass, mass and
             striker); without a hypothesis each axis has only the spread of its predicted balance angle.
-        goal: limits of the energy ratio E of the next strike; None for the default limits.
     """
 
-    def __init__(self, plan: StrikePlan, goal: EnergyGoal | None = None) -> None:
-        self._goal = goal or EnergyGoal()
+    def __init__(self, plan: StrikePlan) -> None:
         self._axes = {
             axis_id: i for i, axis_id in enumerate(dict.fromkeys(each.axis_id for each in plan.strikes))
         }
@@ -193,15 +179,12 @@ class EnergyLearner:
     def tip_speed(self, strike: PlannedStrike) -> float:
         """Tip speed [m/s] to command for the next strike on a planned strike's axis.
 
-        It is the largest speed at which every quantile of the energy ratio E respects the goal, clipped to
-        the plan's limits for this strike.
+        It is the largest speed at which every quantile of the energy ratio E respects ENERGY_LIMITS, clipped
+        to the plan's limits for this strike.
         """
         log_energy = self._log_energy_draws(strike)
-        goal = self._goal
-        limits = [(0.5, goal.median), (0.95, goal.quantile_95), (0.995, goal.quantile_99_5)]
-        speed = math.exp(
-            0.5 * min(math.log(limit) - float(np.quantile(log_energy, q)) for q, limit in limits)
-        )
+        margins = [math.log(limit) - float(np.quantile(log_energy, q)) for q, limit in ENERGY_LIMITS]
+        speed = math.exp(0.5 * min(margins))
         return min(max(speed, strike.tip_speed_m_s.min), strike.tip_speed_m_s.max)
 
     def speed_for(self, strike: PlannedStrike, energy: float) -> float:

@@ -9,10 +9,10 @@ attempted `max_attempts` times; every attempt is kept. A strike without any verd
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from acquire.session.energy import EnergyGoal, EnergyLearner
+from acquire.session.energy import EnergyLearner
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.strike_result import Verdict
@@ -21,24 +21,15 @@ from schemas.watch_lines import StrikeVerdict
 State = pb.SessionState.State
 
 
-@dataclass(frozen=True)
-class SessionSettings:
-    """Limits on repetitions, and the energy ratios aimed at and accepted.
-
-    The energy ratio E is the kinetic energy after a strike over the energy needed to reach balance.
-    """
-
-    max_attempts: int = 4
-    """largest number of attempts per planned strike"""
-    max_placements: int = 3
-    """number of rejected placements after which a planned strike is skipped"""
-    max_faults: int = 3
-    """number of device faults after which the next one ends the session"""
-    energy_goal: EnergyGoal = field(default_factory=EnergyGoal)
-    """limits of the energy ratio of the next strike"""
-    energy_accepted: tuple[float, float] = (1.0, 2.5)
-    """range of energy ratios E in which a good strike is not repeated"""
-
+MAX_ATTEMPTS = 4
+"""largest number of attempts per planned strike"""
+MAX_PLACEMENTS = 3
+"""number of rejected placements after which a planned strike is skipped"""
+MAX_FAULTS = 3
+"""number of device faults after which the next one ends the session"""
+ENERGY_ACCEPTED = (1.0, 2.5)
+"""range of energy ratios (kinetic energy after the strike over the energy needed to reach balance) in which a
+good strike is not repeated"""
 
 # --- events
 
@@ -243,24 +234,23 @@ Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUnt
 Action = Step | CloseRecording
 
 
-@dataclass
 class SessionMachine:
     """State machine of one session: the current planned strike, its attempt, and the learned tip speeds.
 
     `handle` takes an event and returns the next actions; executing the last of them yields the next event.
+
+    Args:
+        plan: strikes to carry out.
     """
 
-    plan: StrikePlan
-    """strikes to carry out"""
-    settings: SessionSettings = field(default_factory=SessionSettings)
-
-    def __post_init__(self) -> None:
+    def __init__(self, plan: StrikePlan) -> None:
+        self.plan = plan
         self.state = State.IDLE
         self._index = 0
         self._attempt = 1
         self._placements = 0
         self._faults = 0
-        self.learner = EnergyLearner(self.plan, self.settings.energy_goal)
+        self.learner = EnergyLearner(plan)
         self._command = 0.0
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
@@ -279,11 +269,8 @@ class SessionMachine:
 
     @property
     def progress(self) -> tuple[int, int]:
-        """Index of the current planned strike, and number of all planned strikes.
-
-        The index is the number of planned strikes done, except after the last one, where it stays one below.
-        """
-        return self._index, len(self.plan.strikes)
+        """Number of planned strikes done or skipped, and number of all planned strikes."""
+        return self._index + (self.state is State.FINISHED), len(self.plan.strikes)
 
     def handle(self, event: Event) -> list[Action]:
         """Advance the session by one event and return the actions to execute, in order.
@@ -334,7 +321,7 @@ class SessionMachine:
             self.state = State.ARMING
             return [self._announce(), Arm()]
         self._placements += 1
-        if self._placements >= self.settings.max_placements:
+        if self._placements >= MAX_PLACEMENTS:
             return self._next()
         return self._place(event.text)
 
@@ -409,7 +396,7 @@ class SessionMachine:
             hint: reason for placing again, for the operator.
         """
         self._faults += 1
-        if self._faults > self.settings.max_faults:
+        if self._faults > MAX_FAULTS:
             return self.on_stop_requested(StopRequested(text))
         return [self._announce(text), *remedy, *self._place(hint)]
 
@@ -433,12 +420,12 @@ class SessionMachine:
         good = False
         if verdict is not None:
             energy = verdict.energy_ratio
-            low, high = self.settings.energy_accepted
+            low, high = ENERGY_ACCEPTED
             good = verdict.code is Verdict.GOOD and (energy is None or low <= energy <= high)
         missed = struck.tip_speed_m_s <= 0 and (verdict is None or verdict.code is Verdict.NOT_MOVED)
         if not missed:
             self.learner.learn(self.strike, self._command, struck.tip_speed_m_s or None, verdict)
-        if good or verdict is None or self._attempt >= self.settings.max_attempts:
+        if good or verdict is None or self._attempt >= MAX_ATTEMPTS:
             return [record, *self._next()]
         self._attempt += 1
         self._placements = 0

@@ -114,28 +114,25 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
 class CalibrationOrder:
     """Swings of a calibration: each speed in the air, then each speed at each body."""
 
-    speeds_m_s: tuple[float, ...]
-    """tip speeds to command"""
+    speeds_m_s: tuple[float, ...] | None
+    """tip speeds to command; None for the default_tip_speeds of the rig"""
     repeats: int
     """number of swings at each speed and target"""
     bodies_kg: tuple[float, ...]
     """masses of the free bodies to strike; infinite for a wall"""
 
 
-def default_tip_speeds(rig: RigConfig, count: int = DEFAULT_SPEED_COUNT) -> tuple[float, ...]:
-    """Tip speeds [m/s] (count,), evenly spaced over the range of a rig's striker, slowest first.
+def default_tip_speeds(rig: RigConfig) -> tuple[float, ...]:
+    """Tip speeds [m/s] (DEFAULT_SPEED_COUNT,), evenly spaced over a striker's range, slowest first.
 
     The ends keep a small margin to the slowest and fastest speed that the striker accepts.
-
-    Args:
-        rig: the rig file.
-        count: number of speeds, at least 2.
     """
     arm = rig.striker
     slowest = SLOWEST_FACTOR * MIN_ARM_SPEED_RAD_S * arm.arm_length_m
     run_up_rad = arm.cocked_angle_rad / RUN_UP_FACTOR
     fastest = tip_speeds(arm.arm_length_m, run_up_rad, arm.velocity_limit_rad_s).fastest_m_s
-    return tuple(round(slowest + (fastest - slowest) * i / (count - 1), SPEED_DECIMALS) for i in range(count))
+    steps = DEFAULT_SPEED_COUNT - 1
+    return tuple(round(slowest + (fastest - slowest) * i / steps, SPEED_DECIMALS) for i in range(steps + 1))
 
 
 def calibrate(
@@ -171,13 +168,14 @@ def calibrate(
             f"the daemon runs rig {running!r}, the file describes {rig.name!r}: "
             "give the file the daemon was started with"
         )
+    speeds = order.speeds_m_s or default_tip_speeds(rig)
     swings: list[MeasuredSwing] = []
     with held_striker(client):
         if not confirm("The arm will swing in the air. Is everything out of its way?"):
             raise StrikerRefused("not calibrated: the answer was no")
         client.call("striker.home")
         for body in (None, *order.bodies_kg):
-            for speed in (speed for speed in order.speeds_m_s for _ in range(order.repeats)):
+            for speed in (speed for speed in speeds for _ in range(order.repeats)):
                 name = f"calibrate-{len(swings) + 1}"
                 outcome = _completed_swing(client, name, speed, _confirm_target(body, confirm))
                 swings.append(_measured_swing(outcome, speed, body, rig))

@@ -70,10 +70,9 @@ def drive(machine: s.SessionMachine, judge) -> list[s.Action]:
 
 
 def test_good_strikes_are_made_once_each():
-    done = drive(
-        s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3"))),
-        lambda *_: verdict(Verdict.GOOD, 1.15),
-    )
+    machine = s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3")))
+    done = drive(machine, lambda *_: verdict(Verdict.GOOD, 1.15))
+    assert machine.progress == (3, 3)
     assert [a.strike_id for a in done if isinstance(a, s.WriteRecord)] == ["s1.1", "s2.1", "s3.1"]
 
 
@@ -198,9 +197,9 @@ def test_judged_strike_is_repeated_if_its_record_was_not_written(strikes):
 
 
 def test_repeatedly_cut_files_end_the_session():
-    machine = s.SessionMachine(plan(planned("s1")), s.SessionSettings(max_faults=2))
+    machine = s.SessionMachine(plan(planned("s1")))
     run_until_state(machine, s.State.STRIKING)
-    for _ in range(2):
+    for _ in range(s.MAX_FAULTS):
         assert isinstance(machine.handle(s.FileCutShort("x"))[-1], s.AskToPlace)
         machine.handle(s.Placed())
         machine.handle(s.PoseChecked(good=True))
