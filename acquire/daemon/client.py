@@ -168,7 +168,7 @@ class DaemonClient:
 
 
 def wait_for_socket(path: Path, alive: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    """Wait until a daemon's socket exists at `path`.
+    """Wait until a daemon takes connections at `path`.
 
     Args:
         path: path of the socket.
@@ -176,11 +176,12 @@ def wait_for_socket(path: Path, alive: Callable[[], bool], timeout_s: float = 20
         timeout_s: longest wait [s].
 
     Raises:
-        DaemonBusy: there is no socket after `timeout_s`, or `alive()` became false before.
+        DaemonBusy: no daemon listens after `timeout_s`, or `alive()` became false before.
+        DaemonError: the socket belongs to another user, or its daemon hangs.
     """
     end = time.monotonic() + timeout_s
     while time.monotonic() < end and alive():
-        if path.exists():
+        with contextlib.suppress(DaemonNotRunning), DaemonClient(path):
             return
         time.sleep(0.05)
     raise DaemonBusy(f"the daemon did not come up within {timeout_s:g} s at {path}")

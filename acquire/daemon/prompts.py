@@ -21,8 +21,8 @@ class Prompts:
     def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
         self._publish = publish
         self._numbers = itertools.count(1)
-        self._open: dict[int, dict[str, Any]] = {}
-        self._answers: dict[int, dict[str, Any]] = {}
+        self._answers: dict[int, dict[str, Any] | None] = {}
+        """answer of each question that waits for one, by its number; None while it is open"""
         self._changed = threading.Condition()
         self._closed = False
 
@@ -41,19 +41,19 @@ class Prompts:
         """
         with self._changed:
             number = next(self._numbers)
-            self._open[number] = {"prompt_id": number, **params}
-        self._publish("prompt", self._open[number])
+            self._answers[number] = None
+        self._publish("prompt", {"prompt_id": number, **params})
         with self._changed:
-            while number not in self._answers:
+            while (answer := self._answers[number]) is None:
                 if self._closed or connection.gone:
-                    self._open.pop(number, None)
+                    del self._answers[number]
                     raise SessionError(
                         "the question was not answered: "
                         "the daemon is stopping, or the client that asked has left"
                     )
                 self._changed.wait(0.5)
-            self._open.pop(number, None)
-            return self._answers.pop(number)
+            del self._answers[number]
+            return answer
 
     def answer(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         """Answer a question: `{"prompt_id": n, "ok": true}`, optionally with `"text"`.
@@ -68,7 +68,7 @@ class Prompts:
         """
         number = int(params["prompt_id"])
         with self._changed:
-            if number not in self._open:
+            if self._answers.get(number, {}) is not None:
                 raise SessionError(f"question {number} is not open: it was answered already")
             self._answers[number] = {"ok": bool(params.get("ok", True)), "text": str(params.get("text", ""))}
             self._changed.notify_all()
@@ -77,8 +77,8 @@ class Prompts:
     def stop(self) -> None:
         """Answer every open question that has no answer yet with `ok` false, on a stop request."""
         with self._changed:
-            for number in self._open:
-                self._answers.setdefault(number, {"ok": False, "text": "stopped on request"})
+            for number, answer in self._answers.items():
+                self._answers[number] = answer or {"ok": False, "text": "stopped on request"}
             self._changed.notify_all()
 
     def close(self) -> None:

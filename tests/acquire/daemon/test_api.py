@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from acquire.daemon import server as api
-from acquire.daemon.client import DaemonClient
+from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.daemon.server import ApiServer
 from acquire.errors import DaemonBusy, DaemonError, DaemonNotRunning, DaemonSilent, StrikerRefused
 
@@ -130,6 +130,14 @@ def test_a_socket_left_by_a_dead_daemon_is_taken_over(tmp_path):
         pass
     listening.close()
     assert not path.exists()
+
+
+def test_a_socket_left_by_a_dead_daemon_is_not_ready(tmp_path):
+    path = tmp_path / "daemon.sock"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+        dead.bind(str(path))
+    with pytest.raises(DaemonBusy):
+        wait_for_socket(path, lambda: True, 0.1)
 
 
 def test_a_missing_daemon_is_reported_in_one_line(tmp_path):

@@ -152,9 +152,12 @@ def test_a_stop_answers_the_question_that_is_open(rig: Daemon) -> None:
         target=lambda: answers.append(rig._prompts.ask(connection, {"text": "place it"}))
     )
     asking.start()
-    while not rig._prompts._open:
+    while not rig._prompts._answers:
         time.sleep(0.01)
-    rig._stop_striker()
+    with rig._prompts._changed:  # the asking thread wakes only after the second answer
+        rig._stop_striker()
+        with pytest.raises(SessionError, match="answered already"):
+            rig._prompts.answer(connection, {"prompt_id": 1, "ok": True})
     asking.join(5)
     assert answers == [{"ok": False, "text": "stopped on request"}]
 
