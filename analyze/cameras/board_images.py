@@ -77,7 +77,7 @@ def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str
     """
     for number, path in enumerate(files):
         progress("reading", number, len(files))
-        if path.suffix == RECORDING:
+        if path.suffix.lower() == RECORDING:
             yield from _recording_images(path, progress)
         elif path.suffix.lower() in VIDEOS:
             yield from _video_images(path, progress)
@@ -127,10 +127,10 @@ def _recording_images(path: Path, progress: Progress) -> Iterator[tuple[str, Ima
 def _video_images(path: Path, progress: Progress) -> Iterator[tuple[str, Image]]:
     from analyze.sources.video import VideoSource
 
-    with VideoSource(path) as video:
-        last_taken = None
-        for number, frame in enumerate(video.frames()):
-            if last_taken is None or frame.time_ns - last_taken >= SAMPLE_INTERVAL_NS:
-                progress(f"reading {path.name}", number, video.frame_count or number)
-                last_taken = frame.time_ns
-                yield f"{path} at {frame.time_ns * 1e-9:.1f} s", frame.image
+    video = VideoSource(path)
+    last_taken = None
+    for number, frame in enumerate(video.frames()):
+        if last_taken is None or frame.time_ns - last_taken >= SAMPLE_INTERVAL_NS:
+            progress(f"reading {path.name}", number, video.frame_count or number)
+            last_taken = frame.time_ns
+            yield f"{path} at {frame.time_ns * 1e-9:.1f} s", frame.image

@@ -106,18 +106,8 @@ def parse_calibration(data: bytes, name: str, *, as_json: bool = False) -> tuple
     try:
         text = data.decode("utf-8-sig")
         found = json.loads(text) if as_json else _yaml(text)
-    except (ValueError, RecursionError, YAMLError):
-        raise CalibrationError(
-            f"{name}: is not valid {kind}: give a calibration of OpenCV, Kalibr or ROS, or a rig file (.toml)"
-        ) from None
-    except (
-        TypeError,
-        AttributeError,
-        KeyError,
-        IndexError,
-        OverflowError,
-        ArithmeticError,
-    ):  # errors of the YAML reader on malformed input
+    # The YAML reader raises all of these on malformed input.
+    except (ValueError, RecursionError, YAMLError, TypeError, AttributeError, LookupError, ArithmeticError):
         raise CalibrationError(
             f"{name}: is not valid {kind}: give a calibration of OpenCV, Kalibr or ROS, or a rig file (.toml)"
         ) from None

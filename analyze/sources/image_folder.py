@@ -8,14 +8,14 @@ from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TextIO
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analyze.errors import ImportRefused
 from analyze.reading.image_message import decode_image_file
+from analyze.reading.time_range import is_within
 from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import IMAGE_SUFFIXES, ImageFile, image_file
 from analyze.sources.source import TimedFile, TimedImage
@@ -98,21 +98,8 @@ class ImageFolder:
             self._refuse_other_size(path, file.width, file.height)
             yield TimedFile(time_ns, file)
 
-    def close(self) -> None:
-        """Do nothing, since no file stays open between two readings."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Path]]:
-        for time_ns, path in self._images:
-            if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
-                yield time_ns, path
+        return (timed for timed in self._images if is_within(timed[0], start_ns, end_ns))
 
     def _image(self, path: Path) -> NDArray[np.uint8]:
         image = decode_image_file(self._read(path))
@@ -247,7 +234,11 @@ def _rounding_sd_ns(path: Path) -> int:
     """
     with path.open(encoding="utf-8-sig", newline="") as file:
         digits = max(
-            (len(row[_TIME].partition(".")[2]) for row in _rows(file) if "e" not in row[_TIME].lower()),
+            (
+                len(row[_TIME].strip().partition(".")[2])
+                for row in _rows(file)
+                if "e" not in row[_TIME].lower()
+            ),
             default=9,
         )
     return max(1, round(10.0 ** (9 - digits) / 12**0.5))

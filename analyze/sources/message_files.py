@@ -5,17 +5,19 @@ A bag is a folder with metadata.yaml, or a single .db3 file.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 from mcap.reader import SeekingReader
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from analyze.errors import ImportRefused
+from analyze.sources.pictures import VIDEO
 from schemas.session_manifest import MANIFEST_NAME
 
 BAG_FILE = ".db3"
@@ -47,43 +49,8 @@ class LoggedMessage(NamedTuple):
     """the message, encoded"""
 
 
-class MessageFile(Protocol):
-    """Interface of a file with topics and messages (MCAP or ROS 2 bag); every call opens the file anew.
-
-    Raises (all methods):
-        ImportRefused: the file is damaged, or of an unknown kind.
-    """
-
-    @property
-    def path(self) -> Path:
-        """Path of the file or folder."""
-        ...
-
-    def topics(self) -> list[LoggedTopic]:
-        """All topics, sorted by name, then by message type and encoding."""
-        ...
-
-    def messages(
-        self,
-        topic: LoggedTopic,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        *,
-        as_written: bool = False,
-    ) -> Iterator[LoggedMessage]:
-        """Yield the messages of a topic by log time.
-
-        Args:
-            topic: topic, as returned by `topics`.
-            start_ns: earliest log time [ns], included; None for no limit.
-            end_ns: latest log time [ns], included; None for no limit.
-            as_written: True for the order in an MCAP file; a bag ignores it.
-        """
-        ...
-
-
 class McapFile:
-    """MCAP file with an index, written by any other program."""
+    """MCAP file with an index, written by any other program; every call opens the file anew."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -96,7 +63,7 @@ class McapFile:
                 recordings.
         """
         with self._named_damage(), self.path.open("rb") as stream:
-            summary = self._reader(stream).get_summary()
+            summary = SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).get_summary()
             if summary is None or not summary.channels:
                 raise ImportRefused(
                     f"{self.path}: contains no index, or no messages: rewrite it with `mcap recover "
@@ -108,38 +75,33 @@ class McapFile:
                     f"{self.path.name}`"
                 )
             counts = summary.statistics.channel_message_counts if summary.statistics is not None else None
-            found: dict[tuple[str, str, str], int | None] = {}
+            found: Counter[tuple[str, str, str]] = Counter()
             for number, channel in summary.channels.items():
                 schema = summary.schemas.get(channel.schema_id)
                 key = (channel.topic, "" if schema is None else schema.name, channel.message_encoding)
-                many = None if counts is None else counts.get(number, 0)
-                before = found.get(key, 0)
-                found[key] = None if many is None or before is None else before + many
-        return [LoggedTopic(*key, many) for key, many in sorted(found.items())]
+                found[key] += 0 if counts is None else counts.get(number, 0)
+        return [LoggedTopic(*key, None if counts is None else many) for key, many in sorted(found.items())]
 
     def messages(
-        self,
-        topic: LoggedTopic,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        *,
-        as_written: bool = False,
+        self, topic: LoggedTopic, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[LoggedMessage]:
-        """Yield the messages of a topic by log time, or in the file's order.
+        """Yield the messages of a topic by log time, those of a video in the file's order.
 
         Args:
             topic: topic, as returned by `topics`.
             start_ns: earliest log time [ns], included; None for no limit.
             end_ns: latest log time [ns], included; None for no limit.
-            as_written: True for the file's order.
 
         Raises:
             ImportRefused: the file cannot be read or is damaged.
         """
         with self._named_damage(), self.path.open("rb") as stream:
             until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
-            found = self._reader(stream).iter_messages(
-                [topic.name], starting_at=start_ns, ending_before=until, log_time_order=not as_written
+            found = SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES).iter_messages(
+                [topic.name],
+                starting_at=start_ns,
+                ending_before=until,
+                log_time_order=topic.schema != VIDEO,
             )
             for schema, channel, message in found:
                 if (
@@ -147,11 +109,6 @@ class McapFile:
                     and (schema.name if schema else "") == topic.schema
                 ):
                     yield LoggedMessage(message.log_time, message.data)
-
-    @staticmethod
-    def _reader(stream: object) -> SeekingReader:
-        reader: Any = stream
-        return SeekingReader(reader, record_size_limit=MAX_RECORD_BYTES)
 
     @contextmanager
     def _named_damage(self) -> Iterator[None]:
@@ -169,7 +126,10 @@ class McapFile:
 
 
 class BagFile:
-    """ROS 2 bag with SQLite or MCAP storage; a folder stands for all its files."""
+    """ROS 2 bag with SQLite or MCAP storage; a folder stands for all its files.
+
+    Every call opens the bag anew.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -181,19 +141,14 @@ class BagFile:
             ImportRefused: the bag cannot be read.
         """
         with self._opened() as reader:
-            found: dict[tuple[str, str, str], int] = {}
+            found: Counter[tuple[str, str, str]] = Counter()
             for connection in reader.connections:
                 key = (connection.topic, connection.msgtype, _serialization(connection))
-                found[key] = found.get(key, 0) + connection.msgcount
+                found[key] += connection.msgcount
         return [LoggedTopic(*key, many or None) for key, many in sorted(found.items())]
 
     def messages(
-        self,
-        topic: LoggedTopic,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        *,
-        as_written: bool = False,
+        self, topic: LoggedTopic, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[LoggedMessage]:
         """Yield the messages of a topic by log time.
 
@@ -201,12 +156,10 @@ class BagFile:
             topic: topic, as returned by `topics`.
             start_ns: earliest log time [ns], included; None for no limit.
             end_ns: latest log time [ns], included; None for no limit.
-            as_written: ignored.
 
         Raises:
             ImportRefused: the bag cannot be read.
         """
-        del as_written
         with self._opened() as reader:
             meant = [
                 each
@@ -247,6 +200,6 @@ def is_message_file(path: Path) -> bool:
     return path.suffix.lower() == ".mcap" or is_bag(path)
 
 
-def open_message_file(path: Path) -> MessageFile:
+def open_message_file(path: Path) -> McapFile | BagFile:
     """Reader for the message file at a path: a bag if it is one by `is_bag`, otherwise MCAP."""
     return BagFile(path) if is_bag(path) else McapFile(path)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from types import TracebackType
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,51 +42,32 @@ class Frames(Protocol):
 
 
 class FrameSource(Frames, Protocol):
-    """Interface of the images of a file or folder, to be used in a `with` statement.
+    """Interface of the images of a file or folder; no file stays open between two readings.
 
     Raises (constructors and reading methods):
         ImportRefused: the source cannot be read, or its images differ in size.
     """
 
-    @property
-    def name(self) -> str:
-        """Name of the file or folder, for messages."""
-        ...
-
-    @property
-    def width(self) -> int:
-        """Width of the images [px]."""
-        ...
-
-    @property
-    def height(self) -> int:
-        """Height of the images [px]."""
-        ...
-
-    @property
-    def time_source(self) -> TimeSource:
-        """Clock of the times: time stamps in the imported file, or arrival at the host that recorded it."""
-        ...
-
-    @property
-    def time_sd_ns(self) -> int:
-        """Standard deviation of a frame's time relative to the others [ns]."""
-        ...
-
-    @property
-    def wall_start_ns(self) -> int | None:
-        """Wall clock at the source's start [ns since 1970]; None if unknown."""
-        ...
-
-    @property
-    def rate_hz(self) -> float:
-        """Frame rate as captured, where no frame is missing [Hz]."""
-        ...
-
-    @property
-    def frame_count(self) -> int | None:
-        """Number of frames that the source states, for progress; None if it states none."""
-        ...
+    name: str
+    """Name of the file or folder, for messages."""
+    width: int
+    """Width of the images [px]."""
+    height: int
+    """Height of the images [px]."""
+    time_source: TimeSource
+    """Clock of the times: time stamps in the imported file, or arrival at the host that recorded it."""
+    time_sd_ns: int
+    """Standard deviation of a frame's time relative to the others [ns]."""
+    wall_start_ns: int | None
+    """Wall clock at the source's start [ns since 1970]; None if unknown."""
+    rate_hz: float
+    """Frame rate as captured, where no frame is missing [Hz]."""
+    frame_count: int | None
+    """Number of frames that the source states, for progress; None if it states none."""
+    is_coded: bool
+    """True if images must be decoded, which takes longer than reading pixels."""
+    holds_files: bool
+    """True if the images are PNG or JPEG files, which `files` yields."""
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -97,16 +77,6 @@ class FrameSource(Frames, Protocol):
         """
         ...
 
-    @property
-    def is_coded(self) -> bool:
-        """True if images must be decoded, which takes longer than reading pixels."""
-        ...
-
-    @property
-    def holds_files(self) -> bool:
-        """True if the images are PNG or JPEG files, which `files` yields."""
-        ...
-
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
         """Yield the images that `frames` yields as PNG or JPEG files, if `holds_files` without decoding.
 
@@ -114,18 +84,4 @@ class FrameSource(Frames, Protocol):
             start_ns: earliest time since the source's start [ns], included; None for no limit.
             end_ns: latest time since the source's start [ns], included; None for no limit.
         """
-        ...
-
-    def close(self) -> None:
-        """Release the source's files."""
-        ...
-
-    def __enter__(self) -> Self:
-        """Return the source itself."""
-        ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the source."""
         ...

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice, pairwise
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +18,12 @@ from numpy.typing import NDArray
 from analyze.errors import CalibrationError, ImportRefused
 from analyze.reading.compressed_video import decode_video
 from analyze.reading.indexed_file import RecordedMessage
+from analyze.reading.time_range import is_within
 from analyze.sources import pictures
 from analyze.sources.foreign_calibrations import calibration_of
 from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import image_file, is_image_file
-from analyze.sources.message_files import LoggedMessage, LoggedTopic, MessageFile, open_message_file
+from analyze.sources.message_files import LoggedMessage, LoggedTopic, open_message_file
 from analyze.sources.pictures import CodedPicture, Picture, grey_values, is_readable, parse_picture
 from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.video_units import video_units
@@ -69,7 +69,7 @@ class TopicSource:
     """
 
     def __init__(self, path: Path, topic: str | None = None) -> None:
-        self._file: MessageFile = open_message_file(path)
+        self._file = open_message_file(path)
         self._all = self._file.topics()
         self._topic = _choose_topic(path, self._all, topic)
         self.path = path
@@ -173,17 +173,6 @@ class TopicSource:
             raise CalibrationError(f"{where}: {error}") from None
         return calibration_of(fields, where)[0], near[0].name
 
-    def close(self) -> None:
-        """Do nothing, since no file stays open between two readings."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     # --- messages
 
     def _pictures(
@@ -201,7 +190,7 @@ class TopicSource:
             raise ImportRefused(f"{self.name}: {error}") from None
 
     def _messages(self, log_from: int | None, log_to: int | None) -> Iterator[tuple[LoggedMessage, Picture]]:
-        for message in self._file.messages(self._topic, log_from, log_to, as_written=self._is_video):
+        for message in self._file.messages(self._topic, log_from, log_to):
             try:
                 yield message, parse_picture(self._topic.encoding, self._topic.schema, message.data)
             except ContainerError as error:
@@ -217,8 +206,8 @@ class TopicSource:
         log_from = None if start_ns is None or self._is_video else max(self._logged_ns + start_ns - margin, 0)
         log_to = None if end_ns is None else max(self._logged_ns + end_ns + margin, 0)
         for message, picture in self._pictures(log_from, log_to):
-            time_ns = self._time_ns(message, picture)
-            if self._is_video or _is_within(time_ns, start_ns, end_ns):
+            time_ns = (picture.stamp_ns if self._by_header else message.log_ns) - self._start_ns
+            if self._is_video or is_within(time_ns, start_ns, end_ns):
                 yield time_ns, picture
 
     def _images(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedImage]:
@@ -230,7 +219,7 @@ class TopicSource:
                     if frame.sequence < last and frame.time_ns <= last_ns:
                         raise self._unknown_times_error()
                     last, last_ns = max(last, frame.sequence), max(last_ns, frame.time_ns)
-                    if _is_within(frame.time_ns, start_ns, end_ns):
+                    if is_within(frame.time_ns, start_ns, end_ns):
                         yield TimedImage(frame.time_ns, frame.image)
                 return
             for time_ns, picture in found:
@@ -274,10 +263,6 @@ class TopicSource:
                 yield RecordedMessage(
                     self._topic.name, time_ns, number, memoryview(pictures.as_video(picture))
                 )
-
-    def _time_ns(self, message: LoggedMessage, picture: Picture) -> int:
-        """Time of a message since the source's start [ns], by header stamp or log time as decided."""
-        return (picture.stamp_ns if self._by_header else message.log_ns) - self._start_ns
 
     def _examine(self) -> tuple[NDArray[np.uint8], list[int], list[int]]:
         """Read the first image, and header stamps and log times of the first `EXAMINED_MESSAGES` messages.
@@ -390,10 +375,6 @@ def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> Lo
         )
         raise ImportRefused(f"{path}: --topic {name}: {what}: it has {listed or 'no images'}")
     return found
-
-
-def _is_within(time_ns: int, start_ns: int | None, end_ns: int | None) -> bool:
-    return (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns)
 
 
 def _is_increasing(times: list[int]) -> bool:

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import Self, cast
+from typing import cast
 
 import av
 import numpy as np
@@ -74,8 +73,13 @@ class VideoSource:
         with closing(self._open()) as container:
             stream = video_stream(container, path)
             self.codec = stream.codec_context.name
+            self.storable_format = KEPT_CODECS.get(self.codec)
+            """codec in which the pictures can be stored as coded; None if they cannot"""
+            self.holds_files = self.codec in FILE_CODECS
+            self.is_coded = self.codec != "rawvideo"
             self._has_lengths = has_lengths(stream)
             self.timing = self._read_timing(container, stream, capture_hz)
+            self.rate_hz, self.time_sd_ns = 1 / self.timing.interval_s, self.timing.sd_ns
             self.frame_count = stream.frames or None
             self.wall_start_ns = wall_start_ns(container)
             self._stated_end_s = stated_end_s(container, self.timing)
@@ -87,31 +91,6 @@ class VideoSource:
                 raise ImportRefused(
                     f"{path}: is interlaced, so that every image shows two moments: use a progressive mode"
                 )
-
-    @property
-    def storable_format(self) -> VideoFormat | None:
-        """Codec in which the pictures can be stored as coded; None if they cannot."""
-        return KEPT_CODECS.get(self.codec)
-
-    @property
-    def holds_files(self) -> bool:
-        """True if each picture is a PNG or JPEG file that can be stored unchanged."""
-        return self.codec in FILE_CODECS
-
-    @property
-    def is_coded(self) -> bool:
-        """True if images must be decoded: all codecs but raw video."""
-        return self.codec != "rawvideo"
-
-    @property
-    def rate_hz(self) -> float:
-        """Frame rate as captured [Hz], from the time stamps of the file."""
-        return 1 / self.timing.interval_s
-
-    @property
-    def time_sd_ns(self) -> int:
-        """Standard deviation of a frame's time [ns], from the step of the file's stamps."""
-        return self.timing.sd_ns
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -255,17 +234,6 @@ class VideoSource:
             )
         self._remarks["interval_range"] = f"{self.name}: {what}: if a slow-motion effect was added, {remedy}"
 
-    def close(self) -> None:
-        """Do nothing, since no file stays open between two readings."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     # --- the file
 
     def _open(self, options: dict[str, str] | None = None) -> InputContainer:
@@ -297,10 +265,10 @@ class VideoSource:
             except StopIteration:
                 return
             except FFmpegError:
-                self._note_cut("")
+                self._note_cut()
                 return
             if packet.is_corrupt:
-                self._note_cut("")
+                self._note_cut()
                 continue
             yield packet
 
@@ -389,8 +357,8 @@ class VideoSource:
         elif self._stated_end_s is not None and last_ns * 1e-9 < self._stated_end_s:
             self._note_cut(f" at {last_ns * 1e-9:.2f} s")
 
-    def _note_cut(self, what: str) -> None:
-        self._remarks["cut"] = f"{self.name}: is cut short{what or ''}; the rest is imported"
+    def _note_cut(self, what: str = "") -> None:
+        self._remarks["cut"] = f"{self.name}: is cut short{what}; the rest is imported"
 
 
 def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:

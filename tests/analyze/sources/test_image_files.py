@@ -72,8 +72,8 @@ def test_image_files_are_stored_unchanged_and_read_back(tmp_path):
         "upright.jpg": held_upright(coded(colour, ".jpg")),
     }
     source = folder(tmp_path / "images", files)
-    with ImageFolder(source) as images:
-        seen = [frame.image for frame in images.frames()]
+    images = ImageFolder(source)
+    seen = [frame.image for frame in images.frames()]
     data, formats, read = stored(tmp_path, source)
     assert data == list(files.values())
     assert formats == ["png"] * 4 + ["jpeg"] * 3

@@ -23,39 +23,39 @@ def _times(source) -> list[int]:
 def test_variable_frame_times_are_kept(tmp_path):
     gaps = np.random.default_rng(1).integers(7000, 10000, 39)
     times = [0, *np.cumsum(gaps).tolist()]
-    with VideoSource(write_video(tmp_path / "a.mp4", tip()[:40], times, bf="3")) as source:
-        assert _times(source) == [1000 * time for time in times]
-        assert source.time_sd_ns == round(1000 / 12**0.5)
-        assert source.remarks == ()
+    source = VideoSource(write_video(tmp_path / "a.mp4", tip()[:40], times, bf="3"))
+    assert _times(source) == [1000 * time for time in times]
+    assert source.time_sd_ns == round(1000 / 12**0.5)
+    assert source.remarks == ()
 
 
 def test_slow_motion_is_corrected(tmp_path):
     path = write_video(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 33_333, 33_333))
-    with VideoSource(path, capture_hz=240) as source:
-        assert np.diff(_times(source)) == pytest.approx(1e9 / 240, rel=1e-4)
-        assert source.timing.interval_s == pytest.approx(1 / 240, rel=1e-4)
+    source = VideoSource(path, capture_hz=240)
+    assert np.diff(_times(source)) == pytest.approx(1e9 / 240, rel=1e-4)
+    assert source.timing.interval_s == pytest.approx(1 / 240, rel=1e-4)
 
 
 def test_constant_rate_with_millisecond_stamps_is_straightened(tmp_path):
-    with VideoSource(
+    source = VideoSource(
         write_video(tmp_path / "a.mkv", tip()[:60], [round(number * 1e6 / RATE) for number in range(60)])
-    ) as source:
-        assert np.diff(_times(source)) == pytest.approx(1e9 / RATE, abs=2)
-        assert source.time_sd_ns == 1
+    )
+    assert np.diff(_times(source)) == pytest.approx(1e9 / RATE, abs=2)
+    assert source.time_sd_ns == 1
 
 
 def test_variable_millisecond_stamps_are_kept(tmp_path):
     times = [0, *np.cumsum(np.random.default_rng(1).integers(6, 13, 59)).tolist()]
-    with VideoSource(write_video(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times])) as source:
-        assert _times(source) == [MS * time for time in times]
-        assert source.time_sd_ns == 288675
+    source = VideoSource(write_video(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times]))
+    assert _times(source) == [MS * time for time in times]
+    assert source.time_sd_ns == 288675
 
 
 def test_range_yields_the_same_frames_as_the_whole(tmp_path):
     path = write_video(tmp_path / "a.mkv", tip()[:60], codec="libx264", g="12", bf="2")
-    with VideoSource(path) as source:
-        every = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
-        some = [(frame.time_ns, frame.image.copy()) for frame in source.frames(every[30][0], every[40][0])]
+    source = VideoSource(path)
+    every = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
+    some = [(frame.time_ns, frame.image.copy()) for frame in source.frames(every[30][0], every[40][0])]
     assert [time for time, _ in some] == [time for time, _ in every[30:41]]
     assert all(np.array_equal(one[1], other[1]) for one, other in zip(some, every[30:41], strict=True))
 
@@ -67,17 +67,17 @@ def test_range_yields_the_same_frames_as_the_whole(tmp_path):
 def test_lossless_codecs_yield_the_original_images(tmp_path, codec, pixels, suffix):
     if pixels == "rgb24":
         codec, suffix = "png", ".mov"
-    with VideoSource(write_video(tmp_path / f"a{suffix}", tip()[:5], codec=codec, pixels=pixels)) as source:
-        for frame, image in zip(source.frames(), tip(), strict=False):
-            # A conversion between luma and RGB or 10 bits rounds, and stretches studio range.
-            assert np.abs(frame.image.astype(int) - image).max() <= (0 if pixels == "gray" else 12)
+    source = VideoSource(write_video(tmp_path / f"a{suffix}", tip()[:5], codec=codec, pixels=pixels))
+    for frame, image in zip(source.frames(), tip(), strict=False):
+        # A conversion between luma and RGB or 10 bits rounds, and stretches studio range.
+        assert np.abs(frame.image.astype(int) - image).max() <= (0 if pixels == "gray" else 12)
 
 
 def test_rotated_video_is_read_in_sensor_orientation(tmp_path):
-    with VideoSource(write_video(tmp_path / "a.mp4", tip()[:5], turned=90)) as source:
-        assert (source.width, source.height) == (WIDTH, HEIGHT)
-        assert next(source.frames()).image.shape == (HEIGHT, WIDTH)
-        [remark] = source.remarks
+    source = VideoSource(write_video(tmp_path / "a.mp4", tip()[:5], turned=90))
+    assert (source.width, source.height) == (WIDTH, HEIGHT)
+    assert next(source.frames()).image.shape == (HEIGHT, WIDTH)
+    [remark] = source.remarks
     assert "rotated by" in remark
     assert "320 x 240" in remark
 
@@ -86,9 +86,9 @@ def test_cut_file_is_read_up_to_its_end(tmp_path):
     whole = write_video(tmp_path / "a.mkv", tip()[:60], codec="ffv1", pixels="gray")
     part = tmp_path / "part.mkv"
     part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    with VideoSource(part) as source:
-        assert 10 < len(_times(source)) < 55
-        assert any("cut short" in remark or "cannot be decoded" in remark for remark in source.remarks)
+    source = VideoSource(part)
+    assert 10 < len(_times(source)) < 55
+    assert any("cut short" in remark or "cannot be decoded" in remark for remark in source.remarks)
 
 
 def test_an_mp4_without_its_index_is_refused_in_one_line(tmp_path):
@@ -147,22 +147,30 @@ def test_csv_in_usual_variants(tmp_path, rows, said):
         cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
     (tmp_path / "times.csv").write_text("\n".join(rows))
     if said is None:
-        with open_source(tmp_path, SourceOptions()) as source:
-            assert [image.time_ns for image in source.frames()] == [0, 10_000_000]
+        source = open_source(tmp_path, SourceOptions())
+        assert [image.time_ns for image in source.frames()] == [0, 10_000_000]
         return
     with pytest.raises(ImportRefused, match=said):
         open_source(tmp_path, SourceOptions())
+
+
+@pytest.mark.parametrize("blanks", ["", "   "])
+def test_decimals_of_the_csv_times_give_their_sd(tmp_path, blanks):
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    (tmp_path / "times.csv").write_text(f"name,time_s\n0.png,0.000{blanks}\n1.png,0.010{blanks}\n")
+    assert open_source(tmp_path, SourceOptions()).time_sd_ns == 288675
 
 
 def test_images_that_the_csv_omits_are_reported(tmp_path):
     for number in range(4):
         cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
     (tmp_path / "times.csv").write_text("name,time_s\n0.png,0\n./1.png,0.01\n2.png,0.02\n")
-    with open_source(tmp_path, SourceOptions()) as source:
-        assert source.remarks == (f"{tmp_path.name}: left out 1 of 4 images, which times.csv does not name",)
+    source = open_source(tmp_path, SourceOptions())
+    assert source.remarks == (f"{tmp_path.name}: left out 1 of 4 images, which times.csv does not name",)
     (tmp_path / "3.png").unlink()
-    with open_source(tmp_path, SourceOptions()) as source:
-        assert source.remarks == ()
+    source = open_source(tmp_path, SourceOptions())
+    assert source.remarks == ()
 
 
 def test_times_option_is_refused_for_a_video(tmp_path):
