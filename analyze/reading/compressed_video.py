@@ -64,9 +64,8 @@ def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
     Raises:
         ContainerError: the message is of another type, or its format is unknown.
     """
-    message = CompressedVideo()
     try:
-        message.ParseFromString(bytes(data))
+        message = CompressedVideo.FromString(bytes(data))
     except DecodeError:
         raise ContainerError("a message is not a foxglove.CompressedVideo") from None
     return video_format(message.format), message.data

@@ -6,19 +6,18 @@ import mmap
 import os
 import struct
 from pathlib import Path
-from types import TracebackType
 
 from analyze.errors import RecordingError
 from analyze.reading.compressed_video import SCHEMA as VIDEO
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import RecordedMessage
-from analyze.reading.recording_head import parse_manifest, parse_plan
+from analyze.reading.recording_head import parse_manifest, parse_plan, shape_attachment
 from analyze.types import ImageFrame
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages
 from schemas.mcap.records import ContainerError
 from schemas.mcap.walk import walk, whole_records
-from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, SHAPE_ATTACHMENT_PREFIX, SessionManifest
+from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, SessionManifest
 from schemas.strike_plan import StrikePlan
 from schemas.topics import TRUTH_PREFIX
 
@@ -59,10 +58,7 @@ class FollowedRecording:
     @property
     def shape_bytes(self) -> bytes | None:
         """Content of the object's shape file; None for a primitive, and until `poll` has read it."""
-        return next(
-            (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
-            None,
-        )
+        return shape_attachment(self.attachments)
 
     def poll(self) -> list[RecordedMessage]:
         """Read the messages written since the last call, in the file's order, without ground truth.
@@ -157,9 +153,7 @@ class FollowedRecording:
     def __enter__(self) -> FollowedRecording:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _open(self) -> bool:

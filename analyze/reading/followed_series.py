@@ -6,6 +6,7 @@ import contextlib
 from pathlib import Path
 
 from analyze.errors import RecordingError
+from analyze.reading.file_series import final_path
 from analyze.reading.followed_recording import PART_SUFFIX, FollowedRecording
 from analyze.reading.indexed_file import RecordedMessage
 from analyze.types import ImageFrame
@@ -18,7 +19,7 @@ def next_part_path(path: Path) -> Path:
 
     `path` may be finished or end in `.part`; the result ends in `.part`.
     """
-    whole = path.with_suffix("") if path.suffix == PART_SUFFIX else path
+    whole = final_path(path)
     head, _, number = whole.stem.rpartition("-")
     if head and len(number) == 4 and number.isdecimal():
         return whole.with_name(f"{head}-{int(number) + 1:04d}{whole.suffix}{PART_SUFFIX}")
@@ -104,16 +105,9 @@ class FollowedSeries:
     def _following_file(self) -> FollowedRecording | None:
         """Open the next file of the same recording; None until it exists and has its manifest."""
         ours, path = self._present.manifest, next_part_path(self._present.path)
-        head = None
-        with (
-            contextlib.suppress(RecordingError),
-            FollowedRecording(path) as file,
-        ):  # a file that is no recording is not of this series
+        # A file that is no recording is not of this series.
+        with contextlib.suppress(RecordingError), FollowedRecording(path) as file:
             head = file.read_manifest()
-        if (
-            ours is None
-            or head is None
-            or (head.recording_id, head.part) != (ours.recording_id, ours.part + 1)
-        ):
-            return None
-        return FollowedRecording(path)
+            if ours and head and (head.recording_id, head.part) == (ours.recording_id, ours.part + 1):
+                return FollowedRecording(path)
+        return None

@@ -76,9 +76,8 @@ def _raw_image(data: memoryview) -> NDArray[np.uint8]:
 
 
 def _compressed_image(data: memoryview) -> NDArray[np.uint8]:
-    message = CompressedImage()
     try:
-        message.ParseFromString(bytes(data))
+        message = CompressedImage.FromString(bytes(data))
     except DecodeError:
         raise ContainerError("a message is not a foxglove.CompressedImage") from None
     image = decode_image_file(message.data)

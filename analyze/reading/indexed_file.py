@@ -273,10 +273,6 @@ def open_cut(path: Path) -> IndexedFile:
             if opcode == container.CHUNK:
                 chunk_messages(container.parse_chunk(body))
                 file.chunks.append(_ChunkPlace(at, None))
-            elif opcode == container.ATTACHMENT:
-                _add_attachment(file, body)
-            elif opcode == container.METADATA:
-                _add_metadata(file, body)
             else:
                 _add_record(file, opcode, body)
         except ContainerError:
@@ -294,6 +290,10 @@ def _summary_records(file: IndexedFile) -> memoryview:
         ) from None
 
 
+_INDEXED = {container.ATTACHMENT_INDEX: container.ATTACHMENT, container.METADATA_INDEX: container.METADATA}
+"""kind of the record whose offset is at the start of an index record"""
+
+
 def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
     if opcode == container.SCHEMA:
         schema = container.parse_schema(body)
@@ -305,17 +305,12 @@ def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
         offset, index_offsets = parse_chunk_offsets(body)
         record_at(file.data, offset, container.CHUNK)
         file.chunks.append(_ChunkPlace(offset, index_offsets))
-    elif opcode == container.ATTACHMENT_INDEX:
-        _add_attachment(file, record_at(file.data, *struct.unpack_from("<Q", body), container.ATTACHMENT))
-    elif opcode == container.METADATA_INDEX:
-        _add_metadata(file, record_at(file.data, *struct.unpack_from("<Q", body), container.METADATA))
-
-
-def _add_attachment(file: IndexedFile, body: memoryview) -> None:
-    attachment = container.parse_attachment(body)
-    file.attachments[attachment.name] = attachment
-
-
-def _add_metadata(file: IndexedFile, body: memoryview) -> None:
-    metadata = container.parse_metadata(body)
-    file.metadata[metadata.name] = metadata.entries
+    elif opcode == container.ATTACHMENT:
+        attachment = container.parse_attachment(body)
+        file.attachments[attachment.name] = attachment
+    elif opcode == container.METADATA:
+        metadata = container.parse_metadata(body)
+        file.metadata[metadata.name] = metadata.entries
+    elif opcode in _INDEXED:
+        kind = _INDEXED[opcode]
+        _add_record(file, kind, record_at(file.data, *struct.unpack_from("<Q", body), kind))

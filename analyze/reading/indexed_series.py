@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analyze.errors import RecordingCut, RecordingError
 from analyze.reading.file_series import SeriesFiles, final_path
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
+from analyze.reading.time_range import index_range
 
 
 @dataclass(frozen=True)
@@ -85,9 +86,7 @@ class IndexedSeries:
             RecordingError: a file is damaged.
         """
         index = self.index(topic)
-        first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
-        last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
-        for at in range(first, last):
+        for at in range(*index_range(index.time_ns, start_ns, end_ns)):
             yield self._message(topic, index, at)
 
     def messages_to_decode(
@@ -112,8 +111,7 @@ class IndexedSeries:
             RecordingError: a file is damaged.
         """
         index = self.index(topic)
-        first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
-        last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
+        first, last = index_range(index.time_ns, start_ns, end_ns)
         if first >= last:
             return
         order = self._file_order(topic, index)

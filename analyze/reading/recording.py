@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import TypeVar
 
 import numpy as np
@@ -24,7 +23,8 @@ from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 from analyze.reading.indexed_series import IndexedSeries, open_series, series_content_id
-from analyze.reading.recording_head import parse_manifest, parse_plan
+from analyze.reading.recording_head import parse_manifest, parse_plan, shape_attachment
+from analyze.reading.time_range import is_within
 from analyze.reading.video_frame_meta import expand_frame_meta
 from analyze.types import ImageFrame
 from schemas import topics
@@ -35,7 +35,6 @@ from schemas.session_manifest import (
     MANIFEST_NAME,
     PLAN_ATTACHMENT,
     SEAL_NAME,
-    SHAPE_ATTACHMENT_PREFIX,
     SessionManifest,
     TimeSource,
 )
@@ -117,7 +116,7 @@ class Recording:
         """Contents of the files attached to the recording (plan, object, shape, camera), by name."""
         return {name: attachment.data for name, attachment in self._series.files[0].attachments.items()}
 
-    @property
+    @cached_property
     def plan(self) -> StrikePlan:
         """Strike plan that was carried out: resting poses, struck faces and energies of all strikes.
 
@@ -125,10 +124,6 @@ class Recording:
             RecordingError: the recording holds no plan, or it is damaged.
             RecordingVersion: the plan was written by another major schema version.
         """
-        return self._plan
-
-    @cached_property
-    def _plan(self) -> StrikePlan:
         attachment = self._series.files[0].attachments.get(PLAN_ATTACHMENT)
         if attachment is None:
             raise RecordingError(
@@ -144,10 +139,7 @@ class Recording:
     @property
     def shape_bytes(self) -> bytes | None:
         """Content of the object's shape file; None for a primitive (box, cylinder)."""
-        return next(
-            (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
-            None,
-        )
+        return shape_attachment(self.attachments)
 
     @property
     def camera(self) -> str:
@@ -297,9 +289,7 @@ class Recording:
             for frame in compressed_video.decode_video(
                 self._series.messages_to_decode(topic, start_ns, end_ns, is_start)
             ):
-                if (start_ns is None or frame.time_ns >= start_ns) and (
-                    end_ns is None or frame.time_ns <= end_ns
-                ):
+                if is_within(frame.time_ns, start_ns, end_ns):
                     yield frame
         except ContainerError as error:
             raise RecordingError(f"{self.path}: {topic}: {error}") from None
@@ -318,9 +308,7 @@ class Recording:
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def refuse_unmapped_times(self) -> None:
@@ -426,12 +414,10 @@ def decode_message(path: Path, message: RecordedMessage, kind: type[M]) -> M:
     Raises:
         RecordingError: the data are not of this type.
     """
-    decoded = kind()
     try:
-        decoded.ParseFromString(bytes(message.data))
+        return kind.FromString(bytes(message.data))
     except DecodeError:
         raise RecordingError(
             f"{path}: message on {message.topic} at {message.log_time_ns} is not a "
             f"{kind.DESCRIPTOR.full_name}"
         ) from None
-    return decoded

@@ -1,15 +1,16 @@
-"""Parses the manifest and the plan of a recording, of this major schema version."""
+"""Parses the manifest and the plan of a recording, of this major schema version, and finds its shape."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from analyze.errors import RecordingError, RecordingVersion
 from schemas.document import SCHEMA_VERSION, DocumentError, validate
-from schemas.session_manifest import SessionManifest
+from schemas.session_manifest import SHAPE_ATTACHMENT_PREFIX, SessionManifest
 from schemas.strike_plan import StrikePlan
 
 T = TypeVar("T", bound=BaseModel)
@@ -45,6 +46,13 @@ def parse_plan(text: str, name: str) -> StrikePlan:
         RecordingError: the text is not a plan.
     """
     return _parse(StrikePlan, text, name, "plan")
+
+
+def shape_attachment(attachments: Mapping[str, bytes]) -> bytes | None:
+    """Content of the object's shape file among the attachments by name; None if there is none."""
+    return next(
+        (data for name, data in attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)), None
+    )
 
 
 def _parse(model: type[T], text: str, name: str, kind: str) -> T:

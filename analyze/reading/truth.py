@@ -11,7 +11,7 @@ from analyze.errors import RecordingError
 from analyze.reading import indexed_file
 from analyze.reading.file_series import find_series_files
 from analyze.reading.indexed_series import open_series
-from analyze.reading.recording import decode_message
+from analyze.reading.recording import M, decode_message
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 
@@ -41,9 +41,11 @@ def read_truth(path: Path) -> Truth:
     """
     series = open_series(path, find_series_files(path), indexed_file.open_finished)
     try:
-        bodies = [
-            decode_message(path, message, pb.TruthBody) for message in series.messages(topics.TRUTH_BODY.name)
-        ]
+
+        def decoded(topic: topics.Topic, kind: type[M]) -> tuple[M, ...]:
+            return tuple(decode_message(path, message, kind) for message in series.messages(topic.name))
+
+        bodies = decoded(topics.TRUTH_BODY, pb.TruthBody)
         if not bodies:
             raise RecordingError(
                 f"{path}: holds no ground truth: only recordings of the virtual rig (`acquire demo`) can be "
@@ -51,14 +53,8 @@ def read_truth(path: Path) -> Truth:
             )
         return Truth(
             pose_time_ns=series.index(topics.TRUTH_POSE.name).time_ns,
-            poses=tuple(
-                decode_message(path, message, pb.TruthPose)
-                for message in series.messages(topics.TRUTH_POSE.name)
-            ),
-            contacts=tuple(
-                decode_message(path, message, pb.TruthContact)
-                for message in series.messages(topics.TRUTH_CONTACT.name)
-            ),
+            poses=decoded(topics.TRUTH_POSE, pb.TruthPose),
+            contacts=decoded(topics.TRUTH_CONTACT, pb.TruthContact),
             contact_time_ns=series.index(topics.TRUTH_CONTACT.name).time_ns,
             body=bodies[0],
         )

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from analyze.reading.time_range import index_range
 from schemas.proto import percuss_pb2 as pb
 
 
@@ -32,8 +33,7 @@ def expand_frame_meta(
     """
     times = np.array([time_ns for time_ns, _ in written], dtype=np.int64)
     places = np.searchsorted(image_times_ns, times)
-    first = 0 if start_ns is None else int(np.searchsorted(image_times_ns, start_ns, "left"))
-    last = len(image_times_ns) if end_ns is None else int(np.searchsorted(image_times_ns, end_ns, "right"))
+    first, last = index_range(image_times_ns, start_ns, end_ns)
     sources = np.searchsorted(times, image_times_ns[first:last], "right") - 1
     for place, (time_ns, source) in enumerate(
         zip(image_times_ns[first:last].tolist(), sources.tolist(), strict=True), first
