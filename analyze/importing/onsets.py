@@ -125,7 +125,8 @@ class OnsetFinder:
         """
         if self._rest is None:
             if frame.time_ns >= self._next_ns:
-                self._search(frame)
+                self._next_ns = frame.time_ns + self._wait(SEARCH_INTERVAL_NS)
+                self._try_settle(frame, self._find(frame.image))
             return None
         if not self._moving:
             if _difference(_appearance(frame.image, self._rest.region), self._rest.appearance) < MIN_CHANGE:
@@ -133,10 +134,6 @@ class OnsetFinder:
                 return None
             self._moving, self._moved_ns, self._next_ns = True, frame.time_ns, frame.time_ns
         return self._watch(frame, self._rest) if frame.time_ns >= self._next_ns else None
-
-    def _search(self, frame: TimedImage) -> None:
-        self._next_ns = frame.time_ns + self._wait(SEARCH_INTERVAL_NS)
-        self._try_settle(frame, self._find(frame.image))
 
     def _try_settle(self, frame: TimedImage, found: dict[int | str, Array]) -> None:
         """Set the resting markers once `SEARCHES_AT_REST` consecutive searches have them in one place.
@@ -168,30 +165,18 @@ class OnsetFinder:
         found = self._find(frame.image)
         for name in rest.corners.keys() & found.keys():
             turn, shift, pivot_distance = _motion(rest.corners[name], found[name])
-            if abs(turn) > TIPPING_ANGLE and (
-                self._moved_ns - rest.quiet_ns > self._wait(MAX_UNSEEN_NS)
-                or (abs(turn) > CUT_ANGLE and frame.time_ns == self._moved_ns)
-                or (turn > 0) not in self._directions
-            ):
-                self._forget(frame.time_ns)
-                return None
             if abs(turn) > TIPPING_ANGLE:
-                self._forget(
-                    frame.time_ns
-                    + (self._wait(PAUSE_AFTER_STRIKE_NS) if pivot_distance < MAX_PIVOT_DISTANCE else 0)
+                is_strike = pivot_distance < MAX_PIVOT_DISTANCE and not (
+                    self._moved_ns - rest.quiet_ns > self._wait(MAX_UNSEEN_NS)
+                    or (abs(turn) > CUT_ANGLE and frame.time_ns == self._moved_ns)
+                    or (turn > 0) not in self._directions
                 )
-                return (
-                    Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, tuple(sorted(rest.corners, key=str)))
-                    if pivot_distance < MAX_PIVOT_DISTANCE
-                    else None
-                )
+                self._forget(frame.time_ns + (self._wait(PAUSE_AFTER_STRIKE_NS) if is_strike else 0))
+                markers = tuple(sorted(rest.corners, key=str))
+                return Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, markers) if is_strike else None
             if shift < MAX_REST_SHIFT:
-                rest.quiet_ns, rest.appearance, self._moving, self._seen = (
-                    frame.time_ns,
-                    _appearance(frame.image, rest.region),
-                    False,
-                    [],
-                )
+                rest.quiet_ns, rest.appearance = frame.time_ns, _appearance(frame.image, rest.region)
+                self._moving, self._seen = False, []
                 return None
             if shift > MOVED_FRACTION and pivot_distance > MAX_PIVOT_DISTANCE:
                 self._forget(frame.time_ns)

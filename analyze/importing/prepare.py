@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -114,7 +113,7 @@ class PreparedImport:
     @property
     def are_files(self) -> bool:
         """True if the images of all sources are PNG or JPEG files, which are stored unchanged."""
-        return _are_files(self.sources)
+        return all(source.holds_files for source in self.sources)
 
     @property
     def formats(self) -> str:
@@ -219,7 +218,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
     given = None if options.camera_path is None else read_camera(options.camera_path)
     planned = [strike.id for strike in plan.strikes]
     with ExitStack() as stack:
-        sources = tuple(stack.enter_context(open_source(path, options.source)) for path in options.sources)
+        sources = tuple(open_source(path, options.source) for path in options.sources)
         camera = given or camera_of(sources)
         for source in sources:
             _refuse_other_camera(source, camera)
@@ -233,8 +232,11 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
             clips = tuple(Clip(path) for path in options.sources)
         else:
             directions = frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
-            search = _Search([marker.name for marker in files.spec.marker], splits, directions, progress)
-            clips = tuple(search.run(*each) for each in zip(options.sources, sources, spools, strict=True))
+            markers = [marker.name for marker in files.spec.marker]
+            clips = tuple(
+                _search(*each, markers, splits, directions, progress)
+                for each in zip(options.sources, sources, spools, strict=True)
+            )
         windows = (
             split_clip(clips[0], planned, options.strikes)
             if splits
@@ -319,10 +321,6 @@ def _storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] 
     return videos if len(videos) == len(sources) else None
 
 
-def _are_files(sources: Sequence[FrameSource]) -> bool:
-    return all(source.holds_files for source in sources)
-
-
 def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
     """Create an image store (spool) for each source that would otherwise be decoded twice, else None.
 
@@ -331,62 +329,64 @@ def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitS
         sources: open sources.
         stack: closes the stores.
     """
-    if options.aside is None or options.whole or _storable_videos(sources) is not None or _are_files(sources):
+    kept = _storable_videos(sources) is not None or all(source.holds_files for source in sources)
+    if options.aside is None or options.whole or kept:
         return [None for _ in sources]
-    return [
-        stack.enter_context(Spool(source, options.aside)) if source.is_coded else None for source in sources
-    ]
+    spools = [Spool(source, options.aside) if source.is_coded else None for source in sources]
+    for spool in filter(None, spools):
+        stack.callback(spool.close)
+    return spools
 
 
-class _Search(NamedTuple):
-    """Search of sources for strikes, with its options."""
+def _search(
+    path: Path,
+    source: FrameSource,
+    spool: Spool | None,
+    markers: Sequence[int | str],
+    every_strike: bool,
+    directions: frozenset[bool],
+    progress: Progress,
+) -> Clip:
+    """Search a source to its end for onsets of strikes.
 
-    markers: Sequence[int | str]
-    """names of the object's markers"""
-    every_strike: bool
-    """True to store the images of all strikes of a source, False for those of its first strike only"""
-    directions: frozenset[bool]
-    """directions in which the plan's strikes turn a marker in the image, True for clockwise"""
-    progress: Progress
-    """called with a text, the number of images searched and of all"""
+    Args:
+        path: path of the source.
+        source: the open source.
+        spool: store that keeps the images of the strikes; None to keep none.
+        markers: names of the object's markers.
+        every_strike: True to store the images of all strikes of a source, False for those of its first only.
+        directions: directions in which the plan's strikes turn a marker in the image, True for clockwise.
+        progress: called with a text, the number of images searched and of all.
 
-    def run(self, path: Path, source: FrameSource, spool: Spool | None) -> Clip:
-        """Search a source to its end for onsets of strikes.
+    Returns:
+        The source with its onsets.
 
-        Args:
-            path: path of the source.
-            source: the open source.
-            spool: store that keeps the images of the strikes; None to keep none.
-
-        Returns:
-            The source with its onsets.
-
-        Raises:
-            ImportRefused: no tag of the object is seen, the source cannot be read, or the rate of a
-                slow-motion video is not constant.
-        """
-        frame_ns = 1e9 / source.rate_hz
-        finder = OnsetFinder(self.markers, frame_ns, self.directions)
-        onsets, times = list[Onset](), list[int]()
-        for number, frame in enumerate(source.frames()):
-            if number % PROGRESS_EVERY_FRAMES == 0:
-                self.progress(f"searching {source.name}", number, source.frame_count or number)
-            times.append(frame.time_ns)
-            if spool is not None:
-                spool.add(frame)
-            if (onset := finder.add(frame)) is not None:
-                if spool is not None and (self.every_strike or not onsets):
-                    spool.keep(*window_around(onset, frame_ns))
-                onsets.append(onset)
-        if not finder.ever_seen:
-            names = ", ".join(str(name) for name in self.markers) or "none"
-            raise ImportRefused(
-                f"{path}: no tag of the object ({names}) is seen in it: record from nearer, sharper or with "
-                "more light"
-            )
-        if isinstance(source, VideoSource):
-            source.check_constant_rate(np.array(times, np.int64))
-        return Clip(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
+    Raises:
+        ImportRefused: no tag of the object is seen, the source cannot be read, or the rate of a slow-motion
+            video is not constant.
+    """
+    frame_ns = 1e9 / source.rate_hz
+    finder = OnsetFinder(markers, frame_ns, directions)
+    onsets, times = list[Onset](), list[int]()
+    for number, frame in enumerate(source.frames()):
+        if number % PROGRESS_EVERY_FRAMES == 0:
+            progress(f"searching {source.name}", number, source.frame_count or number)
+        times.append(frame.time_ns)
+        if spool is not None:
+            spool.add(frame)
+        if (onset := finder.add(frame)) is not None:
+            if spool is not None and (every_strike or not onsets):
+                spool.keep(*window_around(onset, frame_ns))
+            onsets.append(onset)
+    if not finder.ever_seen:
+        names = ", ".join(str(name) for name in markers) or "none"
+        raise ImportRefused(
+            f"{path}: no tag of the object ({names}) is seen in it: record from nearer, sharper or with "
+            "more light"
+        )
+    if isinstance(source, VideoSource):
+        source.check_constant_rate(np.array(times, np.int64))
+    return Clip(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
 
 
 def _estimate_camera_pose(
@@ -404,13 +404,12 @@ def _estimate_camera_pose(
         if window.onset is None:
             continue
         planned = next(strike for strike in plan.strikes if strike.id == window.plan_strike_id)
-        frames = _numbered(images[window.clip], window.start_ns, window.onset.time_ns + MOTION_AFTER_ONSET_NS)
+        until_ns = window.onset.time_ns + MOTION_AFTER_ONSET_NS
+        frames = (
+            ImageFrame(frame.time_ns, number, frame.image)
+            for number, frame in enumerate(images[window.clip].frames(window.start_ns, until_ns))
+        )
         view = camera_pose_from_strike(frames, window.onset.time_ns, lens, markers, planned, window.strike_id)
         if view is not None:
             views.append(view)
     return mean_camera_pose(views)
-
-
-def _numbered(images: Frames, start_ns: int | None, end_ns: int) -> Iterator[ImageFrame]:
-    for number, frame in enumerate(images.frames(start_ns, end_ns)):
-        yield ImageFrame(frame.time_ns, number, frame.image)

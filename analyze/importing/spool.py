@@ -16,8 +16,6 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,11 +105,8 @@ class Spool:
             return
         if start_ns < kept.start_ns:
             yield from self._source.frames(start_ns, kept.start_ns - 1)
-        first, last = (
-            bisect_left(self._times, max(start_ns, kept.start_ns)),
-            bisect_right(self._times, end_ns),
-        )
-        for number in range(first, last):
+        first = bisect_left(self._times, max(start_ns, kept.start_ns))
+        for number in range(first, bisect_right(self._times, end_ns)):
             image = np.empty((self._source.height, self._source.width), np.uint8)
             os.preadv(self._fd, [image.data.cast("B")], number * self._size)
             yield TimedImage(self._times[number], image)
@@ -121,14 +116,6 @@ class Spool:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     # --- the file
 

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from analyze.importing.prepare import PreparedImport
 from analyze.importing.video_chunks import FULL_CHUNK_BYTES, OpenChunk
 from analyze.importing.windows import StrikeWindow
-from analyze.importing.writer import Message, RecordingWriter
+from analyze.importing.writer import RecordingWriter
 from analyze.progress import Progress, no_progress
+from analyze.reading.time_range import index_range
 from analyze.sources import image_messages
 from analyze.sources.coded_pictures import number_pictures
 from analyze.sources.frame_timing import MissingFrames
@@ -69,7 +70,7 @@ class Written:
     images: int
     """number of images written"""
     strikes: int
-    """number of strike windows of the import, including those without images"""
+    """number of strikes written, without those that have no images"""
     remarks: tuple[str, ...]
     """remarks for the user on sources and camera, missing frames and strikes left out"""
 
@@ -91,10 +92,7 @@ class _LogTimes:
             times_ns: (n,) times of the images since the source's start [ns], increasing.
             window: the strike's window on the source's clock.
         """
-        first = 0 if window.start_ns is None else int(np.searchsorted(times_ns, window.start_ns, "left"))
-        last = (
-            len(times_ns) if window.end_ns is None else int(np.searchsorted(times_ns, window.end_ns, "right"))
-        )
+        first, last = index_range(times_ns, window.start_ns, window.end_ns)
         if first < last:
             self.add(at_ns + int(times_ns[first]))
             self.add(at_ns + int(times_ns[last - 1]))
@@ -119,7 +117,7 @@ class _Session:
         """log time of the present source's start [ns]"""
         self._end_ns = self.anchor_ns
         self._sequence = 0
-        self.images = 0
+        self.images = self.strikes = 0
         self.remarks: list[str] = []
         self._seen = [_LogTimes() for _ in prepared.windows]
         self._image_topic = _image_topic(prepared)
@@ -165,7 +163,7 @@ class _Session:
                 log_time_ns = self._at_ns + time_ns
                 if self.images % PROGRESS_EVERY_IMAGES == 0:
                     self._report_progress(source)
-                self._writer.write_chunk(self._image_topic, [Message(log_time_ns, self._sequence, parts)])
+                self._writer.write_image(self._image_topic, log_time_ns, self._sequence, parts)
                 self._meta(self._sequence, log_time_ns, missing.before(time_ns))
                 self.images += 1
                 self._end_ns = max(self._end_ns, log_time_ns)
@@ -270,6 +268,7 @@ class _Session:
             R_world_object=[value for row in planned.R_world_object for value in row],
             p_world_object=planned.p_world_object,
         )
+        self.strikes += 1
         self._writer.write_small(topics.SESSION_STRIKE, seen.last_ns, record.SerializeToString())
         self._writer.write_small(
             topics.LOG, seen.last_ns, _log(seen.last_ns, self._origin(window)).SerializeToString()
@@ -323,7 +322,7 @@ def write_recording(prepared: PreparedImport, output: Path, progress: Progress =
         session.write()
         content_id = writer.finish()
         remarks = tuple(dict.fromkeys([*prepared.remarks(), *session.remarks]))
-        return Written(output, content_id, writer.size, session.images, len(prepared.windows), remarks)
+        return Written(output, content_id, writer.size, session.images, session.strikes, remarks)
 
 
 def _manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:

@@ -14,16 +14,16 @@ import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Final, NamedTuple
+from typing import Final
 
 import deflate
 
 from analyze.importing.video_chunks import VideoChunk, prepare_chunk
+from analyze.reading.followed_recording import PART_SUFFIX
 from schemas.document import canonical_json, sha256_text
 from schemas.mcap import records as container
 from schemas.mcap.chunks import PendingMessages, pack_chunk_of_channel
-from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, ContentHash, HashedMessage
+from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, ContentHash
 from schemas.mcap.record_writer import RecordWriter
 from schemas.mcap.records import AttachmentRecord, Buffer
 from schemas.output_file import OutputError
@@ -35,18 +35,6 @@ _QUEUED_WRITES: Final = 3
 _SMALL_CHUNK_BYTES: Final = 64 << 10
 _MAX_BUFFERS: Final = 1024
 """largest number of buffers of one writev on Linux (IOV_MAX)"""
-PART_SUFFIX: Final = ".part"
-
-
-class Message(NamedTuple):
-    """One message, its data in parts."""
-
-    log_time_ns: int
-    """log time [ns]"""
-    sequence: int
-    """sequence number on the topic"""
-    parts: Sequence[Buffer]
-    """buffers that form the encoded message one after the other"""
 
 
 def refuse_taken(path: Path) -> None:
@@ -133,34 +121,26 @@ class RecordingWriter:
         """
         return self._channels[topic.name]
 
-    def write_chunk(self, topic: Topic, messages: Sequence[Message]) -> None:
-        """Write messages of an image topic as one chunk; nothing without messages.
+    def write_image(self, topic: Topic, log_time_ns: int, sequence: int, parts: Sequence[Buffer]) -> None:
+        """Write a message of an image topic as one chunk.
 
-        Their parts are written later, by another thread, and must stay unchanged.
+        Args:
+            topic: the image topic.
+            log_time_ns: log time [ns].
+            sequence: sequence number.
+            parts: message in parts, which are written later, by another thread, and must stay unchanged.
 
         Raises:
             OutputError: an earlier chunk could not be written.
         """
-        if not messages:
-            return
-        channel_id = self._channels[topic.name]
-        buffers: list[Buffer] = []
-        places: list[tuple[int, int]] = []
-        hashed: list[HashedMessage] = []
-        at = crc = 0
-        for time_ns, sequence, parts in messages:
-            size = sum(map(len, parts))
-            head = container.message_head(channel_id, sequence, time_ns, time_ns, size)
-            crc = zlib.crc32(head, crc)
-            data_crc = 0
-            for part in parts:
-                crc, data_crc = deflate.crc32(part, crc), deflate.crc32(part, data_crc)
-            hashed.append((time_ns, size, b"" if size >= LARGE_MESSAGE_BYTES else b"".join(parts), data_crc))
-            places.append((time_ns, at))
-            buffers += (head, *parts)
-            at += len(head) + size
-        self._hash.add_all(topic.name, hashed)
-        self._records.write_chunk(buffers, at, crc, {channel_id: places})
+        channel_id, size = self._channels[topic.name], sum(map(len, parts))
+        head = container.message_head(channel_id, sequence, log_time_ns, log_time_ns, size)
+        crc, data_crc = zlib.crc32(head), 0
+        for part in parts:
+            crc, data_crc = deflate.crc32(part, crc), deflate.crc32(part, data_crc)
+        data = b"" if size >= LARGE_MESSAGE_BYTES else b"".join(parts)
+        self._hash.add_all(topic.name, [(log_time_ns, size, data, data_crc)])
+        self._records.write_chunk([head, *parts], len(head) + size, crc, {channel_id: [(log_time_ns, 0)]})
 
     def write_video(self, topic: Topic, chunk: VideoChunk) -> None:
         """Write coded pictures as one chunk; the records are written later and must stay unchanged.
@@ -218,9 +198,7 @@ class RecordingWriter:
     def __enter__(self) -> RecordingWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the writing thread, and remove the `.part` file unless the recording was finished."""
         self._join()
         if self._fd >= 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -60,8 +61,8 @@ def _images(recording: Recording, start_ns=None, end_ns=None) -> list[tuple[int,
 def test_h264_and_h265_are_stored_as_coded_and_read_back(tmp_path, codec, b_frames):
     more = {"x265-params": "log-level=none:keyint=20"} if codec == "libx265" else {"g": "20"}
     path = write_video(tmp_path / "a.mp4", tip(), codec=codec, bf=b_frames, preset="ultrafast", **more)
-    with VideoSource(path) as source:
-        expected = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
+    source = VideoSource(path)
+    expected = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
     file = imported(tmp_path, path, whole=True)
     refuse_changed_content(file)
     with open_recording(file) as recording:
@@ -118,6 +119,16 @@ def test_missing_frames_are_reported(tmp_path):
             for meta in recording.frame_meta()
             if meta.frames_lost_before
         } == {40: 7}
+
+
+def test_a_strike_without_images_is_not_counted(tmp_path):
+    path = write_video(tmp_path / "a.mp4", tip()[:20])
+    with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
+        beyond = replace(prepared.windows[0], attempt=2, start_ns=10**12, end_ns=2 * 10**12)
+        windows = (*prepared.windows, beyond)
+        written = write_recording(replace(prepared, windows=windows), tmp_path / "o.mcap")
+    assert written.strikes == 1
+    assert "strike s1.2: has no images and is left out" in written.remarks
 
 
 def test_other_codecs_are_stored_losslessly_in_the_windows_only(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections import Counter, namedtuple
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def numbers(spool, first, last):
 def test_stored_windows_are_not_decoded_again(tmp_path):
     source = Numbered()
     windows = [(120, 60, 300), (290, 250, 500), (700, 640, 5000)]
-    with passed(source, tmp_path, windows) as spool:
+    with closing(passed(source, tmp_path, windows)) as spool:
         assert numbers(spool, 60, 200) == list(range(60, 201))
         assert numbers(spool, 250, 500) == list(range(250, 501))
         assert numbers(spool, 700, 999) == list(range(700, 1000))
@@ -84,7 +85,7 @@ def test_stored_windows_are_not_decoded_again(tmp_path):
 def test_images_that_memory_could_not_hold_are_decoded_again(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_HELD_BYTES", 29 * WIDTH * HEIGHT)
     source = Numbered()
-    with passed(source, tmp_path, [(120, 60, 300)]) as spool:
+    with closing(passed(source, tmp_path, [(120, 60, 300)])) as spool:
         assert numbers(spool, 60, 300) == list(range(60, 301))
         assert sorted(source.read) == list(range(60, 91))
 
@@ -92,7 +93,7 @@ def test_images_that_memory_could_not_hold_are_decoded_again(tmp_path, monkeypat
 def test_nothing_is_stored_without_room_for_the_recording(tmp_path, monkeypatch):
     source = Numbered()
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: Usage(480 * WIDTH * HEIGHT))
-    with passed(source, tmp_path, [(120, 60, 300)]) as spool:
+    with closing(passed(source, tmp_path, [(120, 60, 300)])) as spool:
         assert numbers(spool, 60, 300) == list(range(60, 301))
         assert sum(source.read.values()) == 241
 
@@ -107,7 +108,7 @@ def test_disk_that_fills_up_loses_that_window_only(tmp_path, monkeypatch):
         return real(fd, data, at)
 
     monkeypatch.setattr(module.os, "pwrite", full)
-    with passed(source, tmp_path, [(120, 60, 300), (520, 500, 800)]) as spool:
+    with closing(passed(source, tmp_path, [(120, 60, 300), (520, 500, 800)])) as spool:
         assert numbers(spool, 60, 300) == list(range(60, 301))
         assert not source.read
         assert numbers(spool, 500, 800) == list(range(500, 801))
