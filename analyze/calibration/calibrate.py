@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.calibration.board import corner_points
 from analyze.calibration.precision import pixel_sd
-from analyze.calibration.solve import MEDIAN_CHI, Bundle, refine_bundle, solve, weighted_corners
+from analyze.calibration.solve import MEDIAN_CHI, Bundle, ObservedView, refine_bundle, solve, weighted_corners
 from analyze.calibration.straight import refit
 from analyze.calibration.verdict import coverage, doubts, tilt, undetermined
 
@@ -119,27 +120,23 @@ def calibrate(
     kept, lost = list(shots), 0
     dropped: list[Dropped] = []
     progress("solving for the lens", 0, STEPS)
-    bundle = solve([weighted_corners(shot.view, points) for shot in kept], model, width, height)
+    bundle = solve(_observed(kept, points), model, width, height)
     for turn in range(STEPS - 1):
         progress("refitting the corners with that lens", turn + 1, STEPS)
         # Before the corners are refitted, a large residual may be due to the lens: in the first round only
         # gross errors are left out.
         limit = 3.0 if turn == 0 else 1.0
-        kept, left, bundle, gone = _without_bad_views(kept, bundle, limit)
-        dropped += left
+        kept, bad, bundle = _without_bad_views(kept, bundle, limit)
+        dropped += bad
         if turn < 2:
             kept, left, bundle = _refitted(kept, board, points, bundle)
             dropped += left
-            bundle = refine_bundle(
-                [weighted_corners(shot.view, points) for shot in kept], bundle.lens, bundle.poses
-            )
+            bundle = refine_bundle(_observed(kept, points), bundle.lens, bundle.poses)
         kept, left, bundle, fewer = _without_outliers(kept, bundle, limit)
         dropped += left
         lost += fewer
-        if fewer or left or gone or turn == STEPS - 2:
-            bundle = refine_bundle(
-                [weighted_corners(shot.view, points) for shot in kept], bundle.lens, bundle.poses
-            )
+        if fewer or left or bad or turn == STEPS - 2:
+            bundle = refine_bundle(_observed(kept, points), bundle.lens, bundle.poses)
     return assess(kept, bundle, points, dropped, lost)
 
 
@@ -178,6 +175,11 @@ def assess(
     )
 
 
+def _observed(shots: Sequence[Shot], points: Array) -> list[ObservedView]:
+    """Corners of each shot with their weights; `points` (n, 3) are the board's corners in B [m]."""
+    return [weighted_corners(shot.view, points) for shot in shots]
+
+
 def _refitted(
     shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
@@ -195,9 +197,7 @@ def _refitted(
     if sum(view is not None for view in views) < min(3, len(shots)):
         # The lens is too inaccurate for a refit: the corners are kept, and their residuals will show it.
         return list(shots), [], bundle
-    kept = [
-        Shot(shot.name, shot.image, view) for shot, view in zip(shots, views, strict=True) if view is not None
-    ]
+    kept = [replace(shot, view=view) for shot, view in zip(shots, views, strict=True) if view is not None]
     left = [
         Dropped(shot.name, "too few corners are sharp")
         for shot, view in zip(shots, views, strict=True)
@@ -208,21 +208,21 @@ def _refitted(
 
 def _without_bad_views(
     shots: list[Shot], bundle: Bundle, limit: float
-) -> tuple[list[Shot], list[Dropped], Bundle, bool]:
+) -> tuple[list[Shot], list[Dropped], Bundle]:
     """Leave out shots whose corners lie far off (motion blur, a bent board, a misread tag).
 
     A shot is left out if its median residual exceeds `limit` times both `_BAD_VIEW_RATIO` times the median
     over all shots, and `_BAD_VIEW_PX`; none is if fewer than three would remain.
 
     Returns:
-        The shots kept, those left out, the bundle (lens, poses, residuals) of the kept ones, not fitted anew,
-        and True if any was left out.
+        The shots kept, those left out, and the bundle (lens, poses, residuals) of the kept ones, not fitted
+        anew.
     """
     size = np.array([float(np.sqrt(np.median(np.sum(residual**2, axis=1)))) for residual in bundle.residuals])
     usual = float(np.median(size))
     bad = (size > limit * _BAD_VIEW_RATIO * usual) & (size > limit * _BAD_VIEW_PX)
     if not bad.any() or np.count_nonzero(~bad) < 3:
-        return shots, [], bundle, False
+        return shots, [], bundle
     left = [
         Dropped(
             shot.name,
@@ -231,12 +231,7 @@ def _without_bad_views(
         for shot, px, away in zip(shots, size, bad, strict=True)
         if away
     ]
-    return (
-        [shot for shot, away in zip(shots, bad, strict=True) if not away],
-        left,
-        _bundle_of(bundle, ~bad),
-        True,
-    )
+    return list(compress(shots, ~bad)), left, _bundle_of(bundle, ~bad)
 
 
 def _without_outliers(
@@ -257,31 +252,23 @@ def _without_outliers(
     bad = [float(np.mean(~each)) > _MAX_OUTLIER_SHARE for each in good]
     if sum(not each for each in bad) < 3:
         return list(shots), [], bundle, 0
-    left = [
-        Dropped(
-            shot.name,
-            f"{np.count_nonzero(~each)} of its {len(each)} corners lie off: it moved, or the board was bent",
-        )
-        for shot, each, away in zip(shots, good, bad, strict=True)
-        if away
-    ]
-    kept = [
-        Shot(shot.name, shot.image, shot.view.only(each))
-        for shot, each, away in zip(shots, good, bad, strict=True)
-        if not away
-    ]
-    lost = sum(int(np.count_nonzero(~each)) for each, away in zip(good, bad, strict=True) if not away)
+    left, kept, lost = list[Dropped](), list[Shot](), 0
+    for shot, each, away in zip(shots, good, bad, strict=True):
+        off = int(np.count_nonzero(~each))
+        if away:
+            why = f"{off} of its {len(each)} corners lie off: it moved, or the board was bent"
+            left.append(Dropped(shot.name, why))
+        else:
+            kept.append(replace(shot, view=shot.view.only(each)))
+            lost += off
     return kept, left, _bundle_of(bundle, [not away for away in bad]), lost
 
 
 def _bundle_of(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
     """Bundle of the views with a True in `kept`; lens, covariance and cost stay those of all views."""
-    index = [i for i, keep in enumerate(kept) if keep]
-    return Bundle(
-        bundle.lens,
-        tuple(bundle.poses[i] for i in index),
-        tuple(bundle.residuals[i] for i in index),
-        tuple(bundle.sigmas[i] for i in index),
-        bundle.covariance,
-        bundle.cost,
+    return replace(
+        bundle,
+        poses=tuple(compress(bundle.poses, kept)),
+        residuals=tuple(compress(bundle.residuals, kept)),
+        sigmas=tuple(compress(bundle.sigmas, kept)),
     )

@@ -6,7 +6,7 @@ Each tag predicts the board corners beside it, predictions of neighbouring tags 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -262,7 +262,7 @@ def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[i
     best: tuple[float, int, int] | None = None
     for columns in range(3, _MAX_COLUMNS + 1):
         rows = max(3, next(r for r in range(2, 2 * highest + 4) if columns * r // 2 > highest))
-        other = type(board)(board.family, columns, rows, board.square_mm, board.marker_mm)
+        other = replace(board, columns=columns, rows=rows)
         sights = [predict_corners(seen, other) for seen in tags]
         pairs = sum(sight.pairs for sight in sights)
         share = sum(sight.agreeing for sight in sights) / pairs if pairs >= 3 else 0.0

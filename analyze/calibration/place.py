@@ -86,9 +86,7 @@ def place_camera(
     for i, step in enumerate(steps):
         nudge = np.zeros(6)
         nudge[i] = step
-        moved = _world_camera(
-            Pose(pose.rotation + nudge[:3], pose.translation + nudge[3:]), R_world_board, p_world_board
-        )
+        moved = _world_camera(pose.moved(nudge), R_world_board, p_world_board)
         J[:3, i] = Rotation.from_matrix(moved[:3, :3] @ T[:3, :3].T).as_rotvec() / step
         J[3:, i] = (moved[:3, 3] - T[:3, 3]) / step
     carried: Array = np.asarray(J @ covariance @ J.T, dtype=np.float64)

@@ -125,10 +125,10 @@ def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[Plum
     """
     ideal = pixel_map(camera).ideal
     found: list[PlumbLine] = []
-    for dark in (True, False):
+    for dark, most in ((True, 4 * MOST_LINES), (False, 8 * MOST_LINES)):
         for scale in SCALES_PX:
             points = _ridge_points(image, ideal, scale, dark)
-            while len(found) < 4 * MOST_LINES:
+            while len(found) < most:
                 line = _longest(points, image.shape[0], dark)
                 if line is None:
                     break

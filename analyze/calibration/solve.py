@@ -56,6 +56,10 @@ class Pose:
         """Rotation matrix (3, 3) from the board's frame B to the camera's frame C."""
         return np.asarray(cv2.Rodrigues(self.rotation)[0], dtype=float)
 
+    def moved(self, step: Array) -> Pose:
+        """Pose with `step` (6,) added: 3 entries to the rotation vector [rad], 3 to the translation [m]."""
+        return Pose(self.rotation + step[:3], self.translation + step[3:])
+
 
 @dataclass(frozen=True)
 class ObservedView:
@@ -154,14 +158,8 @@ def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pos
         if again[2] < cost:
             lens, settled, cost = again
     # If all corners lie farther off than their own noise, outliers are relative to that scale.
-    usual = (
-        float(
-            np.median(
-                np.concatenate([_chi(view, lens, pose) for view, pose in zip(views, settled, strict=True)])
-            )
-        )
-        / MEDIAN_CHI
-    )
+    chi = [_chi(view, lens, pose) for view, pose in zip(views, settled, strict=True)]
+    usual = float(np.median(np.concatenate(chi))) / MEDIAN_CHI
     if usual > 1.1:
         lens, settled, _ = _minimise(views, lens, settled, _MAX_STEPS, _HUBER_SIGMAS * usual)
     pairs = list(zip(views, settled, strict=True))
@@ -203,7 +201,7 @@ def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, t
         residual, by_pose, _ = _whitened(view, lens, pose, _HUBER_SIGMAS)
         return Linearised(residual, by_pose)
 
-    return gauss_newton(start, linearise, _stepped, max_steps, tolerance)
+    return gauss_newton(start, linearise, Pose.moved, max_steps, tolerance)
 
 
 @dataclass(frozen=True)
@@ -350,14 +348,13 @@ def _minimise(
             break
         moved = lens.moved(step)
         turned = [
-            _stepped(pose, np.asarray(np.linalg.solve(V, g - W.T @ step), dtype=np.float64))
+            pose.moved(np.asarray(np.linalg.solve(V, g - W.T @ step), dtype=np.float64))
             for pose, V, W, g in zip(
                 poses, normal.pose_information, normal.cross, normal.pose_gradient, strict=True
             )
         ]
-        focal_fits = bool(
-            np.all((moved.numbers[:2] > 0.05 * lens.width) & (moved.numbers[:2] < 50.0 * lens.width))
-        )
+        focal = moved.numbers[:2]
+        focal_fits = bool(np.all((focal > 0.05 * lens.width) & (focal < 50.0 * lens.width)))
         new = _cost(views, moved, turned, prior, huber) if focal_fits else float("inf")
         if new < cost:
             still = float(np.max(np.abs(step) / prior)) < _STEP_TOLERANCE and cost - new < 1e-9 * cost
@@ -369,11 +366,6 @@ def _minimise(
             if damping > 1e8:
                 break
     return lens, poses, cost
-
-
-def _stepped(pose: Pose, step: Array) -> Pose:
-    """Pose with a step (6,) added to rotation vector and translation [rad, m]."""
-    return Pose(pose.rotation + step[:3], pose.translation + step[3:])
 
 
 def _rays(lens: Lens, place: Array) -> Array:

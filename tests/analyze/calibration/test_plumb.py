@@ -178,3 +178,12 @@ def test_a_table_stated_level_is_reported_as_level(folder):
     answer = run(folder / "two.png", "--rig", rig)
     assert answer.exit_code == 1
     assert "gravity_tilt_sd_rad is 0" in answer.stderr
+
+
+def test_many_dark_lines_do_not_hide_a_bright_string():
+    """Eight dark lines are found at every scale, which was as many as were searched for in all."""
+    image = np.full((LENS.height, LENS.width), 120, np.uint8)
+    image[: LENS.height // 2, 60:620:70] = 30
+    image[:, 345:348] = 230
+    straight = CameraModel(LENS.width, LENS.height, MATRIX, np.zeros(5), WORLD_CAMERA)
+    assert not find_plumb_lines(image, straight)[0].dark
