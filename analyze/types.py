@@ -169,7 +169,7 @@ class RollingContact:
 class MotionFit:
     """Fit of one strike's motion by one estimator: balance angle phi and rate constant k.
 
-    The motion is theta'' = -k sin(phi - theta) - drag, or its form for a rolling contact.
+    The motion is theta'' = -k sin(phi - theta), or its form for a rolling contact.
     """
 
     estimator: str
@@ -188,8 +188,6 @@ class MotionFit:
     """angular speed [rad/s] at `time0_ns`"""
     time0_ns: int
     """log_time [ns] of theta0 and omega0"""
-    damping: float
-    """drag coefficient c of c theta' |theta'|; 0 if not fitted"""
     window: tuple[int, int]
     """index range [start, stop) of the fitted frames"""
     residual: Array

@@ -114,6 +114,24 @@ def minimise(
     return Minimum(x, residual, jacobian, weight)
 
 
+def with_differences(expected: Callable[[Array], Array], steps: Array) -> Model:
+    """Model with central differences as derivatives, from a function of many parameter sets at once.
+
+    Args:
+        expected: observations (n, c) of c sets of parameters (c, p).
+        steps: (p,) differentiation steps of the parameters.
+    """
+    p = len(steps)
+    offsets = np.concatenate([np.zeros((1, p)), np.diag(steps), -np.diag(steps)])
+
+    def model(x: Array) -> tuple[Array, Array]:
+        """Observations (n,) at parameters (p,), and their derivatives (n, p)."""
+        found = expected(x + offsets)
+        return found[:, 0], (found[:, 1 : p + 1] - found[:, p + 1 :]) / (2 * steps)
+
+    return model
+
+
 def _weights(standardised: Array) -> Array:
     """Huber weights (n,) in 0..1 of standardised residuals (n,).
 

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.least_squares.levenberg_marquardt import with_differences
 from analyze.least_squares.robust import correlation_factor, median_scale
 from analyze.motion.edge_motion import displacement_per_offset
 from analyze.motion.pendulum import G
@@ -101,19 +102,10 @@ def moment_balance(
     variance = np.einsum("ni,nij,nj->n", by_place, motion.covariance[inside], by_place)
     sample = replace(sample, sd=np.sqrt(np.maximum(variance, (0.1 * sample.sd) ** 2)))
 
-    def model(x: Array) -> tuple[Array, Array]:
-        """Tipping angle (n,) [rad] and derivatives (n, 4) by x (4,): phi, k, angle and Omega at the start.
-
-        phi is the balance angle, k the rate m g R / I_edge, Omega the angular speed plus the share of the
-        edge's velocity.
-        """
-        steps = np.concatenate(
-            [np.zeros((1, 4)), np.diag(_DIFFERENTIATION_STEPS), -np.diag(_DIFFERENTIATION_STEPS)]
-        )
-        theta = driven_theta(sample.time, x + steps, slip, lift, radius)
-        return theta[:, 0], (theta[:, 1:5] - theta[:, 5:]) / (2 * _DIFFERENTIATION_STEPS)
-
-    fitted = fit_model(sample, model, sample.guess[:4], profiled=False)
+    model = with_differences(
+        lambda sets: driven_theta(sample.time, sets, slip, lift, radius), _DIFFERENTIATION_STEPS
+    )
+    fitted = fit_model(sample, model, sample.guess)
     offset = np.zeros((2, 2)) if offset_covariance is None else offset_covariance
     covariance = _covariance(
         sample,
@@ -123,7 +115,7 @@ def moment_balance(
         (slip, lift, radius),
         (motion.covariance[inside], offset),
     )
-    fit = motion_fit(ESTIMATOR, angle, window, sample, replace(fitted, covariance=covariance))
+    fit = motion_fit(ESTIMATOR, angle, window, replace(fitted, covariance=covariance))
     first = slice(0, min(_START_FRAMES, len(sample.time)))
     s_rate, z_rate = (_slope(sample.time[first], values[first]) for values in (slip, lift))
     psi = fit.phi - fit.theta0

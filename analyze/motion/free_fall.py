@@ -21,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError
@@ -365,9 +366,8 @@ def _drag(speed: Array, time: Array) -> Array:
         time: (n,) times [s].
     """
     push = np.linalg.norm(speed, axis=1, keepdims=True) * speed
-    steps = np.diff(time)[:, None]
-    once = np.vstack([np.zeros(3), np.cumsum((push[1:] + push[:-1]) / 2 * steps, axis=0)])
-    return np.vstack([np.zeros(3), np.cumsum((once[1:] + once[:-1]) / 2 * steps, axis=0)])
+    once = cumulative_trapezoid(push, time, axis=0, initial=0)
+    return cumulative_trapezoid(once, time, axis=0, initial=0)
 
 
 @dataclass(frozen=True)

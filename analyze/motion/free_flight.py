@@ -11,12 +11,16 @@ which a hand still holds the body is not a flight: residuals follow a multivaria
 flight with a scale of its own (Lange, Little and Taylor 1989).
 """
 
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from analyze.errors import EstimationError
 
@@ -178,10 +182,5 @@ def _twice_integrated(motion: BodyMotion, drag: float) -> Array:
     """
     velocity = np.gradient(motion.position, motion.time, axis=0)
     slowing = -drag * np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
-    return _integrated(_integrated(slowing, motion.dt), motion.dt)
-
-
-def _integrated(values: Array, dt: Array) -> Array:
-    """Integral (n, 3) of `values` (n, 3) over steps dt (n - 1,), by the trapezoidal rule; 0 at the first."""
-    steps = 0.5 * (values[1:] + values[:-1]) * dt[:, None]
-    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+    once = cumulative_trapezoid(slowing, motion.time, axis=0, initial=0)
+    return cumulative_trapezoid(once, motion.time, axis=0, initial=0)

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
     from analyze.types import Array
 
-WINDOWS_PER_CONTACT = 2
-"""number of test functions per contact: sin^2, and sin^2 cos"""
+_WINDOWS_PER_CONTACT = 2
+"""number of test functions per direction of a contact: sin^2, and sin^2 cos"""
 _UP = np.array([0.0, 0.0, 1.0])
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _UNITS = np.zeros((6, 3, 3))
@@ -111,16 +111,13 @@ def about_com(inertia_origin: Array, com: Array) -> Array:
     return inertia_origin - (float(com @ com) * np.eye(3) - np.outer(com, com))
 
 
-def moment_rows(
-    contact: Contact, radius: float, gravity: float, windows: int = WINDOWS_PER_CONTACT
-) -> tuple[Array, Array]:
+def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array, Array]:
     """Weak moment balance of one contact, as linear equations in centre of mass and inertia.
 
     Args:
         contact: the motion and its point of contact.
         radius: radius of the rounding [m].
         gravity: magnitude g of gravity [m/s^2].
-        windows: number of test functions per direction.
 
     Returns:
         (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) right side; c is the centre of
@@ -150,7 +147,7 @@ def moment_rows(
     coefficients: list[list[float]] = []
     wanted: list[float] = []
     for e in directions:
-        for number in range(windows):
+        for number in range(_WINDOWS_PER_CONTACT):
             window = (np.sin(math.pi * phase) ** 2 * np.cos(math.pi * phase) ** number)[:, None]
             d_direction = np.diff(window * e, axis=0)
             below = radius * window * np.cross(e, _UP)

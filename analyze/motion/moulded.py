@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.rolling_choice import is_curved_to
+from analyze.motion.rolling_choice import is_curved
 from analyze.motion.support_function import support_of_outline
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def moulded_radius(points: Array, phi: float) -> float | None:
         return None
     behind, before = (float(section.evaluate(np.array(theta))[1]) for theta in (-_FIRST_ANGLE, _FIRST_ANGLE))
     turned = np.linspace(_FIRST_ANGLE, phi + _PAST_PHI, 9).tolist()
-    if not is_curved_to(section, phi) or not all(section.touches_curve(theta) for theta in turned):
+    if not is_curved(section, phi) or not all(section.touches_curve(theta) for theta in turned):
         return None
     along, over, radius = np.array([section.centre(theta) for theta in turned]).T
     middle = float(np.median(radius))

@@ -1,11 +1,14 @@
-"""Free tipping motion theta'' = -k sin(phi - theta) - c theta' abs(theta'), and its derivatives.
+"""Free tipping motion theta'' = -k sin(phi - theta), and its derivatives.
 
-theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate [rad/s^2], c the drag
-coefficient. In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' abs(psi'). It is
-integrated in fixed steps of fourth order, together with its variational equations: at the fixed step of 8 ms
-and k = 100 rad/s^2 the error stays below 6e-6 rad over 0.5 s, a tenth of the best camera's noise. Plain
-floats, because arrays of four numbers would cost twenty times as much.
+theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate [rad/s^2]. In psi = theta - phi
+this is the inverted pendulum psi'' = k sin psi. It is integrated in fixed steps of fourth order, together
+with its variational equations: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays below 6e-6 rad
+over 0.5 s, a tenth of the best camera's noise. Plain floats, because arrays of four numbers would cost twenty
+times as much.
 """
+
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,51 +30,11 @@ G = 9.81
 _MAX_PSI = 50.0
 """angle from balance [rad] at which the integration of a trial stops"""
 
-State = tuple[float, float, float, float, float, float, float, float]
-"""psi, omega, then the derivatives of (psi, omega) by psi_0, by omega_0 and by c"""
-
-
-def _rate(y: State, k: float, c: float) -> State:
-    """Derivative by time of the state y (see `State`): angle from balance, speed, and their derivatives.
-
-    Args:
-        y: psi, omega, then the derivatives of (psi, omega) by psi_0, by omega_0 and by the drag coefficient.
-        k: rate of the pendulum [rad/s^2].
-        c: drag coefficient [1].
-    """
-    psi, omega, a, da, b, db, e, de = y
-    kc = k * math.cos(psi)
-    drag = 2.0 * c * abs(omega)
-    return (
-        omega,
-        k * math.sin(psi) - c * omega * abs(omega),
-        da,
-        kc * a - drag * da,
-        db,
-        kc * b - drag * db,
-        de,
-        kc * e - drag * de - omega * abs(omega),
-    )
-
-
-def _add(y: State, rate: State, h: float) -> State:
-    """State y + h rate, entry by entry: `y` moved on by the time h [s] at the derivative `rate`."""
-    return (
-        y[0] + h * rate[0],
-        y[1] + h * rate[1],
-        y[2] + h * rate[2],
-        y[3] + h * rate[3],
-        y[4] + h * rate[4],
-        y[5] + h * rate[5],
-        y[6] + h * rate[6],
-        y[7] + h * rate[7],
-    )
-
 
 def trajectory(
     time: Array, phi: float, k: float, theta0: float, omega0: float, radius: float = 0.0
 ) -> tuple[Array, Array, Array]:
-    """Motion of a tip without drag and its derivatives by the parameters, by Nystroem's method.
+    """Motion of a tip and its derivatives by the parameters, by Nystroem's method.
 
     For psi'' = f(psi), psi = theta - phi, that method needs only three slopes per step. An edge of radius rho
     rolls: the centre of mass comes nearer to the contact on either side of the balance (docs/decisions/0025).
@@ -138,71 +102,11 @@ def trajectory(
         if not abs(psi) < _MAX_PSI:
             rows.extend([rows[-1]] * (len(time) - len(rows)))
             break
-    table = np.array(rows)
-    return (
-        table[:, 0] + phi,
-        table[:, 1],
-        _by_parameters(time, table[:, 1], table[:, 2], table[:, 3], k, omega0),
-    )
-
-
-def _by_parameters(
-    time: Array, omega: Array, by_theta0: Array, by_omega0: Array, k: float, omega0: float
-) -> Array:
-    """Derivatives (n, 4) of theta by phi, k, theta0, omega0, from those by theta0 and omega0.
-
-    Args:
-        time: (n,) time since the initial state [s].
-        omega: (n,) angular speed [rad/s].
-        by_theta0: (n,) derivative of theta by the initial angle theta0.
-        by_omega0: (n,) derivative of theta by the initial speed omega0 [s].
-        k: rate of the pendulum [rad/s^2].
-        omega0: angular speed at time 0 [rad/s].
-    """
+    angle, speed, by_theta0, by_omega0 = np.array(rows).T
     # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k without
     # another equation. The change of e with k is neglected: less than a hundredth of it.
-    by_k = (time * omega - omega0 * by_omega0) / (2.0 * k)
-    return np.stack([1.0 - by_theta0, by_k, by_theta0, by_omega0], axis=-1)
-
-
-def trajectory_with_drag(
-    time: Array, phi: float, k: float, theta0: float, omega0: float, drag: float
-) -> tuple[Array, Array, Array]:
-    """Motion of a tip with drag and its derivatives by the parameters, by the Runge-Kutta method.
-
-    Args:
-        time: (n,) time since the initial state [s], ascending, the first may be 0.
-        phi: balance angle [rad], at which the centre of mass stands above the contact.
-        k: rate m g R / I_edge [rad/s^2] of the tip.
-        theta0: tipping angle theta at time 0 [rad].
-        omega0: angular speed at time 0 [rad/s].
-        drag: drag coefficient c of the term c theta' abs(theta') [1].
-
-    Returns:
-        theta (n,) [rad], angular speed omega (n,) [rad/s], and d theta / d (phi, k, theta0, omega0, drag) (n,
-        5). Once theta is more than 50 rad from balance, the last values are repeated.
-    """
-    y: State = (theta0 - phi, omega0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-    now = 0.0
-    rows: list[State] = []
-    for target in time.tolist():
-        gap = target - now
-        steps = max(1, math.ceil(gap / _MAX_STEP_S)) if gap > 0 else 0
-        h = gap / steps if steps else 0.0
-        for _ in range(steps):
-            k1 = _rate(y, k, drag)
-            k2 = _rate(_add(y, k1, 0.5 * h), k, drag)
-            k3 = _rate(_add(y, k2, 0.5 * h), k, drag)
-            k4 = _rate(_add(y, k3, h), k, drag)
-            y = _add(_add(_add(_add(y, k1, h / 6), k2, h / 3), k3, h / 3), k4, h / 6)
-        now = target
-        rows.append(y)
-        if not abs(y[0]) < _MAX_PSI:
-            rows.extend([y] * (len(time) - len(rows)))
-            break
-    table = np.array(rows)
-    plain = _by_parameters(time, table[:, 1], table[:, 2], table[:, 4], k, omega0)
-    return table[:, 0] + phi, table[:, 1], np.column_stack([plain, table[:, 6]])
+    by_k = (time * speed - omega0 * by_omega0) / (2.0 * k)
+    return angle + phi, speed, np.stack([1.0 - by_theta0, by_k, by_theta0, by_omega0], axis=-1)
 
 
 def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
@@ -221,8 +125,8 @@ def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
     return square / (2.0 * k * (1.0 - math.cos(phi)))
 
 
-def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
-    """First guess of phi, k, theta0, omega0 by linear least squares on the twice integrated equation.
+def first_guess(time: Array, theta: Array) -> Array:
+    """First guess (4,) of phi, k, theta0, omega0 by linear least squares on the twice integrated equation.
 
     These are balance angle [rad], rate [rad/s^2], and angle [rad] and speed [rad/s] at the first time.
     Nothing is differentiated: theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k
@@ -232,14 +136,7 @@ def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
         time: (n,) times [s].
         theta: (n,) tipping angle [rad].
     """
-    columns = _integrated_columns(time, theta)
-    solution = np.linalg.lstsq(columns, theta, rcond=None)[0]
-    return (
-        math.atan2(float(solution[2]), float(solution[3])),
-        math.hypot(float(solution[2]), float(solution[3])),
-        float(solution[0]),
-        float(solution[1]),
-    )
+    return _solved(_integrated_columns(time, theta), theta)[1]
 
 
 def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> list[tuple[float, int, Array]]:
@@ -259,14 +156,25 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
     columns = _integrated_columns(time, theta)
     found: list[tuple[float, int, Array]] = []
     for frame in frames:
-        jump = np.maximum(time - time[frame], 0.0)
-        rows = np.column_stack([columns, jump])
-        x = np.linalg.lstsq(rows, theta, rcond=None)[0]
-        guess = np.array(
-            [math.atan2(float(x[2]), float(x[3])), math.hypot(float(x[2]), float(x[3])), x[0], x[1], x[4]]
-        )
-        found.append((float(np.sum((theta - rows @ x) ** 2)), frame, guess))
+        rows = np.column_stack([columns, np.maximum(time - time[frame], 0.0)])
+        squares, guess = _solved(rows, theta)
+        found.append((squares, frame, guess))
     return sorted(found, key=lambda each: each[0])
+
+
+def _solved(columns: Array, theta: Array) -> tuple[float, Array]:
+    """Sum of squares [rad^2] and solution (p,) of the twice integrated pendulum equation.
+
+    The solution is balance angle phi, k, theta0, omega0 and the factors on any further columns.
+
+    Args:
+        columns: (n, p) columns of `_integrated_columns`, then further ones.
+        theta: (n,) tipping angle [rad].
+    """
+    x = np.linalg.lstsq(columns, theta, rcond=None)[0]
+    by_sin, by_cos = float(x[2]), float(x[3])
+    guess = np.array([math.atan2(by_sin, by_cos), math.hypot(by_sin, by_cos), x[0], x[1], *x[4:]])
+    return float(np.sum((theta - columns @ x) ** 2)), guess
 
 
 def _integrated_columns(time: Array, theta: Array) -> Array:
@@ -278,17 +186,6 @@ def _integrated_columns(time: Array, theta: Array) -> Array:
         time: (n,) times [s].
         theta: (n,) tipping angle [rad].
     """
-
-    def integrate(values: Array) -> Array:
-        """Integral (n,) of `values` (n,) over time from the first time on, by the trapezoidal rule."""
-        return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-
-    return np.stack(
-        [
-            np.ones_like(time),
-            time - time[0],
-            -integrate(integrate(np.cos(theta))),
-            integrate(integrate(np.sin(theta))),
-        ],
-        axis=-1,
-    )
+    once = cumulative_trapezoid(np.stack([-np.cos(theta), np.sin(theta)]), time, initial=0)
+    twice = cumulative_trapezoid(once, time, initial=0)
+    return np.stack([np.ones_like(time), time - time[0], *twice], axis=-1)

@@ -12,7 +12,7 @@ moves phi by the same amount; its variance is added at the end.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +25,7 @@ from analyze.least_squares.levenberg_marquardt import (
     residual_variance,
     unit_covariance,
 )
-from analyze.motion.pendulum import first_guess, trajectory, trajectory_with_drag
+from analyze.motion.pendulum import first_guess, trajectory
 from analyze.motion.profile import FittedTip, profile_sd
 from analyze.types import MotionFit
 
@@ -38,7 +38,8 @@ MIN_FRAMES = 8
 _MAX_LINEAR_PHI_SD = math.radians(0.3)
 """phi sd [rad] above which a linearised covariance is replaced by the profile likelihood"""
 _SCALE = np.array([0.1, 20.0, 0.02, 0.2, 0.1])
-"""typical changes of phi, k, theta0, omega0, drag [rad, rad/s^2, rad, rad/s, 1], for conditioning"""
+"""typical changes of phi, k, theta0, omega0 and a jump in speed [rad, rad/s^2, rad, rad/s, rad/s], for
+conditioning"""
 _FALLBACK_K = 60.0
 """first guess of k [rad/s^2] if the linear guess is not a tip"""
 
@@ -47,18 +48,14 @@ _FALLBACK_K = 60.0
 class Sample:
     """Part of the tipping angle theta(t) that is fitted, with a first guess of the parameters."""
 
-    time0_ns: int
-    """log_time [ns] of the first frame"""
     time: Array
-    """(n,) time since `time0_ns` [s]"""
+    """(n,) time since the first frame [s]"""
     theta: Array
     """(n,) tipping angle [rad]"""
     sd: Array
     """(n,) random standard deviation of theta [rad]"""
     guess: Array
-    """(5,) first guess of phi, k, theta0, omega0, drag [rad, rad/s^2, rad, rad/s, 1]"""
-    radius: float = 0.0
-    """radius rho of the edge's rounding [m]; 0 if the model does not roll on it"""
+    """(4,) first guess of phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s]"""
 
 
 @dataclass(frozen=True)
@@ -74,7 +71,7 @@ class FittedModel:
 
 
 def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> MotionFit:
-    """Fit phi, k, theta0, omega0 of the pendulum without drag to theta(t) over one window.
+    """Fit phi, k, theta0, omega0 of the pendulum to theta(t) over one window.
 
     Args:
         angle: tipping angle theta(t) of the strike.
@@ -88,52 +85,29 @@ def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> 
     Raises:
         EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
     """
-    sample = replace(cut_sample(angle, window, 4), radius=radius)
-
-    def model(x: Array) -> tuple[Array, Array]:
-        """Tipping angle (n,) [rad], and derivatives (n, 4) by x: phi, k, theta0, omega0.
-
-        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start.
-        """
-        theta, _, jacobian = trajectory(sample.time, *_numbers(x), radius)
-        return theta, jacobian
-
-    fitted = fit_model(sample, model, sample.guess[:4])
-    return motion_fit("pivot_fit", angle, window, sample, fitted)
+    sample = cut_sample(angle, window, 4)
+    fitted = fit_model(sample, hinge_model(sample.time, radius), sample.guess, radius)
+    return motion_fit("pivot_fit", angle, window, fitted)
 
 
-def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
-    """Fit the pendulum with the drag term c theta' abs(theta'), for a sharp edge, to theta(t).
+def hinge_model(time: Array, radius: float) -> Model:
+    """Model of a tip over an edge in place: function of (4,) phi, k, theta0, omega0.
+
+    phi is the balance angle [rad], k the rate [rad/s^2], theta0 and omega0 are tipping angle [rad] and speed
+    [rad/s] at the first time. The function gives the tipping angle (n,) [rad] and its derivatives (n, 4).
 
     Args:
-        angle: tipping angle theta(t) of the strike.
-        window: frames [start, stop) in which only gravity and air act.
-
-    Returns:
-        The fit: balance angle phi [rad], k [rad/s^2], theta and its rate at the window's first frame, their
-        errors, and the drag coefficient c in `damping`.
-
-    Raises:
-        EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
+        time: (n,) times [s].
+        radius: radius of the edge's rounding [m].
     """
-    sample = cut_sample(angle, window, 5)
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Tipping angle (n,) [rad], and derivatives (n, 5) by x: phi, k, theta0, omega0, drag.
-
-        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start.
-        """
-        theta, _, jacobian = trajectory_with_drag(sample.time, *_numbers(x), float(x[4]))
+        """Tipping angle (n,) [rad], and derivatives (n, 4) by x: phi, k, theta0, omega0."""
+        phi, k, theta0, omega0 = (float(each) for each in x)
+        theta, _, jacobian = trajectory(time, phi, k, theta0, omega0, radius)
         return theta, jacobian
 
-    fitted = fit_model(sample, model, sample.guess)
-    fit = motion_fit("pivot_fit_with_drag", angle, window, sample, fitted)
-    return replace(fit, damping=float(fitted.parameters[4]))
-
-
-def _numbers(x: Array) -> tuple[float, float, float, float]:
-    """First four parameters phi, k, theta0, omega0 of x (4 or more,) as floats."""
-    return float(x[0]), float(x[1]), float(x[2]), float(x[3])
+    return model
 
 
 def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sample:
@@ -157,25 +131,24 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
             f"only {last - first} frames of free tipping, {MIN_FRAMES} are needed:"
             " raise the frame rate or strike less hard"
         )
-    time0 = int(angle.time_ns[first])
-    time = np.asarray((angle.time_ns[first:last] - time0) * 1e-9, dtype=np.float64)
+    time = np.asarray((angle.time_ns[first:last] - angle.time_ns[first]) * 1e-9, dtype=np.float64)
     theta, sd = angle.theta[first:last], np.maximum(angle.sd[first:last], 1e-6)
-    guess = np.array([*first_guess(time, theta), 0.0])
+    guess = first_guess(time, theta)
     if not (0.0 < guess[0] < 2.0 and guess[1] > 1.0):
         speed = float(theta[2] - theta[0]) / float(time[2] - time[0])
-        guess = np.array([max(0.3, 0.8 * float(np.max(theta))), _FALLBACK_K, float(theta[0]), speed, 0.0])
-    return Sample(time0, time, theta, sd, guess)
+        guess = np.array([max(0.3, 0.8 * float(np.max(theta))), _FALLBACK_K, float(theta[0]), speed])
+    return Sample(time, theta, sd, guess)
 
 
-def fit_model(sample: Sample, model: Model, start: Array, profiled: bool = True) -> FittedModel:
+def fit_model(sample: Sample, model: Model, start: Array, radius: float | None = None) -> FittedModel:
     """Fit a model of theta(t) whose first two parameters are balance angle phi and k.
 
     Args:
         sample: measured tipping angle theta(t).
         model: theta (n,) and its derivatives (n, p) at parameters (p,).
         start: (p,) first parameters phi [rad], k [rad/s^2], theta0 [rad], omega0 [rad/s][, more].
-        profiled: True if the model is the pendulum itself, so that the profile likelihood may replace the
-            linearised interval of an uncertain phi.
+        radius: radius of the edge's rounding [m] if the model is the pendulum itself (`hinge_model`), so that
+            the profile likelihood may replace the linearised interval of an uncertain phi; None otherwise.
 
     Returns:
         The best parameters, the residuals, and the covariance of (phi, k).
@@ -192,22 +165,19 @@ def fit_model(sample: Sample, model: Model, start: Array, profiled: bool = True)
             f"the motion is not a tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2):"
             " look at the images"
         )
-    covariance = _covariance(minimum, sample, scale, profiled)
+    covariance = _covariance(minimum, sample, scale, radius)
     return FittedModel(minimum.parameters, minimum.residual, covariance[:2, :2])
 
 
-def motion_fit(
-    estimator: str, angle: TipAngle, window: tuple[int, int], sample: Sample, fitted: FittedModel
-) -> MotionFit:
+def motion_fit(estimator: str, angle: TipAngle, window: tuple[int, int], fitted: FittedModel) -> MotionFit:
     """MotionFit of fitted parameters, with the uncertain zero of theta added to the variance of phi.
 
-    theta is the tipping angle, phi the balance angle. `damping` is set to 0.
+    theta is the tipping angle, phi the balance angle.
 
     Args:
         estimator: name of the estimator.
         angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) that were fitted.
-        sample: the data cut from them.
         fitted: the fitted model.
     """
     covariance = fitted.covariance.copy()
@@ -220,29 +190,28 @@ def motion_fit(
         covariance=covariance,
         theta0=theta0,
         omega0=omega0,
-        time0_ns=sample.time0_ns,
-        damping=0.0,
+        time0_ns=int(angle.time_ns[window[0]]),
         window=window,
         residual=fitted.residual,
     )
 
 
-def _covariance(minimum: Minimum, sample: Sample, scale: Array, profiled: bool) -> Array:
+def _covariance(minimum: Minimum, sample: Sample, scale: Array, radius: float | None) -> Array:
     """Covariance (p, p) of the fitted parameters, whose first is the balance angle phi.
 
     It is scaled up as a whole to the profile likelihood's interval of phi if that is wider, the linearised sd
-    of phi exceeds 0.3 deg, and `profiled` is True.
+    of phi exceeds 0.3 deg, and `radius` is not None.
 
     Args:
         minimum: the least-squares solution.
         sample: the fitted part of theta(t).
         scale: (p,) typical changes of the parameters.
-        profiled: True if the model is the pendulum itself.
+        radius: radius of the edge's rounding [m] if the model is the pendulum itself, otherwise None.
     """
     inverse, variance = unit_covariance(minimum, sample.sd, scale), residual_variance(minimum, sample.sd)
     linear_sd = math.sqrt(float(inverse[0, 0]) * variance)
-    if linear_sd <= _MAX_LINEAR_PHI_SD or not profiled:
+    if linear_sd <= _MAX_LINEAR_PHI_SD or radius is None:
         return inverse * variance
     weight = np.sqrt(minimum.weight) / sample.sd
-    tip = FittedTip(sample.time, sample.theta, weight, minimum.parameters, inverse, sample.radius)
+    tip = FittedTip(sample.time, sample.theta, weight, minimum.parameters, inverse, radius)
     return inverse * variance * max(1.0, profile_sd(tip, variance) / linear_sd) ** 2

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.motion.pendulum import trajectory, trajectory_with_drag
+from analyze.motion.pendulum import trajectory
 
 if TYPE_CHECKING:
     from analyze.types import Array
@@ -46,9 +46,9 @@ class FittedTip:
     weight: Array
     """(n,) factor on the residuals [1/rad]; 0 if not used"""
     parameters: Array
-    """(p,) best phi, k, theta0, omega0[, drag]"""
+    """(4,) best phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s]"""
     covariance: Array
-    """(p, p) linearised covariance for weighted residuals of variance 1"""
+    """(4, 4) linearised covariance for weighted residuals of variance 1"""
     radius: float = 0.0
     """radius of the edge's rounding [m]"""
 
@@ -92,37 +92,28 @@ def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
 def _sum_of_squares(tip: FittedTip, phi: float) -> float:
     """Least weighted sum of squares for a given balance angle phi [rad], over all other parameters."""
     best = tip.parameters
-    shift = tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
-    start = best[1:] + shift
+    start = best[1:] + tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
     # In log k, from a start with the same k sin(phi): the data determine that product, and k must stay
     # positive.
     x = np.array(
         [math.log(best[1]) + math.log(max(math.sin(best[0]), 0.02) / max(math.sin(phi), 0.02)), *start[1:]]
     )
-    scale = np.array([0.2, 0.02, 0.2, 0.1])[: len(x)]
-
-    def unpack(x: Array) -> tuple[float, float, float, float, float]:
-        """Parameters phi, k, theta0, omega0, drag from x: ln k, theta0, omega0[, drag]."""
-        k = math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
-        return phi, k, float(x[1]), float(x[2]), float(x[3]) if len(x) == 4 else 0.0
-
     columns = np.empty(0)
 
+    def rate(x: Array) -> float:
+        """Rate k [rad/s^2] of x: ln k, theta0, omega0."""
+        return math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
+
     def residual(x: Array) -> Array:
-        """Weighted residuals (n,) at x: ln k, theta0, omega0[, drag]."""
+        """Weighted residuals (n,) at x: ln k, theta0, omega0."""
         nonlocal columns
-        phi, k, theta0, omega0, drag = unpack(x)
-        model, _, columns = (
-            trajectory_with_drag(tip.time, phi, k, theta0, omega0, drag)
-            if len(x) == 4
-            else trajectory(tip.time, phi, k, theta0, omega0, tip.radius)
-        )
+        model, _, columns = trajectory(tip.time, phi, rate(x), float(x[1]), float(x[2]), tip.radius)
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
-        """Derivatives (n, 3 or 4) of the residuals by x, from the columns of the last residuals."""
-        part = -columns[:, 1 : 1 + len(x)] * tip.weight[:, None]
-        part[:, 0] *= unpack(x)[1]
+        """Derivatives (n, 3) of the residuals by x, from the columns of the last residuals."""
+        part = -columns[:, 1:] * tip.weight[:, None]
+        part[:, 0] *= rate(x)
         return np.clip(part, -1e9, 1e9)
 
     # scipy's type hints admit only the names of its built-in derivatives.
@@ -130,7 +121,7 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         residual,
         x,
         jacobian,  # pyright: ignore[reportArgumentType]
-        x_scale=scale,
+        x_scale=np.array([0.2, 0.02, 0.2]),
         max_nfev=15,
         xtol=1e-6,
         ftol=1e-6,

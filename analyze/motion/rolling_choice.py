@@ -41,7 +41,7 @@ def rolling_curve(
         rounding if that is large (or a round rim's); and the reason in words.
     """
     radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
-    if section is not None and is_curved(section, planned):
+    if section is not None and is_curved(section, planned.phi_predicted_rad):
         least, most = section.range_of_radius(_FIRST_ANGLE, last)
         return section, f"the object rolls on a curve of {1e3 * least:.0f} to {1e3 * most:.0f} mm radius"
     if radius >= MIN_ROLLING_RADIUS_M:
@@ -51,19 +51,7 @@ def rolling_curve(
     return None, ""
 
 
-def is_curved(section: SupportFunction, planned: PlannedStrike) -> bool:
-    """True if the section is a curve where it touches the table during a planned strike.
-
-    False for a corner or a bevel.
-
-    Args:
-        section: the object's cross-section at the pivot axis.
-        planned: the planned strike, with the predicted balance angle.
-    """
-    return is_curved_to(section, planned.phi_predicted_rad)
-
-
-def is_curved_to(section: SupportFunction, phi: float) -> bool:
+def is_curved(section: SupportFunction, phi: float) -> bool:
     """True if the section is a curve where it touches, from rest to past a balance at `phi` [rad].
 
     False for a corner, for a curve over less than 15 deg, or with a flat face (a bevel) of over 0.5 mm in it.

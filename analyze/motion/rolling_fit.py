@@ -23,9 +23,9 @@ from analyze.least_squares.levenberg_marquardt import (
     minimise,
     residual_variance,
     unit_covariance,
+    with_differences,
 )
-from analyze.motion.pendulum import trajectory
-from analyze.motion.pivot_fit import FittedModel, Sample, cut_sample, fit_model, motion_fit
+from analyze.motion.pivot_fit import FittedModel, Sample, cut_sample, fit_model, hinge_model, motion_fit
 from analyze.motion.rolling_guess import ComPrior, first_rolling_guess
 from analyze.motion.rolling_motion import G, balance_angle, balance_parameters, energy_ratio, rolling_theta
 from analyze.types import RollingContact
@@ -73,41 +73,33 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     expected = _expected(sample, section)
     # The prior of the body enters as three more observations.
     seen = Observations(np.append(sample.theta, expected.values()), np.append(sample.sd, np.ones(3)))
-    steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
 
-    def model(x: Array) -> tuple[Array, Array]:
-        """Tipping angle (n,) and rows of the prior (3,) at x (5,), and their derivatives (n + 3, 5).
-
-        x holds 1 / J, a / J, b / J (centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 + b^2),
-        and angle and speed at the start.
-        """
-        sets = x + steps
-        theta = np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
-        return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
+    def expect(sets: Array) -> Array:
+        """Tipping angle and rows of the prior (n + 3, c) of c sets of the parameters (c, 5)."""
+        return np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
 
     solution = minimise(
         seen,
-        model,
+        with_differences(expect, _STEPS),
         first_rolling_guess(sample.time, sample.theta, sample.sd, section, expected),
         _SCALE,
         positive_index=0,
     )
     x = solution.parameters
     balance = balance_angle(section, x[:3])
-    phi, k, _ = balance_parameters(
-        section, x[:3] + steps[:, :3], np.full(len(steps), balance if balance is not None else 0.0)
+    at_balance = with_differences(
+        lambda sets: np.stack(balance_parameters(section, sets[:, :3], balance or 0.0)), _STEPS
     )
-    if balance is None or np.isnan(phi + k).any() or not 0.5 < k[0] < 5000.0:
+    (phi, k), by = at_balance(x)
+    if balance is None or np.isnan(by).any() or not 0.5 < k < 5000.0:
         raise EstimationError("the motion is not a tip over a curved section: look at the images")
-    by = np.stack([(values[1:6] - values[6:]) / (2 * _STEPS) for values in (phi, k)])
     of_fitted = unit_covariance(solution, seen.sd, _SCALE) * residual_variance(solution, seen.sd)
     covariance = by @ of_fitted @ by.T
-    fitted = FittedModel(np.array([phi[0], k[0], *x[3:]]), solution.residual[: len(sample.time)], covariance)
+    fitted = FittedModel(np.array([phi, k, *x[3:]]), solution.residual[: len(sample.time)], covariance)
     fit = motion_fit(
         ESTIMATOR,
         angle,
         window,
-        sample,
         replace(fitted, covariance=covariance * _stretch_factor(sample, fitted) ** 2),
     )
     energy = energy_ratio(section, x[:3], fit.phi, fit.theta0, fit.omega0)
@@ -149,16 +141,8 @@ def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
     """
     if math.sqrt(float(fitted.covariance[0, 0])) <= _MAX_LINEAR_PHI_SD:
         return 1.0
-    x = fitted.parameters[:4]
-    hinge = replace(sample, theta=trajectory(sample.time, *(float(each) for each in x))[0] + fitted.residual)
-
-    def model(x: Array) -> tuple[Array, Array]:
-        """Tipping angle (n,) of a hinge [rad], and derivatives (n, 4) by x: phi, k, theta0, omega0.
-
-        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start.
-        """
-        theta, _, jacobian = trajectory(sample.time, float(x[0]), float(x[1]), float(x[2]), float(x[3]))
-        return theta, jacobian
-
-    believed, linear = (fit_model(hinge, model, x, profiled).covariance[0, 0] for profiled in (True, False))
+    x = fitted.parameters
+    model = hinge_model(sample.time, 0.0)
+    hinge = replace(sample, theta=model(x)[0] + fitted.residual)
+    believed, linear = (fit_model(hinge, model, x, radius).covariance[0, 0] for radius in (0.0, None))
     return max(1.0, math.sqrt(float(believed / linear)))

@@ -10,12 +10,16 @@ with M the integral of m over theta, II the double integral over time, and const
 small term with rho needs a speed, taken from a polynomial.
 """
 
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from analyze.motion.rolling_motion import G, columns
 
@@ -84,10 +88,11 @@ def first_rolling_guess(
     t = time - time[0]
     speed = np.polynomial.Polynomial.fit(t, theta, min(_SPEED_DEGREE, len(t) - 2)).deriv()(t)
     grid = np.linspace(float(theta.min()), float(theta.max()), _GRID_ANGLES)
-    gathered = _integrated(grid, columns(section, grid)[0])
+    gathered: Array = cumulative_trapezoid(columns(section, grid)[0], grid, axis=0, initial=0)
     by_turn: Array = np.stack([np.interp(theta, grid, gathered[:, i]) for i in range(3)], axis=-1)
     _, pull, radius = columns(section, theta)
-    twice = _integrated(t, _integrated(t, pull * (G - radius * speed**2)[:, None]))
+    once = cumulative_trapezoid(pull * (G - radius * speed**2)[:, None], t, axis=0, initial=0)
+    twice = cumulative_trapezoid(once, t, axis=0, initial=0)
     loose = (_NOISE_FACTOR * sd + _DRIFT_RAD)[:, None]
     rows = np.column_stack([-by_turn - twice, np.ones_like(t), t]) / loose
     prior = np.column_stack([expected.rows(), np.zeros((3, 2))])
@@ -100,9 +105,3 @@ def first_rolling_guess(
     m = columns(section, theta[:1])[0][0]
     start = float(x[3] - by_turn[0] @ x[:3])
     return np.array([*x[:3], start, float(x[4]) / max(1.0 + float(m @ x[:3]), 0.1)])
-
-
-def _integrated(at: Array, values: Array) -> Array:
-    """Cumulative integral (n, 3) of `values` (n, 3) over `at` (n,), by the trapezoidal rule; starts at 0."""
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(at)[:, None]
-    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])

@@ -1,4 +1,4 @@
-"""Motion of a body that rolls on a curved section, in linear parameters x, and its phi, k and R.
+"""Motion of a body that rolls on a curved section, in linear parameters x, and its phi and k.
 
 theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate at balance. With the centre of
 mass c at (-b, a) from the pivot point p at rest (x in the direction of tipping, z up), I_c the inertia about
@@ -9,17 +9,14 @@ sliding means (method 3)
     M theta'' = -s' (g + rho theta'^2)
     M / J = 1 + m(theta) . x,    s' / J = f(theta) . x,    x = (1, a, b) / J
 
-m and f depend on the section alone. R is the distance of c from the section's centre of curvature. Where the
-contact also slides by u and lifts by z, the balance of moments about the line of contact (free of friction)
-is, in the weak form in which only their velocities enter,
+m and f depend on the section alone. Integrated are theta and the moment of momentum about the contact per
+mass,
 
-    Omega = M theta' + s u' + s' z'
-    Omega' = -s' (g - rho theta'^2) + (s' u' + s'' z') theta'
+    Omega = M theta',    Omega' = -s' (g - rho theta'^2)
 """
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,18 +62,14 @@ def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array
     return m, np.stack([ahead, -sin, cos], axis=-1), radius
 
 
-def rolling_theta(
-    time: Array, x: Array, section: SupportFunction, slide: tuple[Array, Array] | None = None
-) -> Array:
+def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
     """Tipping angles theta (n, c) [rad] of c bodies that roll on a section, by the Runge-Kutta method.
 
     Args:
         time: (n,) time [s].
         x: (c, 5) 1 / J, a / J, b / J (centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 +
-            b^2), and at the first time theta and Omega / M (the angular speed, if nothing slides).
+            b^2), and at the first time theta and its rate [rad, rad/s].
         section: support function of the section.
-        slide: sliding and lifting of the contact, (n,) or (n, c) each [m], linear between the times; None if
-            it only rolls.
     """
     one, a, b = x[:, 0], x[:, 1], x[:, 2]
     body = x[:, :3]
@@ -87,14 +80,8 @@ def rolling_theta(
     found = np.empty((len(time), len(theta)))
     found[0] = theta
 
-    def rate(state: Array, u: Array | None, z: Array | None) -> Array:
-        """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega / J [rad/s].
-
-        Args:
-            state: (2, c) tipping angle and Omega / J, the moment of momentum about the contact per m J.
-            u: (c,) or scalar speed of the contact along the table [m/s]; None if it only rolls.
-            z: (c,) or scalar speed of the contact off the table [m/s]; None if it only rolls.
-        """
+    def rate(state: Array) -> Array:
+        """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega / J [rad/s]."""
         theta, turn = state
         h, ahead, radius = section.evaluate(theta)
         cos, sin = np.cos(theta), np.sin(theta)
@@ -102,25 +89,13 @@ def rolling_theta(
         inertia = np.maximum(
             1.0 + h * (2.0 * s - one * h) + ahead * (2.0 * slope - one * ahead), _MIN_INERTIA
         )
-        if u is None or z is None:
-            speed = _limited_speed(turn / inertia)
-            return np.stack([speed, -slope * (G - radius * speed * speed)])
-        speed = _limited_speed((turn - s * u - slope * z) / inertia)
-        return np.stack(
-            [speed, -slope * (G - radius * speed * speed) + (slope * u + (one * radius - s) * z) * speed]
-        )
+        speed = np.minimum(np.maximum(turn / inertia, -_MAX_SPEED), _MAX_SPEED)
+        return np.stack([speed, -slope * (G - radius * speed * speed)])
 
     for i in range(1, len(time)):
-        gap = float(time[i] - time[i - 1])
-        u, z = (None, None) if slide is None else ((path[i] - path[i - 1]) / gap for path in slide)
-        state = runge_kutta_state(partial(rate, u=u, z=z), state, gap, _MAX_STEP_S)
+        state = runge_kutta_state(rate, state, float(time[i] - time[i - 1]), _MAX_STEP_S)
         found[i] = state[0]
     return found
-
-
-def _limited_speed(speed: Array) -> Array:
-    """Angular speed, limited to `_MAX_SPEED` in either sense of rotation [rad/s]."""
-    return np.minimum(np.maximum(speed, -_MAX_SPEED), _MAX_SPEED)
 
 
 def balance_angle(section: SupportFunction, body: Array) -> float | None:
@@ -137,20 +112,20 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
     return float(theta[passed[0]]) if len(passed) else None
 
 
-def balance_parameters(section: SupportFunction, body: Array, phi: Array) -> tuple[Array, Array, Array]:
-    """Balance angle phi [rad], k [rad/s^2] and R [m], (c,) each, of c bodies; NaN where a body has none.
+def balance_parameters(section: SupportFunction, body: Array, start: float) -> tuple[Array, Array]:
+    """Balance angle phi [rad] and k [rad/s^2], (c,) each, of c bodies; NaN where a body has none.
 
-    R is the distance of the centre of mass from the section's centre of curvature at phi, k = m g R / I_edge.
+    k = m g R / I_edge, R the distance of the centre of mass from the section's centre of curvature at phi.
 
     Args:
         section: support function of the section.
         body: (c, 3) 1 / J, a / J, b / J of each body: centre of mass at (-b, a) from the pivot point, J = I_c
             / m + a^2 + b^2 [m^2].
-        phi: (c,) approximate balance angles [rad].
+        start: approximate balance angle of all bodies [rad].
     """
     J = 1.0 / body[:, 0]
     a, b = J * body[:, 1], J * body[:, 2]
-    phi = phi.copy()
+    phi = np.full(len(body), start)
     distance, radius = np.ones_like(phi), np.zeros_like(phi)
     for _ in range(_NEWTON_STEPS):
         height, ahead, radius = section.evaluate(phi)
@@ -161,7 +136,7 @@ def balance_parameters(section: SupportFunction, body: Array, phi: Array) -> tup
         phi = phi + np.clip(slope / np.maximum(distance, _MIN_DISTANCE), -0.2, 0.2)
     k = G * distance / (J - a * a - b * b + (distance + radius) ** 2)
     lost = np.where((distance < _MIN_DISTANCE) | (J <= 0.0) | (k <= 0.0), np.nan, 0.0)
-    return phi + lost, k + lost, distance + lost
+    return phi + lost, k + lost
 
 
 def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float, omega: float) -> float:

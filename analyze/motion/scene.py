@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _MAX_STILL_PX = 0.3
 """largest motion of a corner at rest [px]"""
-_MAX_STILL_GREY = 3.0
+_MAX_STILL_GREY = 5.0
 """largest mean difference of two images [grey levels] at rest, if no marker is in view"""
 _REST_DURATION_NS = 240_000_000
 """time without motion [ns] that counts as rest"""
@@ -106,7 +106,7 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
             return False
         if any(np.max(np.abs(scene.corners[i] - last.corners[i])) > _MAX_STILL_PX for i in last.corners):
             return False
-        if not last.corners and float(np.mean(np.abs(scene.coarse - last.coarse))) > _MAX_STILL_GREY + 2.0:
+        if not last.corners and float(np.mean(np.abs(scene.coarse - last.coarse))) > _MAX_STILL_GREY:
             return False
     return True
 

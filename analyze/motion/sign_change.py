@@ -149,7 +149,6 @@ def sign_change(
         theta0=float(angle.theta[first]),
         omega0=float(omega[first]),
         time0_ns=int(angle.time_ns[first]),
-        damping=0.0,
         window=window,
         residual=np.zeros(last - first),
         note=f"{points}-point smoothing",

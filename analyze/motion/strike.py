@@ -101,7 +101,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
-    if task.section is not None and is_curved(task.section, task.planned):
+    if task.section is not None and is_curved(task.section, task.planned.phi_predicted_rad):
         motion = relative_to_rolling(motion, task.section, task.planned)
     angle = motion.angle
     course = find_course(angle, task.contact_time_ns, settings.window, task.landing_angle_rad)

@@ -14,7 +14,7 @@ only corners some degrees apart are used, as few as needed.
 """
 
 # scipy is only partly typed.
-# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial import ConvexHull, QhullError
 
 from analyze.errors import EstimationError
@@ -116,7 +117,7 @@ class SupportFunction:
         height, ahead, _ = self.evaluate(later)
         height0, ahead0, _ = (float(each) for each in self.evaluate(np.array(_LIFTED_RAD)))
         angles = self.start + self.step * np.arange(len(self.radius))
-        travel = np.concatenate([[0.0], np.cumsum(0.5 * (self.radius[1:] + self.radius[:-1]) * self.step)])
+        travel: Array = cumulative_trapezoid(self.radius, dx=self.step, initial=0)
         travelled = np.interp(later, angles, travel) - float(np.interp(_LIFTED_RAD, angles, travel))
         begun = np.minimum(theta, _LIFTED_RAD)
         return travelled - ahead + ahead0 + height0 * begun, height - height0 + ahead0 * begun

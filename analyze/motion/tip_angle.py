@@ -70,14 +70,10 @@ class PlanarMotion:
     """(n,) height of the pivot over its position at rest [m]"""
     position_sd: Array
     """(n,) standard deviation of slip and lift [m]"""
-    misfit: Array
-    """(n,) chi^2 per degree of freedom of the planar fit"""
     off_axis_sd: Array
     """(n,) standard deviation of the rotation about other axes [rad]"""
     yaw: float
     """heading of the true pivot axis against W's y, about W's z [rad]"""
-    rest_frames: int
-    """number of frames at rest"""
     covariance: Array
     """(n, 3, 3) covariance of theta, slip and lift in each frame [rad, m], random part only"""
 
@@ -118,7 +114,7 @@ def tip_angle(
         rest_end_ns: frames before this log_time [ns] are at rest.
 
     Returns:
-        Tipping angle, slip and lift of every frame, with their errors and the misfit of a planar motion.
+        Tipping angle, slip and lift of every frame, with their errors.
 
     Raises:
         TrackingError: there is no track, or no marker is seen at rest in three frames before the strike.
@@ -129,21 +125,15 @@ def tip_angle(
         )
     by_id = {marker.id: marker for marker in markers}
     views, pivot = _collect(tracks, by_id, camera, placement, rest_end_ns)
-    R_camera_world, t_camera_world = world_to_camera(camera)
-    yaw = 0.0
-    best = _solve(views, pivot, yaw, camera, R_camera_world, t_camera_world)
-    costs = np.array(
-        [
-            _cost(_solve(views, pivot, y, camera, R_camera_world, t_camera_world), y)
-            for y in (-_YAW_SD, 0.0, _YAW_SD)
-        ]
-    )
+    tried = {y: _solve(views, pivot, y, camera) for y in (-_YAW_SD, 0.0, _YAW_SD)}
+    yaw, best = 0.0, tried[0.0]
+    costs = [_cost(solution, y) for y, solution in tried.items()]
     curvature = costs[0] - 2 * costs[1] + costs[2]
     if curvature > 0:
         yaw = float(np.clip(0.5 * (costs[0] - costs[2]) / curvature, -3.0, 3.0)) * _YAW_SD
-        best = _solve(views, pivot, yaw, camera, R_camera_world, t_camera_world)
+        best = _solve(views, pivot, yaw, camera)
     at_rest = views.time_ns < rest_end_ns
-    full = _solve_full(views, pivot, yaw, camera, best.x, R_camera_world, t_camera_world)
+    full = _solve_full(views, pivot, yaw, camera, best.x)
     chi2 = best.chi2 / np.maximum(best.freedom, 1)
     off_axis_sd = np.sqrt(full.covariance[:, 3, 3] + full.covariance[:, 4, 4]) * _scale(full)
     turned_aside = full.x[:, 3:5] - full.x[at_rest, 3:5].mean(axis=0)
@@ -174,9 +164,7 @@ def tip_angle(
     covariance = (
         to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
     )
-    return PlanarMotion(
-        angle, motion[:, 2], position_sd, chi2, off_axis_sd, yaw, int(np.count_nonzero(at_rest)), covariance
-    )
+    return PlanarMotion(angle, motion[:, 2], position_sd, off_axis_sd, yaw, covariance)
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
@@ -316,9 +304,7 @@ def _rotated(points: Array, axis: Array, theta: Array) -> Array:
     return points * cos + np.cross(axis, points) * sin + (points @ axis)[..., None] * axis * (1.0 - cos)
 
 
-def _solve(
-    views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array
-) -> _Solution:
+def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel) -> _Solution:
     """Fit of a planar motion: theta, and the pivot's displacement along and off the table, in every frame.
 
     Args:
@@ -326,9 +312,8 @@ def _solve(
         pivot: (3,) pivot point at rest in the world frame W [m].
         yaw: heading of the pivot axis against W's y, about W's z [rad].
         camera: camera that took the frames.
-        R_camera_world: (3, 3) rotation from W to the camera frame.
-        t_camera_world: (3,) translation that belongs to it [m].
     """
+    R_camera_world, t_camera_world = world_to_camera(camera)
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -361,15 +346,7 @@ def _solve(
     )
 
 
-def _solve_full(
-    views: _Views,
-    pivot: Array,
-    yaw: float,
-    camera: CameraModel,
-    planar: Array,
-    R_camera_world: Array,
-    t_camera_world: Array,
-) -> _Solution:
+def _solve_full(views: _Views, pivot: Array, yaw: float, camera: CameraModel, planar: Array) -> _Solution:
     """Fit of the full motion in every frame, starting from the planar fit.
 
     It adds rotations about the vertical and about the horizontal across the pivot axis, and the displacement
@@ -381,9 +358,8 @@ def _solve_full(
         yaw: heading of the pivot axis against W's y, about W's z [rad].
         camera: camera that took the frames.
         planar: (n, 3) theta [rad], x, z [m] of the planar fit.
-        R_camera_world: (3, 3) rotation from W to the camera frame.
-        t_camera_world: (3,) translation that belongs to it [m].
     """
+    R_camera_world, t_camera_world = world_to_camera(camera)
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])

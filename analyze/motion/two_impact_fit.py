@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError
+from analyze.least_squares.levenberg_marquardt import with_differences
 from analyze.motion.balance_fit import driven_theta
 from analyze.motion.pendulum import first_guess_with_jump
-from analyze.motion.pivot_fit import Sample, cut_sample, fit_model, motion_fit
+from analyze.motion.pivot_fit import cut_sample, fit_model, motion_fit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from analyze.types import Array, MotionFit, TipAngle
 
 _END_FRAMES = 3
@@ -63,9 +63,9 @@ def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.
     best: TwoImpactFit | None = None
     least = math.inf
     for frame, start in plausible[:_REFINED_JUMPS]:
-        model = _model(sample, frame, radius)
+        model = with_differences(partial(_theta_with_jump, sample.time, frame, radius), _STEPS)
         try:
-            fitted = fit_model(sample, model, start, profiled=False)
+            fitted = fit_model(sample, model, start)
         except (EstimationError, np.linalg.LinAlgError):
             continue
         cost = float(np.sum((fitted.residual / sample.sd) ** 2))
@@ -75,33 +75,19 @@ def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.
                 1.0, cost / max(len(sample.time) - 5, 1)
             )
             size = float(fitted.parameters[4])
-            fit = replace(motion_fit("pivot_fit", angle, window, sample, fitted), note="with a jump in speed")
+            fit = replace(motion_fit("pivot_fit", angle, window, fitted), note="with a jump in speed")
             best, least = TwoImpactFit(fit, window[0] + frame, size, size * size / max(variance, 1e-12)), cost
     return best if least < _MAX_CHI2 * len(sample.time) else None
 
 
-def _model(sample: Sample, frame: int, radius: float) -> Callable[[Array], tuple[Array, Array]]:
-    """Model of a pendulum with a jump in angular speed at one frame, as a function of its parameters.
+def _theta_with_jump(time: Array, frame: int, radius: float, sets: Array) -> Array:
+    """Tipping angles (n, c) [rad] of c pendulums with a jump in angular speed at one frame.
 
     Args:
-        sample: the fitted part of the tipping angle theta(t), with its times.
-        frame: index of the jump in it.
+        time: (n,) times [s].
+        frame: index of the jump.
         radius: radius of the edge's rounding [m].
-
-    Returns:
-        Function of (5,) balance angle phi, k, theta0, omega0 and jump [rad, rad/s^2, rad, rad/s, rad/s] that
-        gives theta (n,) [rad] and its derivatives (n, 5).
+        sets: (c, 5) balance angle phi, k, theta0, omega0 and jump [rad, rad/s^2, rad, rad/s, rad/s].
     """
-    still = np.zeros_like(sample.time)
-
-    def model(x: Array) -> tuple[Array, Array]:
-        """Tipping angle (n,) [rad], and derivatives (n, 5) by x: phi, k, theta0, omega0, jump.
-
-        phi is the balance angle, k the rate, theta0 and omega0 are angle and speed at the start, jump is in
-        speed.
-        """
-        steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
-        theta = driven_theta(sample.time, x + steps, still, still, radius, jump=(frame, (x + steps)[:, 4]))
-        return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
-
-    return model
+    still = np.zeros_like(time)
+    return driven_theta(time, sets, still, still, radius, jump=(frame, sets[:, 4]))

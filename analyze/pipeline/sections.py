@@ -39,7 +39,7 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
         None at a corner or bevel, which its edge radius describes, and if the outline has no area.
     """
     section = _across(model, planned)
-    if section is None or not is_curved(section, planned):
+    if section is None or not is_curved(section, planned.phi_predicted_rad):
         return None
     # A mesh's outline is as accurate as the mesh, a cloud's as the edge that was fitted to it.
     outline_sd = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
@@ -57,7 +57,9 @@ def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
         None on a curved flank, on which the object rolls, or if no face touches after balance.
     """
     section = _across(model, planned)
-    return None if section is None or is_curved(section, planned) else landing_angle(section, planned)
+    if section is None or is_curved(section, planned.phi_predicted_rad):
+        return None
+    return landing_angle(section, planned)
 
 
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:

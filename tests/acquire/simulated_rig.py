@@ -335,10 +335,8 @@ class _Tip:
             angle,
             moved[:, 2],
             small,
-            np.ones(n),
             np.full(n, 1e-3),
             0.0,
-            10,
             np.repeat(np.diag([1e-8, 1e-10, 1e-10])[None], n, axis=0),
         )
 

@@ -81,7 +81,6 @@ def motion(
         0.0,
         omega,
         int(time_ns[30]),
-        0.0,
         window,
         noise[33:landed],
     )
@@ -93,7 +92,6 @@ def motion(
         0.0,
         0.0,
         0,
-        0.0,
         window,
         np.zeros(0),
     )

@@ -74,5 +74,5 @@ def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
 
 def _exact_plane(strike: PlannedStrike, body: pb.TruthBody) -> EquiPlane:
     covariance = np.diag([ANGLE_SD**2, 0.0])
-    fit = MotionFit("", tip_truth(strike, body).phi, None, covariance, 0.0, 0.0, 0, 0.0, (0, 0), np.zeros(0))
+    fit = MotionFit("", tip_truth(strike, body).phi, None, covariance, 0.0, 0.0, 0, (0, 0), np.zeros(0))
     return equiplane_from_fit(strike.id, strike, fit)

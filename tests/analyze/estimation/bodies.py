@@ -11,7 +11,10 @@ from functools import cached_property
 import numpy as np
 
 from analyze.estimation.cells import Cells
-from analyze.types import Array, EquiPlane, MotionFit
+from analyze.estimation.inertia import inertial_parameters_from_joint
+from analyze.estimation.joint import MomentModel, MomentPrior, solve_joint
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.types import Array, EquiPlane, InertialParameters, MotionFit
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range
 
 GRAVITY = 9.81
@@ -141,8 +144,20 @@ def tip(
 def fit_of(phi: float, k: float, sd_phi: float, sd_k: float) -> MotionFit:
     """Motion fit with the given values and standard deviations."""
     return MotionFit(
-        "pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, 0.0, (0, 1), np.zeros(1), ""
+        "pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, (0, 1), np.zeros(1), ""
     )
+
+
+def inertial_parameters(
+    planes: list[EquiPlane],
+    systematic: SystematicErrors,
+    com_prior: ComPrior,
+    scale: Scale,
+    shape: MomentPrior,
+) -> InertialParameters:
+    """Mass, centre of mass and inertia tensor from phi and k of all strikes together."""
+    solution = solve_joint(planes, systematic, com_prior, MomentModel(scale, shape))
+    return inertial_parameters_from_joint(solution, com_prior, scale)
 
 
 def describe(planes: list[EquiPlane]) -> str:

@@ -126,10 +126,8 @@ def seen(
         angle,
         lift - lift[rest].mean(),
         np.full(n, place),
-        np.ones(n),
         np.full(n, 2 * noise),
         0.0,
-        int(rest.sum()),
         covariance,
     )
     off = math.radians(rng.normal(0, 3))
@@ -246,7 +244,6 @@ def _without(motion: PlanarMotion, kept: np.ndarray) -> PlanarMotion:
         angle=cut,
         lift=motion.lift[kept],
         position_sd=motion.position_sd[kept],
-        misfit=motion.misfit[kept],
         off_axis_sd=motion.off_axis_sd[kept],
         covariance=motion.covariance[kept],
     )

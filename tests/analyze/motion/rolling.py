@@ -255,10 +255,8 @@ def as_tracked(
         angle,
         lift + rng.normal(0, 2e-5, n),
         np.full(n, 2e-5),
-        np.ones(n),
         np.full(n, noise),
         0.0,
-        int(np.sum(~after)),
         covariance,
     )
     plan = planned(0.0, body.phi + math.radians(float(rng.normal(0, 2))), rolls=True)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.motion.pendulum import trajectory, trajectory_with_drag
-from analyze.motion.pivot_fit import pivot_fit, pivot_fit_with_drag
+from analyze.motion.pendulum import trajectory
+from analyze.motion.pivot_fit import pivot_fit
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import free_part
 
@@ -162,24 +162,6 @@ def test_rocking_back_still_gives_phi_with_an_honest_sd():
     z = [(fit.phi - tip.phi) / np.sqrt(fit.covariance[0, 0]) for fit in fits]
     assert np.std([fit.phi for fit in fits]) < np.radians(0.2)
     assert np.mean(np.abs(z)) < 1.5
-
-
-def test_drag_is_found_where_there_is_some():
-    rng = np.random.default_rng(2)
-    seconds = np.arange(80) / 120
-    theta, _, _ = trajectory_with_drag(seconds, 0.28, 69.0, 0.02, 1.62, 0.05)
-    n = len(theta)
-    sd = 1e-5
-    angle = TipAngle(
-        np.rint(seconds * 1e9).astype(np.int64),
-        theta + rng.normal(0, sd, n),
-        np.full(n, sd),
-        np.zeros(n),
-        np.zeros(n),
-    )
-    fit = pivot_fit_with_drag(angle, (0, n))
-    assert fit.damping == pytest.approx(0.05, abs=0.003)
-    assert fit.phi == pytest.approx(0.28, abs=2e-4)
 
 
 def test_too_few_frames_are_refused():

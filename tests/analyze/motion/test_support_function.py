@@ -43,9 +43,7 @@ def test_facets_of_any_length_are_a_curve_without_faces(a, b, facets):
             uneven_outline(RollingBody(a, b, (0.0, 0.0), 0.0), facets, np.random.default_rng(seed)),
             np.zeros(2),
         )
-        assert is_curved(flank, planned(0.0, 0.5)), (
-            "a facet that is long beside its neighbours is no flat face"
-        )
+        assert is_curved(flank, 0.5), "a facet that is long beside its neighbours is no flat face"
         aside, relative = off(flank, a, b)
         assert aside < 6e-4
         assert relative < 0.2

@@ -32,12 +32,12 @@ def motion(theta_max=1.2, slip=0.0, lift=0.0, off_axis=0.0):
         np.asarray(slip * late, dtype=float),
     )
     sd = np.full(N, 1e-5)
-    return PlanarMotion(angle, lift * late, sd, np.ones(N), np.full(N, 1e-4), 0.0, 10, np.zeros((N, 3, 3)))
+    return PlanarMotion(angle, lift * late, sd, np.full(N, 1e-4), 0.0, np.zeros((N, 3, 3)))
 
 
 def fit(phi=0.6, phi_sd=1e-3):
     return MotionFit(
-        "pivot_fit", phi, 70.0, np.diag([phi_sd**2, 1.0]), 0.0, 4.0, 0, 0.0, (13, N), np.zeros(N - 13)
+        "pivot_fit", phi, 70.0, np.diag([phi_sd**2, 1.0]), 0.0, 4.0, 0, (13, N), np.zeros(N - 13)
     )
 
 
