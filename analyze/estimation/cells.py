@@ -107,11 +107,9 @@ def candidate_shell_thicknesses(model: ObjectModel) -> Array:
 
     They range from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
     """
-    size = model.volume ** (1 / 3)
-    grown = (MAX_SHELL_FRACTION / MIN_SHELL_FRACTION) ** (
-        np.arange(SHELL_THICKNESS_COUNT) / (SHELL_THICKNESS_COUNT - 1)
+    return model.volume ** (1 / 3) * np.geomspace(
+        MIN_SHELL_FRACTION, MAX_SHELL_FRACTION, SHELL_THICKNESS_COUNT
     )
-    return np.asarray(size * MIN_SHELL_FRACTION * grown, dtype=np.float64)
 
 
 def shell_thickness(spec: ObjectSpec, model: ObjectModel) -> float:

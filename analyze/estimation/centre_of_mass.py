@@ -47,18 +47,9 @@ def centre_of_mass(
     Raises:
         EstimationError: there is no plane.
     """
-    require_planes(planes)
-    return centre_of_mass_from_joint(solve_joint(planes, systematic, prior), prior)
-
-
-def require_planes(planes: Sequence[EquiPlane]) -> None:
-    """Raise an error if there is no plane, that is no usable strike.
-
-    Raises:
-        EstimationError: there is no plane.
-    """
     if not planes:
         raise EstimationError("no strike can be used: strike again, or exclude fewer strikes")
+    return centre_of_mass_from_joint(solve_joint(planes, systematic, prior), prior)
 
 
 def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
@@ -107,8 +98,7 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
 def _precision_of_phi(solution: JointSolution) -> Array:
     """Marginal precision (strikes,) [1/rad^2] of the balance angles, rate constants k integrated out."""
-    W = solution.data.whiten
-    inverse = np.swapaxes(W, 1, 2) @ W
+    inverse = solution.data.precisions
     used = solution.data.uses_k > 0
     # Schur complement, where a k is used.
     lost = np.where(used, inverse[:, 0, 1] ** 2 / np.where(used, inverse[:, 1, 1], 1.0), 0.0)

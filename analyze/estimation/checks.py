@@ -92,8 +92,7 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
     for i, plane in enumerate(model.planes):
         uses_k = bool(solution.data.uses_k[i])
         parts = 2 if uses_k else 1
-        W = solution.data.whiten[i, :parts, :parts]
-        precision = W.T @ W / solution.spread
+        precision = solution.data.precisions[i, :parts, :parts] / solution.spread
         both = np.stack([by_phi[i], by_k[i]])
         rows = both[:parts]
         off: Array = np.array([phi[i], log_k[i] - solution.data.log_k[i]])[:parts]
@@ -200,10 +199,10 @@ def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[st
         most = float(np.sum(np.maximum(ends.max(axis=0), 0) * np.maximum(-ends.min(axis=0), 0)))
         # The moment that this strike's k alone implies, with all else as estimated.
         own = float(about_com[i] - edge[i] * (solution.data.log_k[i] - ln_k[i]))
-        sd = float(
-            edge[i] * np.sqrt(by_ln_k[i] @ P @ by_ln_k[i] + (plane.sd_k or 0.0) ** 2 / (plane.k or 1.0) ** 2)
+        own_sd = edge[i] * np.sqrt(
+            by_ln_k[i] @ P @ by_ln_k[i] + (plane.sd_k or 0.0) ** 2 / (plane.k or 1.0) ** 2
         )
-        sd = float(np.hypot(sd, np.sqrt(by[i] @ P @ by[i])))
+        sd = float(np.hypot(own_sd, np.sqrt(by[i] @ P @ by[i])))
         if own + SIGMAS * sd < 0 or own - SIGMAS * sd > most:
             found.add(plane.axis_id)
     return sorted(found)

@@ -64,13 +64,8 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
             f"{AXIS_TOLERANCE:g}: make the plan anew"
         )
     up = R_world_object[2]
-    point, radius, sd, rounded, radius_sd = (
-        np.array(planned.pivot.point),
-        planned.pivot.radius_m,
-        planned.pivot.sd_m,
-        True,
-        0.0,
-    )
+    point, radius, sd = np.array(planned.pivot.point), planned.pivot.radius_m, planned.pivot.sd_m
+    rounded, radius_sd = True, 0.0
     if fit.rolling is not None:
         # The centre of curvature at the contact point at phi takes the part of a rounded edge's centre line.
         point = point + R_world_object[0] * fit.rolling.forward + up * fit.rolling.up

@@ -151,12 +151,11 @@ def fill_level(
     u = along / np.linalg.norm(along)
     if not all(shell.cells.interior.any() for shell in shells):
         raise EstimationError("the shell leaves no inside that could be filled: check shell_thickness_m")
-    low, high = shells[0].ends(u)
-    whole = (low, high)
+    whole = shells[0].ends(u)
     grid = _refined_grid(moments, shells, u, density, whole, moments.com)
     # Moments of inertia are measured about the true c; the model's c estimates it better than the measured
     # one.
-    grid = _refined_grid(moments, shells, u, density, whole, grid.best().centre)
+    grid = _refined_grid(moments, shells, u, density, whole, grid.best()[0])
     return grid.posterior(whole, rng)
 
 
@@ -178,25 +177,13 @@ def _refined_grid(
         whole: Lowest and highest possible level [m].
         about: (3,) point about which the model's moments of inertia are taken [m], in O.
     """
-    levels = np.linspace(*whole, LEVEL_GRID_POINTS)
-    grid = _Grid(moments, shells, along, density, levels, about)
+    grid = _Grid(moments, shells, along, density, np.linspace(*whole, LEVEL_GRID_POINTS), about)
     for _ in range(_MAX_REFINEMENTS):
-        reach = grid.near(levels)
-        if reach[1] - reach[0] > _MIN_REDUCTION * (levels[-1] - levels[0]):
+        low, high = grid.near()
+        if high - low > _MIN_REDUCTION * (grid.levels[-1] - grid.levels[0]):
             break
-        levels = np.linspace(*reach, LEVEL_GRID_POINTS)
-        grid = _Grid(moments, shells, along, density, levels, about)
+        grid = _Grid(moments, shells, along, density, np.linspace(low, high, LEVEL_GRID_POINTS), about)
     return grid
-
-
-@dataclass(frozen=True)
-class _Best:
-    """Centre of mass and misfit at the maximum-likelihood point of a grid of shell thickness and level."""
-
-    centre: Array
-    """(3,) centre of mass of the model [m], in the object frame O."""
-    misfit: float
-    """Rms of the standardised residuals."""
 
 
 class _Grid:
@@ -208,7 +195,6 @@ class _Grid:
         levels: (h,) levels from the origin of the object frame O [m].
         swept: True if the shell's thickness is unknown (several shells given).
         thickness: (t,) thicknesses of the shell [m].
-        shell_volume: (t, h) volume of the shell [m^3].
         volume: (t, h) volume of the inside below the level [m^3].
         filled: (t, h) filled share of the inside's volume.
         precision: (t, h, 2, 2) inverse covariance of the masses of shell and filling [1/kg^2].
@@ -238,8 +224,11 @@ class _Grid:
         shell, below, whole = (
             _interpolated(nodes, self.thickness, np.array([each[i] for each in held])) for i in range(3)
         )
-        self.shell_volume = np.broadcast_to(shell[:, None, 0], below.shape[:2])
         self.volume = below[..., 0]
+        # Bounds of the masses [kg], at the density of lead.
+        self._most = DENSITIES[1] * np.stack(
+            [np.broadcast_to(shell[:, None, 0], below.shape[:2]), self.volume], axis=-1
+        )
         self.filled = self.volume / whole[:, None, 0]
         per_shell = np.broadcast_to((shell / shell[:, :1])[:, None], below.shape)
         self._per_kilogram = np.stack([per_shell, below / np.maximum(self.volume, 1e-30)[..., None]], axis=-1)
@@ -262,35 +251,36 @@ class _Grid:
         ]
         self.chi2 = squares - np.sum(right * self.masses, axis=-1)
         # Negative masses would explain anything: clipping them counts as misfit.
-        off = np.clip(self.masses, 0.0, self._upper_bounds()) - self.masses
+        off = np.clip(self.masses, 0.0, self._most) - self.masses
         self.chi2 = self.chi2 + np.einsum("thi,thij,thj->th", off, self.precision, off)
         self.chi2 = np.where(self.filled > MIN_FILLED_SHARE, self.chi2, np.inf)
         self.log = prior - 0.5 * self.chi2 - 0.5 * np.linalg.slogdet(self.precision)[1]
 
-    def near(self, levels: Array) -> tuple[float, float]:
-        """Lowest and highest level [m] for a finer grid to cover, given the `levels` (h,) [m] of this one."""
+    def near(self) -> tuple[float, float]:
+        """Lowest and highest of this grid's levels [m] for a finer grid to cover."""
         least = np.min(self.chi2, axis=0)
-        inner = np.isfinite(least)
         padded = np.concatenate([[np.inf], least, [np.inf]])
-        valley = inner & (least <= padded[:-2]) & (least <= padded[2:])
+        valley = np.isfinite(least) & (least <= padded[:-2]) & (least <= padded[2:])
         # Between two grid points chi^2 may be lower by half of its change from one to the next.
         change = np.maximum(
             np.where(np.isfinite(padded[:-2]), padded[:-2], least),
             np.where(np.isfinite(padded[2:]), padded[2:], least),
         )
-        lowest = np.where(inner, least, 0.0) - np.where(
-            valley & inner, 0.5 * (change - np.where(inner, least, 0.0)), 0.0
-        )
-        kept = np.flatnonzero(inner & (lowest < float(np.min(least)) + _MAX_CHI2_EXCESS))
-        first, last = max(int(kept[0]) - 1, 0), min(int(kept[-1]) + 1, len(levels) - 1)
-        return float(levels[first]), float(levels[last])
+        lowest = least.copy()
+        lowest[valley] -= 0.5 * (change[valley] - least[valley])
+        kept = np.flatnonzero(lowest < float(np.min(least)) + _MAX_CHI2_EXCESS)
+        first, last = max(int(kept[0]) - 1, 0), min(int(kept[-1]) + 1, len(least) - 1)
+        return float(self.levels[first]), float(self.levels[last])
 
-    def best(self) -> _Best:
-        """Centre of mass and misfit at the point of the grid with the smallest chi^2."""
+    def best(self) -> tuple[Array, float]:
+        """Centre of mass (3,) [m] and rms of the standardised residuals at the smallest chi^2 of the grid.
+
+        The centre of mass is the model's, in the object frame O.
+        """
         t, h = np.unravel_index(int(np.argmin(self.chi2)), self.chi2.shape)
         masses = np.clip(self.masses[t, h], 0.0, None)
         first = self._per_kilogram[t, h, 1:4] @ masses / max(float(masses.sum()), 1e-12)
-        return _Best(self._moments.com + first, float(np.sqrt(max(self.chi2[t, h], 0.0) / len(self._target))))
+        return self._moments.com + first, float(np.sqrt(max(self.chi2[t, h], 0.0) / len(self._target)))
 
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
         """Mean, sd and 95 % interval of all quantities of filling and shell, from `DRAWS` random draws.
@@ -306,7 +296,7 @@ class _Grid:
         values, vectors = np.linalg.eigh(self.precision[t, h])
         spread = vectors / np.sqrt(values)[:, None, :]
         masses = self.masses[t, h] + np.einsum("nij,nj->ni", spread, rng.standard_normal((len(h), 2)))
-        most = self._upper_bounds()[t, h]
+        most = self._most[t, h]
         allowed = np.flatnonzero(np.all((masses >= 0.0) & (masses <= most), axis=1))[:DRAWS]
         if len(allowed) < MIN_DRAWS:
             masses, allowed = np.clip(masses, 0.0, most), np.arange(DRAWS)
@@ -325,15 +315,8 @@ class _Grid:
             thickness=_marginal(thickness, float(self.thickness[-1] - self.thickness[0]))
             if self.swept
             else None,
-            misfit=self.best().misfit,
+            misfit=self.best()[1],
         )
-
-    def _upper_bounds(self) -> Array:
-        """Upper bounds (t, h, 2) of the masses of shell and filling [kg], at the density of lead.
-
-        There are t shell thicknesses and h levels.
-        """
-        return DENSITIES[1] * np.stack([self.shell_volume, self.volume], axis=-1)
 
 
 def _contents(
@@ -355,9 +338,7 @@ def _contents(
         Arrays of the shell (f,), of the inside below each level (h, f), and of the whole inside (f,).
     """
     cells = shell.cells
-    arm = cells.points - about
-    across = np.sum(arm**2, axis=1)[:, None] - (arm @ moments.directions.T) ** 2 + cells.own_inertia[:, None]
-    features = np.column_stack([np.ones(len(arm)), cells.points - moments.com, across])
+    features = moments.by_cell(cells, about)
     height, half = shell.heights(along)
     below = np.clip((levels[:, None] - height) / (2.0 * half) + 0.5, 0.0, 1.0) * cells.interior
     return cells.shell @ features, below @ features, cells.interior @ features

@@ -5,16 +5,13 @@ The paper's own moment (VISAPP 2013, eq. 5) is in paper.py.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
 from analyze.estimation.cells import Cells, moments_about
-from analyze.estimation.centre_of_mass import centre_of_mass_from_joint, require_planes
-from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint
+from analyze.estimation.centre_of_mass import centre_of_mass_from_joint
+from analyze.estimation.joint import JointSolution, MomentPrior, UnitPrior
 from analyze.estimation.joint_model import COM, SECOND
-from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix, unit_inertia
 from analyze.types import Array, AxisInertia, EquiPlane, InertialParameters
 
@@ -22,46 +19,35 @@ MEASURED_FRACTION = 0.5
 """Fraction of the prior's sd below which the sd of a tensor entry marks the entry as measured."""
 
 
-@dataclass(frozen=True)
-class ShapePrior:
+def shape_prior(cells: Cells) -> MomentPrior:
     """Prior of the inertia per kilogram: midway between a uniform solid and all mass in the shell.
 
     1 sigma of an entry is the difference of the two, and at least a quarter of the geometric mean of the
     diagonal entries of its row and column. The shell is the body's outer wall.
+
+    Args:
+        cells: Cells of the body, in shell and interior.
+
+    Returns:
+        Function of the centre of mass (3,) [m], in the object frame O, that gives the prior mean and sd, each
+        (3, 3) [m^2], of the inertia per kilogram about it. The uniform solid and the shell are not moved
+        there; the parallel-axis term of their distance from it is small and widens the prior.
     """
+    shares = np.array([cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()])
+    centroids = np.array([share @ cells.points for share in shares])
+    about_centroids = np.array(
+        [moments_about(cells, share, about) for share, about in zip(shares, centroids, strict=True)]
+    )
 
-    centroids: Array
-    """(2, 3) centroids of the uniform solid and of the shell [m], in the object frame O."""
-    about_centroids: Array
-    """(2, 3, 3) inertia per kilogram of the two about their centroids [m^2]."""
-
-    def __call__(self, com: Array) -> UnitPrior:
-        """Prior mean and sd, each (3, 3) [m^2], of the inertia per kilogram about the centre of mass.
-
-        The uniform solid and the shell are not moved to `com`; the parallel-axis term of their distance from
-        it is small and widens the prior.
-
-        Args:
-            com: (3,) centre of mass [m], in the object frame O.
-        """
-        off = self.centroids - com
+    def prior(com: Array) -> UnitPrior:
+        off = centroids - com
         moved = np.sum(off**2, axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
-        uniform, surface = self.about_centroids + moved
+        uniform, surface = about_centroids + moved
         mean = (uniform + surface) / 2
         scale = np.sqrt(np.outer(np.diag(mean), np.diag(mean)))
         return UnitPrior(mean, np.maximum(np.abs(surface - uniform), 0.25 * scale))
 
-
-def shape_prior(cells: Cells) -> ShapePrior:
-    """Prior of the inertia per kilogram from the shape alone, by its cells in shell and interior."""
-    shares = [cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()]
-    centroids = [share @ cells.points for share in shares]
-    return ShapePrior(
-        np.array(centroids),
-        np.array(
-            [moments_about(cells, share, about) for share, about in zip(shares, centroids, strict=True)]
-        ),
-    )
+    return prior
 
 
 def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
@@ -80,44 +66,13 @@ def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
     return scale.mass * scale.gravity * distance / plane.k
 
 
-def inertial_parameters(
-    planes: Sequence[EquiPlane],
-    systematic: SystematicErrors,
-    com_prior: ComPrior,
-    scale: Scale,
-    shape: ShapePrior,
-) -> InertialParameters:
-    """Mass, centre of mass c and inertia tensor about c, from phi and k of all strikes together.
-
-    phi is a strike's balance angle and k = m g R / (I_c,l + m (R + rho)^2), with I_c,l the moment about the
-    line through c along the pivot axis l, rho the edge's radius and R the distance of c from its centre line:
-    the motion determines the inertia per kilogram and the mass is stated, so the two are independent.
-    Directions that no axis observes are determined by the shape's prior.
-
-    Args:
-        planes: Equi-planes (plane through pivot line and c) in the object frame O, one per strike; one
-            without k contributes to c only.
-        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
-        com_prior: Prior of c.
-        scale: Mass and gravity.
-        shape: Prior of the moments.
-
-    Returns:
-        Mass, c and tensor in O, with covariances, moments per axis and the entries that strikes determine.
-
-    Raises:
-        EstimationError: there is no plane.
-    """
-    require_planes(planes)
-    return inertial_parameters_from_joint(
-        solve_joint(planes, systematic, com_prior, MomentModel(scale, shape)), com_prior, scale
-    )
-
-
 def inertial_parameters_from_joint(
     solution: JointSolution, com_prior: ComPrior, scale: Scale
 ) -> InertialParameters:
     """Mass, centre of mass and inertia tensor of a joint solution, with their covariance (10, 10).
+
+    Motions determine the inertia per kilogram and the mass is stated, so the two are independent. Directions
+    that no axis observes are determined by the shape's prior.
 
     Args:
         solution: Solution of the joint problem of all strikes' balance angles and rate constants k.
@@ -137,8 +92,7 @@ def inertial_parameters_from_joint(
     about_edge, by_edge = model.about_edge(x)
     strikes = {plane.axis_id: i for i, plane in reversed(list(enumerate(model.planes)))}
     struck = {plane.axis_id for plane, uses in zip(model.planes, solution.data.uses_k, strict=True) if uses}
-    names = sorted(struck)
-    first = [strikes[name] for name in names]
+    first = [strikes[name] for name in sorted(struck)]
     relative = scale.mass_sd / m
 
     def sd(value: float, row: Array) -> float:
@@ -146,14 +100,14 @@ def inertial_parameters_from_joint(
 
     axes = tuple(
         AxisInertia(
-            axis_id=name,
+            axis_id=model.planes[i].axis_id,
             direction=model.planes[i].direction,
             i_edge=m * float(about_edge[i]),
             i_edge_sd=sd(float(about_edge[i]), by_edge[i]),
             i_com=m * float(about_com[i]),
             i_com_sd=sd(float(about_com[i]), by_com[i]),
         )
-        for name, i in zip(names, first, strict=True)
+        for i in first
     )
     to_com = np.zeros((3, len(x)))
     to_com[:, COM] = np.eye(3)

@@ -84,6 +84,11 @@ class StrikeData:
         """
         return 1.0 + self.uses_k
 
+    @property
+    def precisions(self) -> Array:
+        """Inverse covariances (strikes, 2, 2) of balance angle phi and ln k; 0 for a k that is not used."""
+        return np.swapaxes(self.whiten, 1, 2) @ self.whiten
+
 
 @dataclass(frozen=True)
 class JointSolution:
@@ -152,15 +157,14 @@ def solve_joint(
     for _ in range(MAX_ITERATIONS):
         before = x
         shape = None if moments is None else moments.prior(x[COM])
-        x = _step(model, data, (start, diagonal, shape), x, weight, z, rows)
-        z, rows = _whitened(model, data, x)
+        x, z, rows = _step(model, data, (start, diagonal, shape), x, weight, z, rows)
         precision = _precision(diagonal, shape, x)
         freedom = float(data.parts.sum()) - _effective_parameters(precision, rows, weight)
         each = np.abs(np.concatenate([z[:, 0], z[data.uses_k > 0, 1]]))
         scatter = max(1.0, 1.4826 * float(np.median(each)) * np.sqrt(len(each) / max(freedom, 1.0)))
-        weight = np.minimum(
-            1.0, (OUTLIER_SIGMAS * scatter / np.maximum(_standardised_error(z, data), 1e-9)) ** 2
-        )
+        # A strike's errors of phi and ln k as one.
+        error = np.sqrt(np.sum(z**2, axis=1)) * np.where(data.uses_k > 0, TWO_ERRORS_AS_ONE, 1.0)
+        weight = np.minimum(1.0, (OUTLIER_SIGMAS * scatter / np.maximum(error, 1e-9)) ** 2)
         if float(np.abs(x - before).max()) < CONVERGED_STEP:
             break
     freedom = float(weight @ data.parts) - _effective_parameters(precision, rows, weight)
@@ -200,23 +204,6 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
     both = np.stack([model.residual(x), (log_k - data.log_k) * data.uses_k], axis=1)
     rows = np.stack([model.design(x), by_log_k * data.uses_k[:, None]], axis=1)
     return np.einsum("sij,sj->si", data.whiten, both), np.einsum("sij,sjc->sic", data.whiten, rows)
-
-
-def _standardised(model: JointModel, data: StrikeData, x: Array) -> Array:
-    """Standardised residuals (strikes, 2) of (phi, ln k), modelled minus measured, at the unknowns `x`.
-
-    phi is the balance angle, k the rate constant.
-    """
-    both = np.stack([model.residual(x), (model.log_k(x)[0] - data.log_k) * data.uses_k], axis=1)
-    return np.einsum("sij,sj->si", data.whiten, both)
-
-
-def _standardised_error(z: Array, data: StrikeData) -> Array:
-    """Error (strikes,) of each strike in standard deviations, of phi and ln k together as one error.
-
-    `z` (strikes, 2) are the standardised residuals of balance angle phi and ln k, k the rate constant.
-    """
-    return np.sqrt(np.sum(z**2, axis=1)) * np.where(data.uses_k > 0, TWO_ERRORS_AS_ONE, 1.0)
 
 
 def _information(rows: Array, weight: Array) -> Array:
@@ -265,7 +252,7 @@ def _step(
     weight: Array,
     z: Array,
     rows: Array,
-) -> Array:
+) -> tuple[Array, Array, Array]:
     """Unknowns (count,) after one Gauss-Newton step, halved until the misfit does not rise.
 
     Args:
@@ -278,7 +265,7 @@ def _step(
         rows: (strikes, 2, count) derivatives of `z`.
 
     Returns:
-        `x` itself if none of twelve step sizes suffices.
+        The unknowns with `z` and `rows` there; the given three if none of twelve step sizes suffices.
     """
     start, diagonal, shape = prior
 
@@ -296,10 +283,11 @@ def _step(
     step = step * min(1.0, MAX_LOG_STEP / max(float(np.abs(step[LENGTHS]).max()), 1e-12))
     before = misfit(x, z)
     for _ in range(12):
-        if misfit(x + step, _standardised(model, data, x + step)) <= before:
-            return x + step
+        there = _whitened(model, data, x + step)
+        if misfit(x + step, there[0]) <= before:
+            return x + step, *there
         step = step / 2
-    return x
+    return x, z, rows
 
 
 def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float:

@@ -164,11 +164,8 @@ class JointModel:
 
         It is the prior's mean plus the lean errors among the unknowns `x` (count,).
         """
-        found = [
-            self._turn[i, where] @ x[where]
-            for i, where in enumerate(self.tilt_terms(plane.level) for plane in self.planes)
-        ]
-        return self._lean + np.array(found)
+        terms = [self.tilt_terms(plane.level) for plane in self.planes]
+        return self._lean + np.array([self._turn[i, where] @ x[where] for i, where in enumerate(terms)])
 
     def distances(self, x: Array) -> Array:
         """Distances R (strikes,) [m] of the centre of mass from each strike's pivot centre line.

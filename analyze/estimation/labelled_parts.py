@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import ShapeError
+from analyze.estimation.cells import moments_about
 from analyze.geometry.polyhedron import MassProperties
 
 if TYPE_CHECKING:
@@ -133,8 +134,4 @@ def _solid(cells: Cells, volumes: Array) -> MassProperties:
     """
     volume = float(volumes.sum())
     centroid = volumes @ cells.points / volume
-    arm = cells.points - centroid
-    second = (arm * volumes[:, None]).T @ arm / volume
-    return MassProperties(
-        volume, centroid, (np.trace(second) + volumes @ cells.own_inertia / volume) * np.eye(3) - second
-    )
+    return MassProperties(volume, centroid, moments_about(cells, volumes / volume, centroid))

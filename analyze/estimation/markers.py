@@ -64,7 +64,6 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
     to_joint = np.zeros((4 + len(lines), 10))
     to_joint[:4, :4] = np.eye(4)
     to_joint[4:, 4:] = lines
-    com = replace(whole.com, position=found[1:4], covariance=covariance[1:4, 1:4])
     joint = to_joint @ covariance @ to_joint.T
     planes = {plane.axis_id: plane for plane in whole.com.planes}
     axes: list[AxisInertia] = []
@@ -81,7 +80,7 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
     return replace(
         whole,
         mass=float(found[0]),
-        com=com,
+        com=replace(whole.com, position=found[1:4], covariance=covariance[1:4, 1:4]),
         inertia=inertia,
         inertia_sd=symmetric_matrix(np.sqrt(np.diag(covariance)[4:])),
         axes=tuple(axes),

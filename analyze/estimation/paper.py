@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.estimation.cells import Cells
-from analyze.types import Array, EquiPlane, MotionFit, TipAngle, TipMotion
+from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 
 REGION_HALF_ANGLE = np.radians(1.85)
 """Half-angle of the regions R^E [rad]: the paper's scatter of ang(t2), Fig. 9(a)."""
@@ -143,6 +143,10 @@ def paper_axis_inertia(
 ) -> PaperInertia | None:
     """Moment of inertia about a strike's edge by the paper's eq. (5), for a given centre of mass.
 
+    It is the mean of m g R sin(theta - phi) / alpha over the samples of stage two (the motion after balance)
+    that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0; R is the distance of the
+    centre of mass from the edge, alpha is theta differentiated twice.
+
     Args:
         plane: Equi-plane of the strike, for its pivot line.
         motion: Motion of the strike, with the tipping angle theta(t).
@@ -151,42 +155,13 @@ def paper_axis_inertia(
         weight: Weight m g [N].
 
     Returns:
-        The moment; None if stage two (the motion after balance) is missing or too short, or has no usable
-        sample.
-    """
-    if motion.angle is None or motion.phases is None or motion.phases.stage_two is None:
-        return None
-    return paper_edge_inertia(
-        motion.angle, fit, motion.phases.stage_two, weight * distance_from_pivot(plane, com)
-    )
-
-
-def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
-    """Distance R [m] of `point` (3,) [m, in the object frame O] from the equi-plane's pivot line."""
-    arm = point - plane.point
-    return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
-
-
-def paper_edge_inertia(
-    angle: TipAngle, fit: MotionFit, stage_two: tuple[int, int], moment: float
-) -> PaperInertia | None:
-    """Moment of inertia about an edge by the paper's eq. (5), alpha being theta differentiated twice.
-
-    It is the mean of m g R sin(theta - phi) / alpha over the samples of stage two (the motion after balance)
-    that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0; R is the distance of the
-    centre of mass from the edge.
-
-    Args:
-        angle: Tipping angle theta of the strike, n samples.
-        fit: Fit of the motion, for the balance angle phi.
-        stage_two: Index range [start, stop) of stage two.
-        moment: Greatest moment of gravity, m g R [N m].
-
-    Returns:
-        The moment and the share of samples excluded; None if stage two has fewer than
+        The moment and the share of samples excluded; None if stage two is missing or has fewer than
         `MIN_STAGE_TWO_SAMPLES` samples, or no sample is usable.
     """
-    start, stop = stage_two
+    angle = motion.angle
+    if angle is None or motion.phases is None or motion.phases.stage_two is None:
+        return None
+    start, stop = motion.phases.stage_two
     if stop - start < MIN_STAGE_TWO_SAMPLES:
         return None
     time = (angle.time_ns[start:stop] - angle.time_ns[start]) * 1e-9
@@ -197,9 +172,16 @@ def paper_edge_inertia(
     good = (beyond > MIN_ANGLE_PAST_BALANCE) & (acceleration > 0)
     if not good.any():
         return None
+    moment = weight * distance_from_pivot(plane, com)
     return PaperInertia(
         float(np.mean(moment * np.sin(beyond[good]) / acceleration[good])), float(1 - good.mean())
     )
+
+
+def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
+    """Distance R [m] of `point` (3,) [m, in the object frame O] from the equi-plane's pivot line."""
+    arm = point - plane.point
+    return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
 
 
 @dataclass(frozen=True)
@@ -308,9 +290,9 @@ def _sweep(cells: Cells) -> _Sweep:
     offsets: list[float] = []
     for normal in cells.principal_directions():
         height = cells.points @ normal
-        between = _between(float(height.min()), float(height.max()))
-        normals += [normal] * len(between)
-        offsets += between
+        low, high = float(height.min()), float(height.max())
+        normals += [normal] * PLANE_STEPS
+        offsets += [low + (high - low) * step / (PLANE_STEPS + 1) for step in range(1, PLANE_STEPS + 1)]
     along, above = np.array(normals), np.array(offsets)
     # Rows: volume, first moments, second moments of every cell per volume.
     second = cells.points[:, :, None] * cells.points[:, None, :] + (cells.own_inertia / 2)[
@@ -381,24 +363,12 @@ def _axis_solution(
     tied = tied[off <= off.min() + 1e-9 * i_edge]
     middle = int(tied[len(tied) // 2])
     normal, offset = sweep.normals[place[middle]], float(sweep.offsets[place[middle]])
-    parts = _parts(cells, cells.points @ normal > offset)
+    upper = cells.points @ normal > offset
+    parts = cells.shell, cells.interior * upper, cells.interior * ~upper
     areas = np.array([_projected_area(cells, part, plane) for part in parts])
     return _Solution(
         plane.axis_id, masses[middle], areas, normal, offset, float(value[middle]), float(error[middle])
     )
-
-
-def _between(low: float, high: float) -> list[float]:
-    """Evenly spaced positions [m] of the dividing plane, `PLANE_STEPS` of them, between two ends [m]."""
-    return [low + (high - low) * step / (PLANE_STEPS + 1) for step in range(1, PLANE_STEPS + 1)]
-
-
-def _parts(cells: Cells, upper: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Volumes of the n cells in shell, upper and lower part, each (n,) [m^3].
-
-    `upper` (n,) is True for cells above the dividing plane.
-    """
-    return cells.shell, cells.interior * upper, cells.interior * ~upper
 
 
 def _projected_area(cells: Cells, part: Array, plane: EquiPlane) -> float:

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from analyze.errors import EstimationError
+from analyze.estimation.cells import Cells
 from analyze.estimation.truncated_normal import draw_truncated, shortest_intervals
 from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.polyhedron import MassProperties
@@ -80,6 +81,17 @@ class MeasuredMoments:
         covariance[:, 1:4] *= self.mass
         whiten = whitening_matrix(covariance)
         return whiten, whiten @ target
+
+    def by_cell(self, cells: Cells, about: Array) -> Array:
+        """Mass, first moment and moments (n, 4 + a) that a kilogram in each of n cells contributes.
+
+        The first moment is taken about the measured centre of mass, the moments of inertia about lines
+        through `about` (3,) [m], in the object frame O.
+        """
+        arm = cells.points - about
+        square = np.sum(arm**2, axis=1) + cells.own_inertia
+        across = square[:, None] - (arm @ self.directions.T) ** 2
+        return np.column_stack([np.ones(len(arm)), cells.points - self.com, across])
 
 
 @dataclass(frozen=True)
@@ -151,15 +163,18 @@ def part_masses(
         _MAX_DENSITY * volumes, moments.mass + _MASS_BOUND_SIGMAS * math.sqrt(float(moments.covariance[0, 0]))
     )
     prior = np.eye(len(parts)) / (_PRIOR_SD_OVER_MASS * moments.mass) ** 2
-    about = moments.com
-    for _ in range(_CENTRE_ITERATIONS):
-        likeliest = _bounded_mode(
-            *_unbounded_posterior(*_whitened(moments, parts, about), prior, uniform), most
+    about, updates = moments.com, 0
+    while True:
+        rows, target = _whitened(moments, parts, about)
+        precision = rows.T @ rows + prior
+        mean: Array = np.asarray(
+            np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64
         )
+        likeliest = _bounded_mode(mean, precision, most)
+        if updates == _CENTRE_ITERATIONS:
+            break
+        updates += 1
         about = likeliest @ np.array([part.centroid for part in parts]) / likeliest.sum()
-    rows, target = _whitened(moments, parts, about)
-    mean, precision = _unbounded_posterior(rows, target, prior, uniform)
-    likeliest = _bounded_mode(mean, precision, most)
     draws = _sample(mean, precision, likeliest, most, rng)
     low, high = shortest_intervals(draws, 0.0)
     best = draws[np.argmin(np.sum((draws @ rows.T - target) ** 2, axis=1))]
@@ -198,21 +213,6 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
         )
     whiten, target = moments.whitening()
     return whiten @ np.array(columns).T, target
-
-
-def _unbounded_posterior(rows: Array, target: Array, prior: Array, uniform: Array) -> tuple[Array, Array]:
-    """Posterior mean (n,) [kg] and precision (n, n) [1/kg^2] of the parts' masses before truncation.
-
-    Args:
-        rows: (4 + a, n) whitened design matrix.
-        target: (4 + a,) whitened measurements.
-        prior: (n, n) precision of the prior [1/kg^2].
-        uniform: (n,) mean of the prior [kg]: one density for all parts.
-    """
-    precision = rows.T @ rows + prior
-    return np.asarray(
-        np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64
-    ), precision
 
 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:

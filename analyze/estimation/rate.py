@@ -144,11 +144,8 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
         by_k = SIGMAS * float(np.hypot(plane.sd_k / plane.k, scale.k_relative_sd))
         own = max(MIN_TOLERANCE, float(np.hypot(by_k, SIGMAS * com_tolerance[i])))
         if own > MAX_TOLERANCE:
-            alone += (
-                []
-                if by_k > MAX_TOLERANCE
-                else [_extremes(plane, plane.k / scale.gravity, max(MIN_TOLERANCE, by_k), points)]
-            )
+            if by_k <= MAX_TOLERANCE:
+                alone.append(_extremes(plane, plane.k / scale.gravity, max(MIN_TOLERANCE, by_k), points))
             continue
         arm = points - plane.point
         about.append(np.sum(arm**2, axis=1) - (arm @ plane.direction) ** 2)
@@ -167,11 +164,8 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
         np.stack([middle - reach, middle + reach], axis=1),
     )
     for times in TOLERANCE_FACTORS:
-        ends = [
-            programme.extreme(np.minimum(times * np.array(tolerance), MAX_TOLERANCE), sign)
-            for sign in (1.0, -1.0)
-        ]
-        least, most = ends
+        wide = np.minimum(times * np.array(tolerance), MAX_TOLERANCE)
+        least, most = programme.extreme(wide, 1.0), programme.extreme(wide, -1.0)
         if least is not None and most is not None and least > 0:
             return most**-0.5, least**-0.5
     return None
@@ -325,10 +319,8 @@ def estimated_rate(
     found = solve_joint(
         [with_scaled_k(plane, k_factor) for plane in planes], systematic, prior, MomentModel(open_scale, wide)
     )
-    off, sd = (
-        OPEN_LOG_GRAVITY_SD * float(found.x[GRAVITY]),
-        OPEN_LOG_GRAVITY_SD * _unit_sd_of_g(found, prior, wide(found.x[COM])),
-    )
+    off = OPEN_LOG_GRAVITY_SD * float(found.x[GRAVITY])
+    sd = OPEN_LOG_GRAVITY_SD * _unit_sd_of_g(found, prior, wide(found.x[COM]))
     # ln k = ln g + ...: a factor on g is equivalent to the square of one on the rate.
     ratio = approximate * float(np.exp(-off / 2))
     return RateEstimate(ratio, ratio * sd / 2) if sd / 2 <= MAX_RATE_SD else None

@@ -165,7 +165,7 @@ def _distribution(
     intervals, covariance = np.stack(shortest_intervals(masses, 0.0), axis=1), np.cov(masses.T)
     misfit = min(each.misfit for each, _ in counted)
     if problem.probability(misfit) < MIN_PROBABILITY:
-        return _unexplained_distribution(posteriors, weight, parameters, misfit)
+        return _unexplained_distribution(problem, [each.problem for each, _ in counted], parameters, misfit)
     return MassDistribution(
         names=REGION_NAMES,
         masses=masses.mean(axis=0),
@@ -182,7 +182,7 @@ def _distribution(
 
 
 def _unexplained_distribution(
-    posteriors: Sequence[_ShellPosterior], weight: Array, parameters: InertialParameters, misfit: float
+    problem: RegionProblem, counted: Sequence[RegionProblem], parameters: InertialParameters, misfit: float
 ) -> MassDistribution:
     """Mass distribution of a body whose moments no dividing plane explains; its `explained` is False.
 
@@ -190,19 +190,12 @@ def _unexplained_distribution(
     the bounds for any filling of a uniform shell, moved to the right sum in proportion to the bounds' widths.
 
     Args:
-        posteriors: Posterior for each of w shell thicknesses.
-        weight: (w,) probabilities of the thicknesses.
+        problem: Problem of the mass shares for the likeliest shell thickness.
+        counted: Problems of all thicknesses that are not too improbable.
         parameters: Mass of the object and its sd.
         misfit: Smallest chi^2 of the moments at any plane, to be reported.
     """
-    problem = posteriors[int(np.argmax(weight))].problem
-    ends = np.array(
-        [
-            region_limits(each.problem, problem.longest, 0.0)
-            for each, w in zip(posteriors, weight, strict=True)
-            if w >= MIN_THICKNESS_PROBABILITY
-        ]
-    )
+    ends = np.array([region_limits(each, problem.longest, 0.0) for each in counted])
     limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
     width, middle = np.ptp(limits, axis=1), limits.mean(axis=1)
     masses = middle + (parameters.mass - middle.sum()) * width / max(float(width.sum()), 1e-12)
@@ -284,20 +277,19 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chain
     look = _Chains.of_planes(problem.solve(normals, heights, coarsely=True))
     # n and -n are one plane: all normals on one side, so that differences of two chains are meaningful.
     near = normals[int(np.argmax(look.log_posterior))]
+
+    def solved(normals: Array, heights: Array, *, coarsely: bool = False) -> _Chains:
+        return _Chains.of_planes(problem.solve(*_oriented(normals, heights, near), coarsely=coarsely))
+
     chosen = _resampled(look.log_posterior / MAX_TEMPERATURE, CHAINS, rng)
-    chains = _Chains.of_planes(
-        problem.solve(*_oriented(normals[chosen], heights[chosen], near), coarsely=True)
-    )
+    chains = solved(normals[chosen], heights[chosen], coarsely=True)
     for step in range(COOLING_STEPS):
-        there = problem.solve(*_oriented(*_proposals(chains.planes, problem.reach, rng), near), coarsely=True)
-        chains = _metropolis_step(
-            chains, _Chains.of_planes(there), MAX_TEMPERATURE ** (1 - step / COOLING_STEPS), rng
-        )
-    chains = _Chains.of_planes(problem.solve(chains.planes.normals, chains.planes.heights))
+        there = solved(*_proposals(chains.planes, problem.reach, rng), coarsely=True)
+        chains = _metropolis_step(chains, there, MAX_TEMPERATURE ** (1 - step / COOLING_STEPS), rng)
+    chains = solved(chains.planes.normals, chains.planes.heights)
     kept: list[_Chains] = []
     for _ in range(KEPT_STEPS):
-        there = problem.solve(*_oriented(*_proposals(chains.planes, problem.reach, rng), near))
-        chains = _metropolis_step(chains, _Chains.of_planes(there), 1.0, rng)
+        chains = _metropolis_step(chains, solved(*_proposals(chains.planes, problem.reach, rng)), 1.0, rng)
         kept.append(chains)
     most = float(look.log_posterior.max())
     log_evidence = most + float(np.log(np.mean(np.exp(look.log_posterior - most))))

@@ -115,9 +115,8 @@ def sensitivity(
     """
     factor = whole.mass / bare.mass
     parts = {source: factor**2 * covariance for source, covariance in _shares(solution, systematic, prior)}
-    by_mass = bare.com.covariance - factor**2 * whole.com.covariance
+    parts[ErrorSource.MASS] = bare.com.covariance - factor**2 * whole.com.covariance
     total = float(np.trace(bare.com.covariance))
-    parts[ErrorSource.MASS] = by_mass
     return Sensitivity(
         tuple(_influences(solution, factor)),
         tuple(
@@ -137,15 +136,9 @@ def _rows(solution: JointSolution) -> Array:
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)
 
 
-def _inverse_covariances(solution: JointSolution) -> Array:
-    """Inverse covariances (strikes, 2, 2) of (balance angle phi, ln k) as stated; 0 for an unused k."""
-    W = solution.data.whiten
-    return np.swapaxes(W, 1, 2) @ W
-
-
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
     """Yield the influence of each strike on the centre of mass, times `factor`, in the planes' order."""
-    rows, precisions, weight = _rows(solution), _inverse_covariances(solution), solution.weight
+    rows, precisions, weight = _rows(solution), solution.data.precisions, solution.weight
     informations = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
     # The covariance includes the spread factor; the estimate itself does not depend on it.
     normal = np.linalg.inv(solution.covariance) + informations * (1 - 1 / solution.spread)
@@ -160,7 +153,7 @@ def _shares(
     solution: JointSolution, systematic: SystematicErrors, prior: ComPrior
 ) -> Iterator[tuple[ErrorSource, Array]]:
     """Yield each source but the mass, with its part (3, 3) [m^2] of the centre of mass's covariance."""
-    P, rows, precisions = solution.covariance, _rows(solution), _inverse_covariances(solution)
+    P, rows, precisions = solution.covariance, _rows(solution), solution.data.precisions
     scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))
     stated = np.diag([systematic.strike_angle_sd**2, 0.0])
     for i in range(len(rows)):

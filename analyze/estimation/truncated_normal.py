@@ -126,15 +126,8 @@ class ShareDistribution:
         weight[:, [0, -1]] *= 0.5
         # The triangle's area is a half.
         inside = np.log(2 * (1 - sum(EMPTY_PART_PRIOR))) + top + np.log(weight.sum(axis=1) * step)
-        return np.stack(
-            [
-                inside,
-                *(
-                    np.log(prior) + side.log_mass
-                    for prior, side in zip(EMPTY_PART_PRIOR, self._sides, strict=True)
-                ),
-            ]
-        )
+        on_sides = np.log(EMPTY_PART_PRIOR)[:, None] + [side.log_mass for side in self._sides]
+        return np.vstack([inside, on_sides])
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:

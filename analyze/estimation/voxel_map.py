@@ -74,7 +74,9 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
         the part of the octants' masses that the moments determine.
     """
     volumes = cells.volumes
-    features, target = _whitened(moments, cells)
+    # Whitened contributions of a kilogram in each cell, and whitened measurements.
+    whiten, target = moments.whitening()
+    features = moments.by_cell(cells, moments.com) @ whiten.T
     prior = min(moments.mass / float(volumes.sum()), 0.5 * DENSITIES[1])
     offset = float(np.log(prior / (DENSITIES[1] - prior)))
     most = DENSITIES[1] * volumes
@@ -110,19 +112,6 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
         directions=int(np.sum(np.linalg.eigvalsh(curvature) > stiffness)),
         misfit=misfit,
     )
-
-
-def _whitened(moments: MeasuredMoments, cells: Cells) -> tuple[Array, Array]:
-    """Whitened contribution (n, 4 + a) of a kilogram in each cell, and whitened measurements (4 + a,).
-
-    These are the mass, the first moment about the measured centre of mass (3) and a moments of inertia.
-    """
-    arm = cells.points - moments.com
-    square = np.sum(arm**2, axis=1) + cells.own_inertia
-    about = square[:, None] - (arm @ moments.directions.T) ** 2
-    rows = np.column_stack([np.ones(len(arm)), arm, about])
-    whiten, target = moments.whitening()
-    return rows @ whiten.T, target
 
 
 def _masses(multipliers: Array, features: Array, most: Array, offset: float) -> Array:

@@ -143,9 +143,7 @@ def tip(
 
 def fit_of(phi: float, k: float, sd_phi: float, sd_k: float) -> MotionFit:
     """Motion fit with the given values and standard deviations."""
-    return MotionFit(
-        "pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, (0, 1), np.zeros(1), ""
-    )
+    return MotionFit("pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, (0, 1), np.zeros(1), "")
 
 
 def inertial_parameters(

@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 
 from analyze.estimation.equiplane import balance_direction, equiplane_from_fit
-from analyze.estimation.inertia import edge_inertia, inertial_parameters, shape_prior
+from analyze.estimation.inertia import edge_inertia, shape_prior
 from analyze.estimation.joint_model import OWN_RADIUS_FRACTION
-from analyze.estimation.paper import paper_edge_inertia
+from analyze.estimation.paper import distance_from_pivot, paper_axis_inertia
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.second_moments import log_cholesky, nearest_possible, unit_inertia
-from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
+from tests.analyze.estimation.bodies import (
+    GRAVITY,
+    SIX_AXES,
+    box_body,
+    fit_of,
+    inertial_parameters,
+    planned_strike,
+    tip,
+)
 from tests.analyze.simulated_session import motion
 
 SIZE = (0.08, 0.06, 0.15)
@@ -110,9 +118,11 @@ def test_papers_equation_5_from_theta():
     strike = planned_strike(BODY, *SIX_AXES[0])
     phi, k = tip(BODY, strike)
     tipped = motion(strike, phi, k, 1e-4, 0.1, np.random.default_rng(5))
-    moment = k * 5e-4
-    found = paper_edge_inertia(tipped.angle, tipped.fit, tipped.phases.stage_two, moment)
-    assert found.i_edge == pytest.approx(5e-4, rel=0.1), (
+    plane = equiplane_from_fit(strike.id, strike, tipped.fit)
+    weight = BODY.mass * GRAVITY
+    found = paper_axis_inertia(plane, tipped, tipped.fit, BODY.com, weight)
+    truth = weight * distance_from_pivot(plane, BODY.com) / k
+    assert found.i_edge == pytest.approx(truth, rel=0.1), (
         "error of differentiating twice at 0.05 deg per frame"
     )
     assert 0 < found.excluded_share < 0.9

@@ -2,11 +2,20 @@ import numpy as np
 import pytest
 
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.inertia import inertial_parameters, shape_prior
+from analyze.estimation.inertia import shape_prior
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from schemas.object_spec import MarkerSpec
-from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, Body, box_body, fit_of, planned_strike, tip
+from tests.analyze.estimation.bodies import (
+    GRAVITY,
+    SIX_AXES,
+    Body,
+    box_body,
+    fit_of,
+    inertial_parameters,
+    planned_strike,
+    tip,
+)
 
 SIZE = (0.08, 0.06, 0.15)
 BODY = box_body(SIZE, (0.02, 0.01, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
