@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
+from contextlib import ExitStack
 
 Progress = Callable[[str, int, int], None]
 """called with the name of the step, the units of work done, and the units in all"""
@@ -13,20 +13,21 @@ def no_progress(_text: str, _done: int, _total: int) -> None:
     """Discard a progress report; a `Progress` callback for callers that show none."""
 
 
-class ProgressBar:
+class ProgressBar(ExitStack):
     """Progress bar on standard error, shown only on a terminal.
 
-    It is a `Progress` callback, called as `bar(text, done, total)`, and a context manager that starts and
-    removes the bar.
+    It is a `Progress` callback, called as `bar(text, done, total)`, and a context manager that removes the
+    bar, which is shown from its construction on.
     """
 
     def __init__(self) -> None:
+        super().__init__()
         # Imported here: the callback's type is used by modules that draw nothing.
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
-        self._progress = Progress(
+        progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=32),
             TextColumn("{task.completed:.0f}/{task.total:.0f}"),
@@ -36,6 +37,7 @@ class ProgressBar:
             transient=True,
             disable=not console.is_terminal,
         )
+        self._progress = self.enter_context(progress)
         self._text = "starting"
         self._task = self._progress.add_task(self._text, total=1)
 
@@ -52,12 +54,3 @@ class ProgressBar:
             # A step that holds the interpreter keeps the bar's own thread from redrawing until it ends.
             self._text = text
             self._progress.refresh()
-
-    def __enter__(self) -> ProgressBar:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()

@@ -135,6 +135,10 @@ class Phases:
     landing: tuple[int, int] | None
     """from the end of the free motion: the object lands, or is back at rest"""
 
+    def spans(self) -> dict[str, tuple[int, int]]:
+        """Frame range [start, stop) of each phase that occurred, by its name, in their order in time."""
+        return {name: span for name in PHASE_NAMES if (span := getattr(self, name)) is not None}
+
 
 PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
 """names of the phases in their order in time, as fields of `Phases`"""
@@ -357,7 +361,7 @@ class InertialParameters:
     """(3, 3) standard deviations [kg m^2]"""
     measured: NDArray[np.bool_]
     """(3, 3) True if the strikes determine the entry, False if the prior does"""
-    axes: tuple[AxisInertia, ...] = field(default=())
+    axes: tuple[AxisInertia, ...] = ()
     """moments about the pivot axes"""
     joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(4 + axes, 4 + axes) covariance of (mass, c, i_com per axis)"""

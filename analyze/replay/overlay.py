@@ -54,7 +54,7 @@ def pose_at_rest(
     )
     by_id = {marker.id: marker for marker in markers}
     ends = end_of_rest_ns(tracks, contact_ns) if tracks else 0
-    found: list[tuple[int, Array, Array]] = []
+    found = [(0, R_planned, p_planned)]
     for track in tracks:
         marker, still = by_id.get(track.marker_id), track.time_ns < ends
         if marker is None or marker.T_object_marker is None or np.count_nonzero(still) < _MIN_REST_FRAMES:
@@ -63,17 +63,9 @@ def pose_at_rest(
         R_world_marker = camera.T_world_camera[:3, :3] @ R
         p_world_marker = camera.T_world_camera[:3, :3] @ p + camera.T_world_camera[:3, 3]
         R_world_object = R_world_marker @ marker.T_object_marker[:3, :3].T
-        found.append(
-            (
-                int(np.count_nonzero(still)),
-                R_world_object,
-                p_world_marker - R_world_object @ marker.T_object_marker[:3, 3],
-            )
-        )
-    if not found:
-        return R_planned, p_planned
-    _, R_best, p_best = max(found, key=lambda each: each[0])
-    return R_best, p_best
+        p_world_object = p_world_marker - R_world_object @ marker.T_object_marker[:3, 3]
+        found.append((int(np.count_nonzero(still)), R_world_object, p_world_object))
+    return max(found, key=lambda each: each[0])[1:]
 
 
 def project_to_pixels(camera: CameraModel, points_world: Array) -> Array:
@@ -139,7 +131,7 @@ def axis_line(camera: CameraModel, pivot: Array, half_length: float) -> Array:
 
 
 def sharp_edges(vertices: Array, faces: IntArray) -> list[Array]:
-    """Edges of a mesh between triangles whose normals differ by more than 20 degrees.
+    """Edges of a mesh at its border, or between triangles whose normals differ by more than 20 degrees.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -155,6 +147,6 @@ def sharp_edges(vertices: Array, faces: IntArray) -> list[Array]:
     found: list[Array] = []
     for (a, b), f in owner.items():
         across = owner.get((b, a))
-        if a < b and (across is None or normal[f] @ normal[across] < np.cos(np.radians(20.0))):
+        if across is None or (a < b and normal[f] @ normal[across] < np.cos(np.radians(20.0))):
             found.append(vertices[[a, b]])
     return found

@@ -60,8 +60,8 @@ def send_pictures(
     path: str,
     frames: Iterable[ImageFrame],
     contact_ns: int | None,
-    choice: ImageChoice | None = None,
-) -> int:
+    choice: ImageChoice,
+) -> None:
     """Send images to a replay in batches as they are read.
 
     A few images before the contact are sent a second time without encoding, to `<path>_before`.
@@ -71,30 +71,23 @@ def send_pictures(
         path: entity of the images.
         frames: images in order of time.
         contact_ns: time of the strike's contact [ns]; None outside a strike.
-        choice: selection and encoding; None for the default.
-
-    Returns:
-        Number of images sent.
+        choice: selection and encoding.
 
     Raises:
         RecordingError: reading `frames` failed; the images before the failure are sent.
     """
-    choice = choice or ImageChoice()
     waiting: list[tuple[int, bytes]] = []
     before: _ImagesBeforeContact | None = None
-    count = 0
     try:
         for frame in frames if choice.every_frame else limit_frame_rate(frames, FRAME_RATE):
             before = before or _ImagesBeforeContact(timelines, f"{path}_before", frame, contact_ns, choice)
             before.take(frame)
             waiting.append((frame.time_ns, _encoded(frame.image, choice)))
-            count += 1
             if len(waiting) == _BATCH:
                 _send(timelines, path, waiting, contact_ns, choice)
                 waiting.clear()
     finally:
         _send(timelines, path, waiting, contact_ns, choice)
-    return count
 
 
 class _ImagesBeforeContact:

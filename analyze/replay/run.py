@@ -81,24 +81,14 @@ def replay_recording(
         return _replay_complete(recording, damage, target, options, progress)
 
 
-@dataclass(frozen=True)
-class _RunningReplay:
-    """Running replay: its stream, timelines and sender."""
-
-    stream: rr.RecordingStream
-    timelines: Timelines
-    sender: Sender
-
-
 def _begin(
     manifest: SessionManifest, path: Path, origin_ns: int, target: Target, options: ReplayOptions
-) -> _RunningReplay:
+) -> Sender:
     stream = rr.RecordingStream(APPLICATION, recording_id=manifest.recording_id)
     target.connect(stream)
     name = path.name.removesuffix(PART_SUFFIX).removesuffix(".mcap")
     stream.send_recording_name(name)
-    timelines = Timelines(stream, origin_ns)
-    return _RunningReplay(stream, timelines, Sender(timelines, name, options))
+    return Sender(Timelines(stream, origin_ns), name, options)
 
 
 def _replay_complete(
@@ -107,39 +97,39 @@ def _replay_complete(
     records = recording.strikes
     _refuse_unknown(recording, options)
     origin_ns = min((record.window_start_ns for record in records), default=0) or _first_time(recording)
-    show = _begin(recording.manifest, recording.path, origin_ns, target, options)
+    sender = _begin(recording.manifest, recording.path, origin_ns, target, options)
     if damage is not None:
-        show.sender.damage.append(damage)
-    show.sender.add_pages(records, more=False)
+        sender.damage.append(damage)
+    sender.add_pages(records, more=False)
     for done, record in enumerate(records):
         progress(f"strike {record.strike_id}", done, len(records) + 1)
-        show.sender.send_images(recording, record)
+        sender.send_images(recording, record)
         if done == 0:
-            _send_events(recording, show)
-            target.first_strike_sent(show.stream)
+            _send_events(recording, sender)
+            target.first_strike_sent(sender.timelines.stream)
         target.check()
-        show.sender.analyse_strike(recording, record, more=False)
+        sender.analyse_strike(recording, record, more=False)
         recording.release_memory()
     if not records:
-        _send_images_without_strikes(recording, show, options)
-        _send_events(recording, show)
+        _send_images_without_strikes(recording, sender, options)
+        _send_events(recording, sender)
     target.check()
-    return _finish(recording, show, target, progress)
+    return _finish(recording, sender, target, progress)
 
 
 def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progress) -> ReplayResult:
-    show: _RunningReplay | None = None
+    sender: Sender | None = None
     damage: str | None = None
     grown = time.monotonic()
     with LiveRecording(path) as live:
         while damage is None:
             small, strikes = live.poll()
-            if show is None and live.ready and (small or strikes):
+            if sender is None and live.ready and (small or strikes):
                 origin_ns = min([message.log_time_ns for message in small] or [strikes[0].window_start_ns])
-                show = _begin(live.manifest, live.path, origin_ns, target, options)
-                show.sender.add_pages([], more=True)
-            if show is not None:
-                _send_live(live, small, strikes, show, target, progress)
+                sender = _begin(live.manifest, live.path, origin_ns, target, options)
+                sender.add_pages([], more=True)
+            if sender is not None:
+                _send_live(live, small, strikes, sender, target, progress)
             if small or strikes:
                 grown = time.monotonic()
                 continue
@@ -158,53 +148,53 @@ def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progre
     whole = last.with_suffix("") if last.suffix == PART_SUFFIX else last
     recording, wrong = open_readable_part(whole if whole.exists() else last)
     with recording:
-        if show is None:
+        if sender is None:
             return _replay_complete(recording, damage or wrong, target, options, progress)
         if (problem := damage or wrong) is not None:
-            show.sender.damage.append(problem)
-        return _finish(recording, show, target, progress)
+            sender.damage.append(problem)
+        return _finish(recording, sender, target, progress)
 
 
 def _send_live(
     live: LiveRecording,
     small: Sequence[RecordedMessage],
     strikes: Sequence[pb.StrikeRecord],
-    show: _RunningReplay,
+    sender: Sender,
     target: Target,
     progress: Progress,
 ) -> None:
     for message in small:
         if message.topic in LOGGED_TOPICS:
             try:
-                send_event(show.timelines, message, live.strikes)
+                send_event(sender.timelines, message, live.strikes)
             except RecordingError as error:
-                show.sender.damage.append(f"{live.path}: {error}")
+                sender.damage.append(f"{live.path}: {error}")
     for record in strikes:
         count = len(live.strikes)
         progress(f"strike {record.strike_id}", count - 1, count)
-        show.sender.add_pages([record], more=True)
-        show.sender.send_images(live, record)
-        target.first_strike_sent(show.stream)
-        show.sender.analyse_strike(live, record, more=True)
+        sender.add_pages([record], more=True)
+        sender.send_images(live, record)
+        target.first_strike_sent(sender.timelines.stream)
+        sender.analyse_strike(live, record, more=True)
         live.forget_until(record.window_end_ns)
-        target.first_strike_sent(show.stream)
+        target.first_strike_sent(sender.timelines.stream)
 
 
-def _finish(recording: Recording, show: _RunningReplay, target: Target, progress: Progress) -> ReplayResult:
+def _finish(recording: Recording, sender: Sender, target: Target, progress: Progress) -> ReplayResult:
     from analyze.pipeline.read_evidence import read_open_head
 
     count = len(recording.strikes)
     progress("estimating", count, count + 1)
     try:
-        send_health(show.timelines, recording)
+        send_health(sender.timelines, recording)
     except RecordingError as error:
-        show.sender.damage.append(str(error))
-    show.sender.send_answer(read_open_head(recording))
-    target.sent(show.stream)
-    problems = show.sender.no_answer
-    if show.sender.damage:
-        problems = [f"{show.sender.damage[0]} (replayed as far as it can be read: {count} strikes)"]
-    return ReplayResult(problems, show.sender.shown_moment_s())
+        sender.damage.append(str(error))
+    sender.send_answer(read_open_head(recording))
+    target.sent(sender.timelines.stream)
+    problems = sender.no_answer
+    if sender.damage:
+        problems = [f"{sender.damage[0]} (replayed as far as it can be read: {count} strikes)"]
+    return ReplayResult(problems, sender.shown_moment_s())
 
 
 def _refuse_unknown(recording: Recording, options: ReplayOptions) -> None:
@@ -223,22 +213,22 @@ def _first_time(recording: Recording) -> int:
     return min((topic.first_ns for topic in recording.topics() if topic.first_ns), default=0)
 
 
-def _send_events(recording: Recording, show: _RunningReplay) -> None:
+def _send_events(recording: Recording, sender: Sender) -> None:
     try:
         for topic in LOGGED_TOPICS:
             for message in recording.messages(topic):
-                send_event(show.timelines, message, recording.strikes)
+                send_event(sender.timelines, message, recording.strikes)
     except RecordingError as error:
-        show.sender.damage.append(str(error))
+        sender.damage.append(str(error))
 
 
-def _send_images_without_strikes(recording: Recording, show: _RunningReplay, options: ReplayOptions) -> None:
+def _send_images_without_strikes(recording: Recording, sender: Sender, options: ReplayOptions) -> None:
     """Send images of a recording without a strike, such as one cut before the record of its first strike.
 
     At most 600 images at 5 Hz are sent; damage of the recording is added to the sender's list.
     """
     try:
         frames = islice(limit_frame_rate(recording.images(), _NO_STRIKE_RATE_HZ), _MAX_NO_STRIKE_IMAGES)
-        send_pictures(show.timelines, "/session/camera", frames, None, options.images)
+        send_pictures(sender.timelines, "/session/camera", frames, None, options.images)
     except RecordingError as error:
-        show.sender.damage.append(str(error))
+        sender.damage.append(str(error))

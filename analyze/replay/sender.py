@@ -50,7 +50,7 @@ class Sender:
     """
 
     def __init__(self, timelines: Timelines, name: str, options: ReplayOptions) -> None:
-        self._timelines, self._stream = timelines, timelines.stream
+        self.timelines, self._stream = timelines, timelines.stream
         self._name, self._options = name, options
         self._pages: list[StrikePage] = []
         self._readings: list[StrikeReading] = []
@@ -72,7 +72,7 @@ class Sender:
             more: True if further strikes may follow.
         """
         self._pages += [StrikePage(record.strike_id) for record in records]
-        send_state_names(self._timelines, [record.strike_id for record in records])
+        send_state_names(self.timelines, [record.strike_id for record in records])
         self._send_progress(more=more)
         newest = (self._pages[-1] if more else self._pages[0]).strike_id if self._pages else ANSWER
         self.send_layout(newest)
@@ -129,7 +129,7 @@ class Sender:
         frames = source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
         try:
             send_pictures(
-                self._timelines, f"{root}/camera/image", frames, contact_of(record), self._options.images
+                self.timelines, f"{root}/camera/image", frames, contact_of(record), self._options.images
             )
         except RecordingError as error:
             self.damage.append(str(error))
@@ -173,7 +173,7 @@ class Sender:
             for page in self._pages
         ]
         tracks = () if reading.report is None else reading.report.tracks
-        send_strike(self._timelines, record, reading.motion, tracks, body, self._colours()[record.strike_id])
+        send_strike(self.timelines, record, reading.motion, tracks, body, self._colours()[record.strike_id])
         self._send_progress(more=more)
 
     def _object(self, source: StrikeSource) -> tuple[StruckObject | None, SceneInputs | None]:
@@ -236,7 +236,7 @@ class Sender:
         log_inside(self._stream, "/result", self._body.model, answer, colours)
         log_voxels(self._stream, VOXELS, answer)
         for reading in self._readings:
-            send_strike_inside(self._timelines, reading.motion, self._body, answer, colours)
+            send_strike_inside(self.timelines, reading.motion, self._body, answer, colours)
         text = answer_text(estimate.evidence.spec.name, answer.result)
         if self.damage:
             text += f"\n- **The recording is damaged; the answer uses the readable part: {self.damage[0]}**"

@@ -20,7 +20,8 @@ from schemas.proto import percuss_pb2 as pb
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from analyze.reading.recording import RecordedMessage, Recording
+    from analyze.reading.indexed_file import RecordedMessage
+    from analyze.reading.recording import Recording
     from analyze.replay.timelines import Timelines
     from analyze.types import Array, IntArray
 
@@ -51,14 +52,9 @@ def send_event(timelines: Timelines, message: RecordedMessage, records: Sequence
 
 
 def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
-    inside = next(
-        (
-            record
-            for record in records
-            if record.window_start_ns <= message.log_time_ns <= record.window_end_ns
-        ),
-        None,
-    )
+    time_ns = message.log_time_ns
+    holding = (each for each in records if each.window_start_ns <= time_ns <= each.window_end_ns)
+    inside = next(holding, None)
     contact = None if inside is None else contact_of(inside)
     level = rr.TextLogLevel.INFO
     if message.topic == topics.STRIKER_EVENT.name:
@@ -70,21 +66,18 @@ def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequenc
         if event.kind in _WARNING_KINDS:
             level = rr.TextLogLevel.WARN
         path = "/log/striker"
-        timelines.change_state("/session/striker", kind, message.log_time_ns, None)
+        timelines.change_state("/session/striker", kind, time_ns, None)
         if inside is not None:
-            timelines.change_state(
-                f"{strike_path(inside.strike_id)}/striker", kind, message.log_time_ns, contact
-            )
+            timelines.change_state(f"{strike_path(inside.strike_id)}/striker", kind, time_ns, contact)
     elif message.topic == topics.SESSION_STATE.name:
         state = pb.SessionState.FromString(bytes(message.data))
-        timelines.change_state(
-            "/session/state", pb.SessionState.State.Name(state.state).lower(), message.log_time_ns, None
-        )
+        name = pb.SessionState.State.Name(state.state).lower()
+        timelines.change_state("/session/state", name, time_ns, None)
         return  # the log has the same event as text
     else:
         line = topics.LOG.message.FromString(bytes(message.data))
         text, path = str(getattr(line, "message", "")), "/log/text"
-    timelines.set_time(message.log_time_ns, contact)
+    timelines.set_time(time_ns, contact)
     timelines.stream.log(path, rr.TextLog(text, level=level))
 
 
@@ -123,18 +116,10 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         time_ns, lost, mapping = (np.array(column, dtype=np.int64) for column in zip(*found, strict=True))
         lost[0] = 0  # before the first frame
         total = np.cumsum(lost)
-        _step(timelines, "/session/lost/frames", time_ns, total)
-        timelines.stream.log(
-            "/session/lost/frames",
-            rr.SeriesLines(colors=[RED], names=["frames lost"], widths=[2.0]),
-            static=True,
-        )
+        _send_lost_frames(timelines, time_ns, total)
         kept = np.flatnonzero(np.diff(time_ns // _CLOCK_STEP_NS, prepend=-1))
-        timelines.send_curve(
-            "/session/clock/mapping", time_ns[kept], None, 1e-3 * mapping[kept].astype(np.float64)
-        )
         style = rr.SeriesLines(colors=[SKY], names=["camera to host, sd"], widths=[1.5])
-        timelines.stream.log("/session/clock/mapping", style, static=True)
+        timelines.send_curve("/session/clock/mapping", time_ns[kept], None, 1e-3 * mapping[kept], style)
         words.append(
             f"- camera {name}: {len(found)} frames, **{int(total[-1])} lost**; time accurate to "
             f"{1e-3 * np.median(mapping):.0f} µs (1 sd)"
@@ -147,21 +132,18 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         time_ns, host, device = (np.array(column, dtype=np.int64) for column in zip(*samples, strict=True))
         drift, deviation = _clock_drift(host, device)
         path = f"/session/clock{rr.new_entity_path([clock])}"
-        timelines.send_curve(path, time_ns, None, 1e-3 * deviation)
         style = rr.SeriesPoints(
             colors=[CYCLE[1 + number % 5]], names=[f"{clock}, deviation from a line"], marker_sizes=[2.5]
         )
-        timelines.stream.log(path, style, static=True)
+        timelines.send_curve(path, time_ns, None, 1e-3 * deviation, style)
         words.append(
             f"- clock {clock}: {len(samples)} samples, drift {drift:+.1f} ppm, "
             f"{1e-3 * np.std(deviation):.0f} µs rms deviation from a straight line"
         )
-    timelines.stream.log(
-        "/session/text", rr.TextDocument("\n".join(words), media_type="text/markdown"), static=True
-    )
+    timelines.log_static("/session/text", rr.TextDocument("\n".join(words), media_type="text/markdown"))
 
 
-def _step(timelines: Timelines, path: str, time_ns: IntArray, total: IntArray) -> None:
+def _send_lost_frames(timelines: Timelines, time_ns: IntArray, total: IntArray) -> None:
     """Send a step curve by its two ends and the points next to its steps.
 
     Args:
@@ -172,7 +154,8 @@ def _step(timelines: Timelines, path: str, time_ns: IntArray, total: IntArray) -
     """
     rises = np.flatnonzero(np.diff(total))
     shown = np.unique(np.concatenate([[0, len(total) - 1], rises, rises + 1]))
-    timelines.send_curve(path, time_ns[shown], None, total[shown].astype(np.float64))
+    style = rr.SeriesLines(colors=[RED], names=["frames lost"], widths=[2.0])
+    timelines.send_curve("/session/lost/frames", time_ns[shown], None, total[shown], style)
 
 
 def _clock_drift(host_ns: IntArray, device_ns: IntArray) -> tuple[float, Array]:

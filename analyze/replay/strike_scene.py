@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from analyze.replay.body import SceneInputs
     from analyze.replay.timelines import Timelines
     from analyze.replay.views import DrawnAnswer
-    from analyze.types import Array, MarkerTrack, MotionFit, TipAngle, TipMotion
+    from analyze.types import Array, IntArray, MarkerTrack, MotionFit, TipAngle, TipMotion
     from schemas.proto import percuss_pb2 as pb
     from schemas.strike_plan import PlannedStrike
 
@@ -50,18 +50,14 @@ def send_strike(
         colour: colour of the strike on pages of all strikes.
     """
     root, contact = strike_path(record.strike_id), contact_of(record)
-    timelines.stream.log(
-        f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"), static=True
-    )
+    timelines.log_static(f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"))
     _tags(timelines, f"{root}/camera", contact, tracks)
     if motion.angle is None or len(motion.angle.time_ns) < 2:
         return
     _curves(timelines, root, contact, motion, motion.angle)
     every = rr.new_entity_path(["all", motion.strike_id])
-    timelines.send_curve(every, motion.angle.time_ns, contact, np.degrees(motion.angle.theta))
-    timelines.stream.log(
-        every, rr.SeriesLines(colors=[colour], names=[motion.strike_id], widths=[1.8]), static=True
-    )
+    style = rr.SeriesLines(colors=[colour], names=[motion.strike_id], widths=[1.8])
+    timelines.send_curve(every, motion.angle.time_ns, contact, np.degrees(motion.angle.theta), style)
     _phases(timelines, f"{root}/phases", contact, motion, motion.angle)
     planned = body.planned(record.plan_strike_id)
     if planned is not None:
@@ -94,14 +90,10 @@ def send_strike_inside(
     log_inside(timelines.stream, f"{world}/object", body.model, answer, colours, motion.strike_id)
     R, p = views.object_poses(planned, angle, rolling_outline(body.model, planned))
     path = R @ answer.com.position + p
-    timelines.stream.log(
-        f"{world}/path_of_c", rr.LineStrips3D([path], colors=[ORANGE], radii=[0.0006]), static=True
-    )
+    timelines.log_static(f"{world}/path_of_c", rr.LineStrips3D([path], colors=[ORANGE], radii=[0.0006]))
     pivot = R[0] @ np.array(planned.pivot.point) + p[0]
     over = np.array([pivot, pivot + np.array([0.0, 0.0, 1.15 * float(path[:, 2].max())])])
-    timelines.stream.log(
-        f"{world}/plumb", rr.LineStrips3D([over], colors=[GREY], radii=[0.0004]), static=True
-    )
+    timelines.log_static(f"{world}/plumb", rr.LineStrips3D([over], colors=[GREY], radii=[0.0004]))
 
 
 # --- over the image
@@ -124,13 +116,11 @@ def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[Mar
     timelines.stream.send_columns(
         f"{root}/tags", columns, rr.LineStrips2D.columns(strips=list(closed)).partition(counts)
     )
-    timelines.stream.log(
-        f"{root}/tags", rr.LineStrips2D.from_fields(colors=[GREEN], radii=[-1.5]), static=True
-    )
+    timelines.log_static(f"{root}/tags", rr.LineStrips2D.from_fields(colors=[GREEN], radii=[-1.5]))
     timelines.stream.send_columns(
         f"{root}/corners", columns, rr.Points2D.columns(positions=corners[:, 0]).partition(counts)
     )
-    timelines.stream.log(f"{root}/corners", rr.Points2D.from_fields(colors=[RED], radii=[-3.0]), static=True)
+    timelines.log_static(f"{root}/corners", rr.Points2D.from_fields(colors=[RED], radii=[-3.0]))
 
 
 def _over_image(
@@ -153,12 +143,8 @@ def _over_image(
     half = 0.75 * float(np.ptp(body.model.vertices @ np.array(planned.pivot.direction)))
     axis = overlay.axis_line(camera, pivot, half) + 0.5
     if len(axis):
-        timelines.stream.log(
-            f"{root}/pivot", rr.LineStrips2D([axis], colors=[RED], radii=[-2.0]), static=True
-        )
-        timelines.stream.log(
-            f"{root}/pivot/near", rr.Points2D(axis[[0]], colors=[RED], radii=[-4.0]), static=True
-        )
+        timelines.log_static(f"{root}/pivot", rr.LineStrips2D([axis], colors=[RED], radii=[-2.0]))
+        timelines.log_static(f"{root}/pivot/near", rr.Points2D(axis[[0]], colors=[RED], radii=[-4.0]))
     fitted = None if motion.fit is None else views.fitted_curves(angle, motion.fit)
     if motion.fit is None or fitted is None:
         return
@@ -173,47 +159,34 @@ def _over_image(
     if strips:
         columns = rr.LineStrips2D.columns(strips=strips).partition(counts)
         timelines.stream.send_columns(f"{root}/ghost", timelines.time_columns(time_ns, contact_ns), columns)
-        timelines.stream.log(
-            f"{root}/ghost", rr.LineStrips2D.from_fields(colors=[SKY], radii=[-1.2]), static=True
-        )
+        timelines.log_static(f"{root}/ghost", rr.LineStrips2D.from_fields(colors=[SKY], radii=[-1.2]))
 
 
 # --- curves
 
 
 def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
-    stream, measured = timelines.stream, views.measured_curves(angle)
+    def send(path: str, time_ns: IntArray, values: Array, style: rr.SeriesLines | rr.SeriesPoints) -> None:
+        timelines.send_curve(f"{root}/{path}", time_ns, contact_ns, np.degrees(values), style)
+
+    measured = views.measured_curves(angle)
+    points = rr.SeriesPoints(colors=[ORANGE], names=["measured"], marker_sizes=[2.2])
     for name, values in (("theta", measured.theta), ("omega", measured.omega), ("alpha", measured.alpha)):
-        timelines.send_curve(f"{root}/{name}/measured", measured.time_ns, contact_ns, np.degrees(values))
-        style = rr.SeriesPoints(colors=[ORANGE], names=["measured"], marker_sizes=[2.2])
-        stream.log(f"{root}/{name}/measured", style, static=True)
+        send(f"{name}/measured", measured.time_ns, values, points)
     at_contact = float(np.interp(contact_ns, measured.time_ns, measured.theta))
     _mark(timelines, f"{root}/theta/contact", contact_ns, contact_ns, at_contact, "contact", RED)
     fitted = None if motion.fit is None else views.fitted_curves(angle, motion.fit)
     if motion.fit is None or fitted is None:
         return
+    line = rr.SeriesLines(colors=[SKY], names=["fitted"], widths=[2.0])
     for name, values in (("theta", fitted.theta), ("omega", fitted.omega), ("alpha", fitted.alpha)):
-        timelines.send_curve(f"{root}/{name}/fitted", fitted.time_ns, contact_ns, np.degrees(values))
-        stream.log(
-            f"{root}/{name}/fitted", rr.SeriesLines(colors=[SKY], names=["fitted"], widths=[2.0]), static=True
-        )
-    timelines.send_curve(f"{root}/residual/value", fitted.time_ns, contact_ns, np.degrees(fitted.residual))
-    stream.log(
-        f"{root}/residual/value",
-        rr.SeriesPoints(colors=[PURPLE], names=["residual"], marker_sizes=[2.0]),
-        static=True,
-    )
+        send(f"{name}/fitted", fitted.time_ns, values, line)
+    points = rr.SeriesPoints(colors=[PURPLE], names=["residual"], marker_sizes=[2.0])
+    send("residual/value", fitted.time_ns, fitted.residual, points)
     ends = measured.time_ns[[0, -1]]
-    timelines.send_curve(f"{root}/residual/zero", ends, contact_ns, np.zeros(2))
-    stream.log(
-        f"{root}/residual/zero", rr.SeriesLines(colors=[GREY], names=["zero"], widths=[0.7]), static=True
-    )
-    timelines.send_curve(f"{root}/theta/phi", ends, contact_ns, np.degrees(np.full(2, motion.fit.phi)))
-    stream.log(
-        f"{root}/theta/phi",
-        rr.SeriesLines(colors=[GREEN], names=["φ: c above the edge"], widths=[1.0]),
-        static=True,
-    )
+    send("residual/zero", ends, np.zeros(2), rr.SeriesLines(colors=[GREY], names=["zero"], widths=[0.7]))
+    line = rr.SeriesLines(colors=[GREEN], names=["φ: c above the edge"], widths=[1.0])
+    send("theta/phi", ends, np.full(2, motion.fit.phi), line)
     _passage(timelines, f"{root}/theta/passage", contact_ns, motion.fit, fitted)
 
 
@@ -233,16 +206,15 @@ def _passage(
 def _mark(
     timelines: Timelines, path: str, contact_ns: int, time_ns: int, theta: float, name: str, colour: Colour
 ) -> None:
-    timelines.send_curve(path, np.array([time_ns]), contact_ns, np.degrees([theta]))
     style = rr.SeriesPoints(colors=[colour], names=[name], markers=["diamond"], marker_sizes=[6.0])
-    timelines.stream.log(path, style, static=True)
+    timelines.send_curve(path, np.array([time_ns]), contact_ns, np.degrees([theta]), style)
 
 
 def _phases(timelines: Timelines, path: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
     if motion.phases is None:
         return
     timelines.name_states(path, PHASES)
-    for name, first, last in views.phase_spans(motion.phases):
+    for name, (first, last) in motion.phases.spans().items():
         timelines.change_state(path, name, int(angle.time_ns[first]), contact_ns)
         if last < len(angle.time_ns):
             timelines.change_state(path, None, int(angle.time_ns[last]), contact_ns)

@@ -11,7 +11,9 @@ import numpy as np
 import rerun as rr
 
 if TYPE_CHECKING:
-    from analyze.types import Array, IntArray
+    from numpy.typing import ArrayLike
+
+    from analyze.types import IntArray
     from schemas.proto import percuss_pb2 as pb
 
 SINCE_CONTACT, SESSION = "since_contact", "session"
@@ -59,28 +61,41 @@ class Timelines:
             time_ns: (n,) log times of the rows [ns].
             contact_ns: log time of the strike's contact [ns]; None outside a strike.
         """
-        session = rr.TimeColumn(SESSION, duration=(time_ns - self.origin_ns) * 1e-9)
-        return (
-            [session]
-            if contact_ns is None
-            else [rr.TimeColumn(SINCE_CONTACT, duration=(time_ns - contact_ns) * 1e-9), session]
-        )
+        zeros = {SESSION: self.origin_ns} | ({} if contact_ns is None else {SINCE_CONTACT: contact_ns})
+        return [rr.TimeColumn(name, duration=(time_ns - zero) * 1e-9) for name, zero in zeros.items()]
 
-    def send_curve(self, path: str, time_ns: IntArray, contact_ns: int | None, values: Array) -> None:
-        """Send a curve to the stream; nothing if it has no points.
+    def log_static(self, path: str, *components: rr.AsComponents) -> None:
+        """Log components of an entity that hold at all times of the replay.
+
+        Args:
+            path: the entity.
+            components: its components, such as a text or lines.
+        """
+        self.stream.log(path, *components, static=True)
+
+    def send_curve(
+        self,
+        path: str,
+        time_ns: IntArray,
+        contact_ns: int | None,
+        values: ArrayLike,
+        style: rr.SeriesLines | rr.SeriesPoints,
+    ) -> None:
+        """Send a curve and its style to the stream; only the style if it has no points.
 
         Args:
             path: entity of the curve.
             time_ns: (n,) log times [ns].
             contact_ns: log time of the strike's contact [ns]; None outside a strike.
             values: (n,) values.
+            style: colour, name and width of its line or points.
         """
+        self.log_static(path, style)
         if len(time_ns):
-            values = np.asarray(values, dtype=np.float64)
             self.stream.send_columns(
                 path,
                 indexes=self.time_columns(time_ns, contact_ns),
-                columns=rr.Scalars.columns(scalars=values),
+                columns=rr.Scalars.columns(scalars=np.asarray(values, dtype=np.float64)),
             )
 
     def name_states(self, path: str, states: dict[str, int]) -> None:
@@ -91,11 +106,8 @@ class Timelines:
             states: colour 0xRRGGBBAA by value; the label is the value with spaces for underscores.
         """
         names = [name.replace("_", " ") for name in states]
-        self.stream.log(
-            path,
-            rr.StateConfiguration(values=list(states), labels=names, colors=list(states.values())),
-            static=True,
-        )
+        colours = list(states.values())
+        self.log_static(path, rr.StateConfiguration(values=list(states), labels=names, colors=colours))
 
     def change_state(self, path: str, state: str | None, time_ns: int, contact_ns: int | None) -> None:
         """Log a change of state.

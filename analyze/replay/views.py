@@ -13,13 +13,11 @@ from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import angular_acceleration
 from analyze.result.document import result_document
 from analyze.types import (
-    PHASE_NAMES,
     Array,
     CentreOfMass,
     EquiPlane,
     IntArray,
     MotionFit,
-    Phases,
     TipAngle,
     TipMotion,
 )
@@ -125,11 +123,7 @@ def balance_moment(motion: TipMotion | None) -> float:
 
 
 def measured_curves(angle: TipAngle) -> MeasuredCurves:
-    """Measured angle, rate and acceleration of a strike; rate and acceleration are 0 for a single frame."""
-    if len(angle.time_ns) < 2:
-        return MeasuredCurves(
-            angle.time_ns, angle.theta, np.zeros_like(angle.theta), np.zeros_like(angle.theta)
-        )
+    """Measured angle, rate and acceleration of a strike of two or more frames."""
     time = (angle.time_ns - angle.time_ns[0]).astype(np.float64) * 1e-9
     _, alpha = angular_acceleration(angle, MotionSettings().smoothing_points)
     return MeasuredCurves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
@@ -193,12 +187,6 @@ def object_poses(
         along, over = flank.rolling_displacement(angle.theta)
         moved = moved + np.stack([along, np.zeros_like(along), over], axis=-1)
     return turn @ R_rest, turn @ (p_rest - pivot) + pivot + moved
-
-
-def phase_spans(phases: Phases) -> list[tuple[str, int, int]]:
-    """Phases of a strike that occurred, in order, as (name, first frame, frame after the last)."""
-    found = [(name, getattr(phases, name)) for name in PHASE_NAMES]
-    return [(name, window[0], window[1]) for name, window in found if window is not None]
 
 
 def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float = 1.12) -> Array:

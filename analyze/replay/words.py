@@ -85,7 +85,7 @@ def strike_text(motion: TipMotion) -> str:
             lines.append(
                 f"- `{fit.estimator}` ({used}): φ = {np.degrees(fit.phi):.3f}° ± {SIGMAS_95 * sd:.3f}°{k}"
             )
-    if motion.fit is not None and len(motion.fit.residual) and motion.energy_ratio is not None:
+    if motion.fit is not None and motion.energy_ratio is not None:
         rms = np.degrees(np.sqrt(np.mean(motion.fit.residual**2)))
         lines.append(
             f"- residual {rms:.3f}° rms; energy ratio E = {motion.energy_ratio:.2f} (energy given, over the "

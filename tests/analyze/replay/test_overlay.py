@@ -53,6 +53,13 @@ def test_wireframe_is_sharp_edges_or_the_outline_of_a_round_body(read):
     np.testing.assert_allclose(round_body[0][0], round_body[0][-1])
 
 
+def test_every_border_edge_of_an_open_mesh_is_sharp():
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    edges = overlay.sharp_edges(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    middles = {tuple(edge.mean(axis=0)) for edge in edges}
+    assert middles == {(0.5, 0, 0), (1, 0.5, 0), (0.5, 1, 0), (0, 0.5, 0)}
+
+
 def test_points_behind_the_camera_are_not_drawn():
     camera = CameraModel(
         640, 480, np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(5), np.eye(4)
