@@ -69,7 +69,7 @@ def estimate(
         The estimate with its uncertainties and verdict.
 
     Raises:
-        ValueError: no recording is given.
+        ValueError: no recording is given, or a loaded one together with `object_file`.
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is given twice.
         ShapeError: the object file or the object's shape cannot be used.
@@ -80,6 +80,8 @@ def estimate(
     """
     if not recordings:
         raise ValueError("no recording: give one or several, as in analyze.estimate('strikes.mcap')")
+    if object_file is not None and any(isinstance(each, Recording) for each in recordings):
+        raise ValueError("object_file is for recordings given as paths: give it to analyze.load instead")
     loaded = [
         each if isinstance(each, Recording) else load(each, object_file, progress) for each in recordings
     ]

@@ -313,10 +313,10 @@ class ObjectEstimate:
         Raises:
             ImportError: pandas is not installed.
         """
-        from analyze.report.report_tables import answer_rows
+        from analyze.report.report_tables import ANSWER_COLUMNS, answer_rows
 
-        columns = ("quantity", "value", "sd", "low95", "high95", "unit", "source", "observed")
-        return data_frame([dict(zip(columns, row, strict=True)) for row in answer_rows(self._answer.result)])
+        rows = answer_rows(self._answer.result)
+        return data_frame([dict(zip(ANSWER_COLUMNS, row, strict=True)) for row in rows])
 
     def __repr__(self) -> str:
         """Summary of several lines: mass, centre of mass, tensor, region and part masses, verdict.

@@ -11,7 +11,6 @@ import numpy as np
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.read_evidence import read_evidence, read_head
-from analyze.types import PHASE_NAMES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -46,10 +45,9 @@ class StrikeFit:
     time: Array
     """(m,) times of the fitted frames [s], from the strike's first frame"""
     theta: Array
-    """(m,) fitted tipping angle [rad]; the measured one for sign_change, which fits no curve; NaN if the fit
-    has no residuals"""
+    """(m,) fitted tipping angle [rad]; the measured one for sign_change, which fits no curve"""
     residual: Array
-    """(m,) measured minus fitted angle [rad]; 0 for sign_change; NaN if the fit has no residuals"""
+    """(m,) measured minus fitted angle [rad]; 0 for sign_change"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +119,8 @@ class Strike:
         phase = [""] * len(self.time)
         for name, span in self.phases.items():
             phase[span] = [name] * len(phase[span])
-        columns = zip(self.time.tolist(), self.theta.tolist(), self.theta_sd.tolist(), phase, strict=True)
         return data_frame(
-            [dict(zip(("time_s", "theta_rad", "theta_sd_rad", "phase"), row, strict=True)) for row in columns]
+            {"time_s": self.time, "theta_rad": self.theta, "theta_sd_rad": self.theta_sd, "phase": phase}
         )
 
 
@@ -257,7 +254,7 @@ def _strike(evidence: Evidence, motion: TipMotion) -> Strike:
     angle, phases = motion.angle, motion.phases
     empty = np.empty(0)
     time = empty if angle is None else (angle.time_ns - angle.time_ns[0]) * 1e-9
-    spans = {name: getattr(phases, name) for name in PHASE_NAMES} if phases is not None else {}
+    spans = {} if phases is None else phases.spans()
     return Strike(
         id=motion.strike_id,
         axis_id=evidence.planned(motion).axis_id,
@@ -266,7 +263,7 @@ def _strike(evidence: Evidence, motion: TipMotion) -> Strike:
         time=time,
         theta=empty if angle is None else angle.theta,
         theta_sd=empty if angle is None else angle.sd,
-        phases={name: slice(*span) for name, span in spans.items() if span is not None},
+        phases={name: slice(*span) for name, span in spans.items()},
         fit=None if motion.fit is None or angle is None else _fit(motion.fit, time, angle.theta),
         energy_ratio=motion.energy_ratio,
     )
@@ -275,7 +272,6 @@ def _strike(evidence: Evidence, motion: TipMotion) -> Strike:
 def _fit(fit: MotionFit, time: Array, theta: Array) -> StrikeFit:
     window = slice(*fit.window)
     sd = np.sqrt(np.diag(fit.covariance))
-    residual = fit.residual if len(fit.residual) else np.full(window.stop - window.start, np.nan)
     return StrikeFit(
         estimator=fit.estimator,
         phi=fit.phi,
@@ -284,6 +280,6 @@ def _fit(fit: MotionFit, time: Array, theta: Array) -> StrikeFit:
         k_sd=None if fit.k is None else float(sd[1]),
         covariance=fit.covariance,
         time=time[window],
-        theta=theta[window] - residual,
-        residual=residual,
+        theta=theta[window] - fit.residual,
+        residual=fit.residual,
     )

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def data_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """Rows as a pandas DataFrame, with the rows' keys as columns.
+def data_frame(table: Sequence[Mapping[str, Any]] | Mapping[str, Any]) -> pd.DataFrame:
+    """Table as a pandas DataFrame, from its rows by column name, or from its columns by name.
 
     Raises:
         ImportError: pandas is not installed.
@@ -21,7 +21,7 @@ def data_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
         import pandas as pd
     except ImportError:
         raise ImportError("to_dataframe needs pandas: `pip install pandas`, or use to_dict") from None
-    return pd.DataFrame([dict(row) for row in rows])
+    return pd.DataFrame(table)
 
 
 def html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:

@@ -12,18 +12,18 @@ import numpy as np
 
 from analyze.report.comparison_document import comparison_document
 from analyze.report.comparison_plots import angles_figure, forest_figure
-from analyze.report.csv_table import Cell, CsvTable
+from analyze.report.csv_table import Cell, CsvTable, table_of
 from analyze.report.page import figure_element, manifest_time, page_environment
 from analyze.report.summary import DEGREES, GRAM_CM2
 from schemas.document import canonical_json
 from schemas.output_file import write_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from analyze.result.comparison import SessionComparison
-    from schemas.comparison import Comparison, QuantityPrecision
+    from schemas.comparison import Comparison, QuantityPrecision, SessionAnswer
 
 
 @dataclass(frozen=True)
@@ -113,90 +113,52 @@ def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
     `results` holds the values of each session behind the precision.
     """
     document = comparison_document(compared)
-    sessions: list[Sequence[Cell]] = []
-    for session in document.sessions:
-        against, com = session.against_others, session.centre_of_mass
-        values, sd = np.array(com.value).tolist(), np.array(com.sd).tolist()
-        recording = session.recording
-        sessions.append(
-            (
-                *(
-                    recording.number,
-                    " ".join(recording.files),
-                    recording.recording_id,
-                    recording.created,
-                    session.setup,
-                ),
-                *(session.strikes, session.strikes_used, *values, *sd),
-                *(against.chi_squared, against.freedom, against.chance, against.apart_m, session.stands_out),
-            )
-        )
     return [
-        CsvTable(
-            "sessions",
-            [
-                *(
-                    "session",
-                    "files",
-                    "recording_id",
-                    "created",
-                    "setup",
-                    "strikes",
-                    "strikes_used",
-                    "c_x_m",
-                    "c_y_m",
-                    "c_z_m",
-                ),
-                *(
-                    "c_x_sd_m",
-                    "c_y_sd_m",
-                    "c_z_sd_m",
-                    "chi_squared",
-                    "freedom",
-                    "chance",
-                    "apart_m",
-                    "stands_out",
-                ),
-            ],
-            sessions,
-        ),
-        CsvTable(
-            "precision",
-            ["quantity", "kind", "unit", "grouped_by", "mean", "s_r", "freedom_r", "s_L", "s_R", "freedom_R"],
-            [
-                (
-                    each.name,
-                    each.kind,
-                    each.unit,
-                    each.grouped_by,
-                    each.mean,
-                    each.s_r,
-                    each.freedom_r,
-                    each.s_L,
-                    each.s_R,
-                    each.freedom_R,
-                )
-                for each in document.precision
-            ],
-        ),
-        CsvTable(
-            "results",
-            ["quantity", "kind", "unit", "session", "result", "low95", "high95", "mandel_h"],
-            [row for each in document.precision for row in _results(each)],
-        ),
+        table_of("sessions", [_session_record(session) for session in document.sessions]),
+        table_of("precision", [_precision_record(each) for each in document.precision]),
+        table_of("results", [record for each in document.precision for record in _result_records(each)]),
     ]
 
 
-def _results(quantity: QuantityPrecision) -> list[Sequence[Cell]]:
-    rows: list[Sequence[Cell]] = []
+def _session_record(session: SessionAnswer) -> dict[str, Cell]:
+    recording, com = session.recording, session.centre_of_mass
+    values, sd = np.array(com.value).tolist(), np.array(com.sd).tolist()
+    return {
+        "session": recording.number,
+        "files": " ".join(recording.files),
+        "recording_id": recording.recording_id,
+        "created": recording.created,
+        "setup": session.setup,
+        "strikes": session.strikes,
+        "strikes_used": session.strikes_used,
+        **{f"c_{axis}_m": value for axis, value in zip("xyz", values, strict=True)},
+        **{f"c_{axis}_sd_m": value for axis, value in zip("xyz", sd, strict=True)},
+        **session.against_others.model_dump(),
+        "stands_out": session.stands_out,
+    }
+
+
+def _precision_record(quantity: QuantityPrecision) -> dict[str, Cell]:
+    return {
+        "quantity": quantity.name,
+        **quantity.model_dump(exclude={"name", "sessions", "together", "mandel_h"}),
+    }
+
+
+def _result_records(quantity: QuantityPrecision) -> Iterator[dict[str, Cell]]:
     for i, row in enumerate(quantity.sessions):
         low, high = row.interval95 or (None, None)
-        h = None if quantity.mandel_h is None else quantity.mandel_h[i]
-        rows += [
-            (quantity.name, quantity.kind, quantity.unit, row.session, result, low, high, h)
-            for result in row.results
-        ]
-    return rows
+        for result in row.results:
+            yield {
+                "quantity": quantity.name,
+                "kind": quantity.kind,
+                "unit": quantity.unit,
+                "session": row.session,
+                "result": result,
+                "low95": low,
+                "high95": high,
+                "mandel_h": None if quantity.mandel_h is None else quantity.mandel_h[i],
+            }
 
 
 def _distance(parts: Sequence[float | None]) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,16 @@ class CsvTable:
     """Headings of the columns, most with their unit."""
     rows: Sequence[Sequence[Cell]]
     """Cells of each row; None for a missing value."""
+
+
+def table_of(name: str, records: Sequence[Mapping[str, Cell]]) -> CsvTable:
+    """CSV table of one or more records, all with the keys of the first, which become the headings.
+
+    Args:
+        name: file name without .csv.
+        records: cells of each row by heading, in the order of the columns.
+    """
+    return CsvTable(name, list(records[0]), [list(record.values()) for record in records])
 
 
 def csv_text(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:

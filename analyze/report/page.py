@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -15,8 +15,6 @@ from analyze.report.summary import DEGREES, GRAM_CM2, open_interval, with_interv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from schemas.quantity import Quantity
 
 
 @cache
@@ -29,10 +27,10 @@ def page_environment() -> Environment:
         loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.filters.update(
-        deg=_degrees,
-        inertia=_inertia,
-        rate=_rate,
-        grams=_grams,
+        deg=partial(with_interval, factor=DEGREES, digits=3),
+        inertia=partial(with_interval, factor=GRAM_CM2, digits=0),
+        rate=partial(with_interval, factor=1.0, digits=1),
+        grams=partial(with_interval, factor=1e3, digits=1),
         millimetres=_millimetres,
         number=number,
         signed=signed,
@@ -81,22 +79,6 @@ def manifest_time(created: str) -> str:
     except ValueError:
         return created
     return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment.tzinfo is not None else created
-
-
-def _degrees(quantity: Quantity | None) -> str:
-    return with_interval(quantity, DEGREES, 3)
-
-
-def _inertia(quantity: Quantity | None) -> str:
-    return with_interval(quantity, GRAM_CM2, 0)
-
-
-def _rate(quantity: Quantity | None) -> str:
-    return with_interval(quantity, 1.0, 1)
-
-
-def _grams(quantity: Quantity | None) -> str:
-    return with_interval(quantity, 1e3, 1)
 
 
 def _millimetres(value: float | None) -> str:

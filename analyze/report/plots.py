@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from analyze.estimation.equiplane import balance_direction
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
-from analyze.types import PHASE_NAMES, Array, EquiPlane, TipMotion
+from analyze.types import Array, EquiPlane, TipMotion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,9 +42,8 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
     if motion.angle is None:
         raise ValueError(f"strike {motion.strike_id} has no angle to plot")
     angle, fit = motion.angle, motion.fit
-    time: Array = (angle.time_ns - (angle.time_ns[0] if fit is None else fit.time0_ns)).astype(
-        np.float64
-    ) * 1e-9
+    zero = angle.time_ns[0] if fit is None else fit.time0_ns
+    time: Array = (angle.time_ns - zero).astype(np.float64) * 1e-9
     with style():
         figure = Figure(figsize=(4.6, 3.3), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
@@ -53,30 +52,14 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
         upper.plot(time, np.degrees(angle.theta), ".", color=MUTED, ms=3, label="measured")
         if fit is not None:
             start, stop = fit.window
-            inside = slice(start, stop)
-            upper.plot(
-                time[inside],
-                np.degrees(angle.theta[inside] - fit.residual),
-                color=BLUE,
-                lw=1.6,
-                label="fitted",
-            )
-            upper.axhline(np.degrees(fit.phi), color=RED, lw=0.9, ls=(0, (4, 3)))
-            upper.annotate(
-                f"φ = {np.degrees(fit.phi):.2f}°",
-                (0.015, np.degrees(fit.phi)),
-                xycoords=("axes fraction", "data"),
-                color=RED,
-                va="bottom",
-            )
-            lower.fill_between(
-                time[inside],
-                -2 * np.degrees(angle.sd[inside]),
-                2 * np.degrees(angle.sd[inside]),
-                color=BLUE,
-                alpha=0.12,
-                lw=0,
-            )
+            inside, phi = slice(start, stop), np.degrees(fit.phi)
+            fitted = np.degrees(angle.theta[inside] - fit.residual)
+            upper.plot(time[inside], fitted, color=BLUE, lw=1.6, label="fitted")
+            upper.axhline(phi, color=RED, lw=0.9, ls=(0, (4, 3)))
+            place = {"xy": (0.015, phi), "xycoords": ("axes fraction", "data")}
+            upper.annotate(f"φ = {phi:.2f}°", **place, color=RED, va="bottom")
+            band = 2 * np.degrees(angle.sd[inside])
+            lower.fill_between(time[inside], -band, band, color=BLUE, alpha=0.12, lw=0)
             lower.plot(time[inside], np.degrees(fit.residual), ".", color=BLUE, ms=3)
             lower.set_xlim(time[max(0, start - 30)], time[min(len(time) - 1, stop + 30)])
         upper.margins(y=0.12)
@@ -94,11 +77,10 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
 def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
     if motion.phases is None:
         return
-    for name in PHASE_NAMES:
-        span = getattr(motion.phases, name)
-        if span is not None and span[1] > span[0]:
-            end = min(span[1], len(time) - 1)
-            axes.axvspan(float(time[span[0]]), float(time[end]), color=PHASES[name], lw=0, zorder=0)
+    for name, (start, stop) in motion.phases.spans().items():
+        if stop > start:
+            end = min(stop, len(time) - 1)
+            axes.axvspan(float(time[start]), float(time[end]), color=PHASES[name], lw=0, zorder=0)
 
 
 def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
@@ -118,11 +100,8 @@ def projection_figures(estimate: Estimate, com_true: Array | None = None) -> lis
     # The close-up shows the ellipse, the ground truth, and the planes that pass nearby.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
-    reach = float(
-        np.clip(
-            max(widest, off, 1.3 * float(np.abs(estimate.com.residuals).max()), 5e-4), 0.0, 0.5 * extent.max()
-        )
-    )
+    near = 1.3 * float(np.abs(estimate.com.residuals).max())
+    reach = min(max(widest, off, near, 5e-4), 0.5 * float(extent.max()))
     return [_projection(estimate, com_true, reach, view, name) for *view, name in VIEWS]
 
 
@@ -211,21 +190,12 @@ def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) ->
     values, vectors = np.linalg.eigh(covariance[np.ix_(rows, rows)])
     width, height = 2 * SIGMAS_95_2D * 1e3 * np.sqrt(values)
     turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-    axes.add_patch(
-        Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor=INK, alpha=0.18, lw=0, zorder=4)
+    fill, line = (
+        {"facecolor": INK, "alpha": 0.18, "lw": 0},
+        {"facecolor": "none", "edgecolor": INK, "lw": 0.9},
     )
-    axes.add_patch(
-        Ellipse(
-            tuple(1e3 * com[rows]),
-            width,
-            height,
-            angle=turn,
-            facecolor="none",
-            edgecolor=INK,
-            lw=0.9,
-            zorder=5,
-        )
-    )
+    for zorder, look in ((4, fill), (5, line)):
+        axes.add_patch(Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, zorder=zorder, **look))
     axes.plot(*(1e3 * com[rows]), "+", color=INK, ms=8, mew=1.6, zorder=6)
 
 
@@ -243,16 +213,8 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
         figure = Figure(figsize=(4.6, 3.3), layout="constrained")
         axes = figure.subplots()
         axes.barh(place, masses, height=0.5, color=BLUE, alpha=0.85)
-        axes.errorbar(
-            masses,
-            place,
-            xerr=np.maximum([masses - low, high - masses], 0.0),
-            fmt="none",
-            ecolor=INK,
-            elinewidth=1.2,
-            capsize=3,
-            zorder=4,
-        )
+        spread = np.maximum([masses - low, high - masses], 0.0)
+        axes.errorbar(masses, place, xerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=3, zorder=4)
         marks = {"shell": "s", "uniform": "o", "shell_and_uniform": "^"}
         for name, naive in sorted(distribution.baselines.items()):
             label = f"naive: {name.replace('_', ' ')}"
@@ -260,20 +222,13 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
                 1e3 * naive, place + 0.36, marks.get(name, "v"), color=MUTED, mfc="white", ms=5, label=label
             )
         if estimate.paper.regions is not None:
-            axes.plot(
-                1e3 * estimate.paper.regions.masses,
-                place + 0.36,
-                "D",
-                color=ORANGE,
-                ms=5,
-                label="paper's method",
-            )
+            paper = 1e3 * estimate.paper.regions.masses
+            axes.plot(paper, place + 0.36, "D", color=ORANGE, ms=5, label="paper's method")
         if truth is not None:
             values = [1e3 * truth[name] for name in distribution.names]
             axes.plot(values, place, "|", color=RED, ms=24, mew=2.4, zorder=5)
-            axes.plot(
-                [], [], "|", color=RED, ms=9, mew=2.4, label="ground truth"
-            )  # in the legend no taller than a line
+            # In the legend no taller than a line.
+            axes.plot([], [], "|", color=RED, ms=9, mew=2.4, label="ground truth")
         axes.set_yticks(place, distribution.names)
         axes.set_ylim(len(masses) - 0.45, -0.5)
         axes.set_xlim(left=0)
@@ -303,14 +258,8 @@ def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
             value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate"
         )
         if truth is not None:
-            axes.plot(
-                1e7 * np.array([truth[axis.axis_id] for axis in axes_of]),
-                place,
-                "|",
-                color=RED,
-                ms=14,
-                mew=2.2,
-            )
+            true = 1e7 * np.array([truth[axis.axis_id] for axis in axes_of])
+            axes.plot(true, place, "|", color=RED, ms=14, mew=2.2)
             axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="ground truth")
         axes.set_yticks(place, [axis.axis_id for axis in axes_of])
         axes.set_ylim(len(axes_of) - 0.5, -0.5)

@@ -258,20 +258,16 @@ def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:
 
 def _strike_plots(answer: Answer) -> list[tuple[StrikeResult, Markup]]:
     by_id = {strike.id: strike for strike in answer.result.strikes}
-    plots: list[tuple[StrikeResult, Markup]] = []
-    for motion in answer.estimate.evidence.motions:
-        if motion.angle is None:
-            continue
-        strike = by_id[motion.strike_id]
-        plots.append(
-            (
-                strike,
-                figure_element(
-                    strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}")
-                ),
-            )
+    shown = [
+        (by_id[each.strike_id], each) for each in answer.estimate.evidence.motions if each.angle is not None
+    ]
+    return [
+        (
+            strike,
+            figure_element(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}")),
         )
-    return plots
+        for strike, motion in shown
+    ]
 
 
 def _com_rows(com: Quantity, truth: ShownTruth | None) -> list[dict[str, str]]:

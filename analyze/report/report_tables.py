@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.report.csv_table import Cell, CsvTable
+from analyze.report.csv_table import Cell, CsvTable, table_of
 from analyze.report.sensitivity_plot import source_rows
-from analyze.types import PHASE_NAMES
 from schemas.quantity import Quantity
 from schemas.result import Result
 
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from analyze.types import TipMotion
 
 
+ANSWER_COLUMNS = ("quantity", "value", "sd", "low95", "high95", "unit", "source", "observed")
+"""columns of the rows that `answer_rows` yields"""
+
+
 def report_tables(answer: Answer) -> list[CsvTable]:
     """CSV tables of one estimate, in SI units.
 
@@ -28,10 +32,9 @@ def report_tables(answer: Answer) -> list[CsvTable]:
         result has any.
     """
     estimate, result = answer.estimate, answer.result
-    columns = ["quantity", "value", "sd", "low95", "high95", "unit", "source", "observed"]
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
     tables = [
-        CsvTable("answer", columns, list(answer_rows(result))),
+        CsvTable("answer", ANSWER_COLUMNS, list(answer_rows(result))),
         _strikes(answer),
         CsvTable(
             "error_sources",
@@ -43,28 +46,17 @@ def report_tables(answer: Answer) -> list[CsvTable]:
         CsvTable("warnings", ["code", "text"], [(each.code.value, each.text) for each in result.warnings]),
     ]
     if result.regions is not None:
-        naive = sorted(result.regions.baselines)
-        tables.append(
-            CsvTable(
-                "regions",
-                [
-                    "region",
-                    "mass_kg",
-                    "sd_kg",
-                    "low95_kg",
-                    "high95_kg",
-                    *(f"naive_{name}_kg" for name in naive),
-                ],
-                [
-                    (
-                        region.name,
-                        *_scalar(region.mass),
-                        *(result.regions.baselines[name][i] for name in naive),
-                    )
-                    for i, region in enumerate(result.regions.regions)
-                ],
-            )
-        )
+        naive = sorted(result.regions.baselines.items())
+        columns = ("mass_kg", "sd_kg", "low95_kg", "high95_kg")
+        regions = [
+            {
+                "region": region.name,
+                **dict(zip(columns, _scalar(region.mass), strict=True)),
+                **{f"naive_{name}_kg": masses[i] for name, masses in naive},
+            }
+            for i, region in enumerate(result.regions.regions)
+        ]
+        tables.append(table_of("regions", regions))
     return tables
 
 
@@ -73,30 +65,21 @@ def _recordings(estimate: Estimate) -> CsvTable:
 
     An imported recording has the frame rate that its file states, or that a calibration drop measured.
     """
-    rows: list[Sequence[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for number, head in enumerate(estimate.evidence.recordings, 1):
         manifest, camera = head.manifest, head.manifest.cameras[0]
-        times = manifest.time_source.value, 1e-9 * manifest.time_source_sd_ns
         rows.append(
-            (
-                number,
-                manifest.recording_id,
-                manifest.created,
-                camera.frame_rate_hz,
-                camera.frame_rate_sd_hz,
-                *times,
-            )
+            {
+                "recording": number,
+                "recording_id": manifest.recording_id,
+                "created": manifest.created,
+                "frame_rate_hz": camera.frame_rate_hz,
+                "frame_rate_sd_hz": camera.frame_rate_sd_hz,
+                "time_source": manifest.time_source.value,
+                "time_sd_s": 1e-9 * manifest.time_source_sd_ns,
+            }
         )
-    columns = [
-        "recording",
-        "recording_id",
-        "created",
-        "frame_rate_hz",
-        "frame_rate_sd_hz",
-        "time_source",
-        "time_sd_s",
-    ]
-    return CsvTable("recordings", columns, rows)
+    return table_of("recordings", rows)
 
 
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
@@ -112,22 +95,12 @@ def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
         yield _row(f"i_edge {moment.axis_id}", moment.i_edge)
     measured = result.inertia_measured or [[result.inertia.observed] * 3] * 3
     values, sd, ends = np.array(result.inertia.value).ravel(), result.inertia.sd, result.inertia.interval95
-    for i in range(3):
-        for j in range(i, 3):
-            n = 3 * i + j
-            source = "measured" if measured[i][j] else "prior"
-            low, high = np.array(ends[n]).tolist() if isinstance(ends, list) else (None, None)
-            spread = sd[n] if isinstance(sd, list) else None
-            yield (
-                f"inertia_{'xyz'[i]}{'xyz'[j]}",
-                float(values[n]),
-                spread,
-                low,
-                high,
-                "kg m^2",
-                source,
-                measured[i][j],
-            )
+    for i, j in combinations_with_replacement(range(3), 2):
+        n, name = 3 * i + j, f"inertia_{'xyz'[i]}{'xyz'[j]}"
+        source = "measured" if measured[i][j] else "prior"
+        low, high = np.array(ends[n]).tolist() if isinstance(ends, list) else (None, None)
+        spread = sd[n] if isinstance(sd, list) else None
+        yield name, float(values[n]), spread, low, high, "kg m^2", source, measured[i][j]
     for region in result.regions.regions if result.regions is not None else []:
         yield _row(f"mass {region.name}", region.mass)
     for part in result.parts.parts if result.parts is not None else []:
@@ -160,68 +133,38 @@ def _scalar(quantity: Quantity | None) -> tuple[Cell, Cell, Cell, Cell]:
     return quantity.value, None if isinstance(sd, list) else sd, low, high
 
 
+def _value_and_sd(name: str, unit: str, quantity: Quantity | None) -> dict[str, Cell]:
+    value, sd, _, _ = _scalar(quantity)
+    return {f"{name}_{unit}": value, f"{name}_sd_{unit}": sd}
+
+
 def _strikes(answer: Answer) -> CsvTable:
     influences = {each.strike_id: each.by_phi.tolist() for each in answer.estimate.sensitivity.strikes}
-    rows: list[Sequence[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for strike in answer.result.strikes:
-        phi, k, i_edge, prediction = strike.phi, strike.k, strike.i_edge, strike.prediction
+        com_by_phi = influences.get(strike.id, (None, None, None))
         rows.append(
-            (
-                *(
-                    strike.id,
-                    strike.axis_id,
-                    strike.plane_id,
-                    strike.heading_rad,
-                    strike.verdict.value,
-                    strike.reason,
-                    strike.used,
-                ),
-                *(
-                    strike.information_share,
-                    strike.estimator,
-                    *_scalar(phi)[:2],
-                    *_scalar(k)[:2],
-                    *_scalar(i_edge)[:2],
-                    strike.energy_ratio,
-                ),
-                *(
-                    strike.residual_rms_rad,
-                    strike.equiplane_residual_m,
-                    None if prediction is None else prediction.consistent,
-                ),
-                *influences.get(strike.id, (None, None, None)),
-            )
+            {
+                "strike": strike.id,
+                "axis": strike.axis_id,
+                "plane": strike.plane_id,
+                "heading_rad": strike.heading_rad,
+                "verdict": strike.verdict.value,
+                "reason": strike.reason,
+                "used": strike.used,
+                "information_share": strike.information_share,
+                "estimator": strike.estimator,
+                **_value_and_sd("phi", "rad", strike.phi),
+                **_value_and_sd("k", "rad_s2", strike.k),
+                **_value_and_sd("i_edge", "kg_m2", strike.i_edge),
+                "energy_ratio": strike.energy_ratio,
+                "residual_rms_rad": strike.residual_rms_rad,
+                "plane_residual_m": strike.equiplane_residual_m,
+                "consistent": None if strike.prediction is None else strike.prediction.consistent,
+                **{f"com_{axis}_by_phi_m_rad": by for axis, by in zip("xyz", com_by_phi, strict=True)},
+            }
         )
-    return CsvTable(
-        "strikes",
-        [
-            *(
-                "strike",
-                "axis",
-                "plane",
-                "heading_rad",
-                "verdict",
-                "reason",
-                "used",
-                "information_share",
-                "estimator",
-                "phi_rad",
-                "phi_sd_rad",
-            ),
-            *(
-                "k_rad_s2",
-                "k_sd_rad_s2",
-                "i_edge_kg_m2",
-                "i_edge_sd_kg_m2",
-                "energy_ratio",
-                "residual_rms_rad",
-                "plane_residual_m",
-                "consistent",
-            ),
-            *(f"com_{axis}_by_phi_m_rad" for axis in "xyz"),
-        ],
-        rows,
-    )
+    return table_of("strikes", rows)
 
 
 def _motions(motions: Sequence[TipMotion]) -> CsvTable:
@@ -229,7 +172,7 @@ def _motions(motions: Sequence[TipMotion]) -> CsvTable:
 
     Time 0 is the start of the fit, or the first frame if there is no fit.
     """
-    rows: list[Sequence[Cell]] = []
+    rows: list[dict[str, Cell]] = []
     for motion in motions:
         angle, fit = motion.angle, motion.fit
         if angle is None:
@@ -237,33 +180,25 @@ def _motions(motions: Sequence[TipMotion]) -> CsvTable:
         zero = int(angle.time_ns[0]) if fit is None else fit.time0_ns
         start, stop = (0, 0) if fit is None else fit.window
         for i, moment in enumerate(angle.time_ns.tolist()):
-            theta, inside = float(angle.theta[i]), start <= i < stop
-            residual = (
-                float(fit.residual[i - start]) if fit is not None and inside and len(fit.residual) else None
-            )
-            fitted = None if residual is None else theta - residual
-            time_s = round((moment - zero) * 1e-9, 9)
+            theta = float(angle.theta[i])
+            residual = float(fit.residual[i - start]) if fit is not None and start <= i < stop else None
             rows.append(
-                (
-                    motion.strike_id,
-                    moment,
-                    time_s,
-                    _phase(motion, i),
-                    theta,
-                    float(angle.sd[i]),
-                    fitted,
-                    residual,
-                )
+                {
+                    "strike": motion.strike_id,
+                    "log_time_ns": moment,
+                    "time_s": round((moment - zero) * 1e-9, 9),
+                    "phase": _phase(motion, i),
+                    "theta_rad": theta,
+                    "sd_rad": float(angle.sd[i]),
+                    "fitted_rad": None if residual is None else theta - residual,
+                    "residual_rad": residual,
+                }
             )
-    return CsvTable(
-        "motions",
-        ["strike", "log_time_ns", "time_s", "phase", "theta_rad", "sd_rad", "fitted_rad", "residual_rad"],
-        rows,
-    )
+    return table_of("motions", rows)
 
 
 def _phase(motion: TipMotion, frame: int) -> str:
     if motion.phases is None:
         return ""
-    spans = ((name, getattr(motion.phases, name)) for name in PHASE_NAMES)
-    return next((name for name, span in spans if span is not None and span[0] <= frame < span[1]), "")
+    spans = motion.phases.spans().items()
+    return next((name for name, (start, stop) in spans if start <= frame < stop), "")

@@ -87,6 +87,11 @@ def test_estimate_prints_within_a_screen_and_as_html_tables(recording, found):
     assert "<table>" in recording._repr_html_()
 
 
+def test_object_file_for_a_loaded_recording_is_refused(recording):
+    with pytest.raises(ValueError, match=r"give it to analyze\.load"):
+        analyze.estimate(recording, object_file="object.toml")
+
+
 def test_dataframes(recording, found):
     strikes = recording.to_dataframe()
     assert list(strikes["id"]) == list(recording.strike_ids)
