@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from acquire.recorder.writer import McapWriter
 from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT
+from tests.mcap_writer import McapWriter
 
 KINDS = {
     "empty": "empty",

@@ -20,7 +20,6 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from acquire.recorder.recover.edit import append_topics
-from acquire.recorder.writer import McapWriter
 from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from analyze.types import ImageFrame
@@ -28,6 +27,7 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
 from schemas.strike_result import Verdict
+from tests.mcap_writer import McapWriter
 
 BEFORE_NS, AFTER_NS = 120_000_000, 620_000_000
 MARGIN_PX = 14

@@ -20,7 +20,6 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from acquire.recorder.image import png_message
-from acquire.recorder.writer import McapWriter
 from acquire.virtual.station import Station, station
 from analyze.replay.views import object_poses
 from analyze.types import TipAngle
@@ -32,6 +31,7 @@ from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, CameraCalib
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from tests.analyze.estimation.bodies import SIX_AXES, Body, box_body, planned_strike, tip
 from tests.analyze.simulated_session import manifest, object_spec, tipping
+from tests.mcap_writer import McapWriter
 
 WIDTH, HEIGHT = 656, 492
 ANCHOR_NS = 1_780_000_000_000_000_000

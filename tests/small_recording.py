@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from acquire.recorder.image import RawImageEncoder, png_message
-from acquire.recorder.writer import McapWriter, Seal
+from acquire.recorder.writer import Seal
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
@@ -23,6 +23,7 @@ from schemas.session_manifest import (
     SessionManifest,
     TimeSource,
 )
+from tests.mcap_writer import McapWriter
 
 WIDTH, HEIGHT = 96, 64
 ANCHOR_NS = 1_700_000_000_000_000_000

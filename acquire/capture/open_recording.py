@@ -17,6 +17,7 @@ from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.messages import SmallMessage
 from acquire.recorder.writer import McapWriter
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME, SessionManifest
@@ -133,7 +134,7 @@ class OpenRecording:
             raise RecorderError(f"{self.path}: topic {name!r} is not one of a recording's small topics")
         sequence = self._sequences[name]
         self._sequences[name] = sequence + 1
-        self.files.write(self.files.add_topic(topic), log_time_ns, data, sequence=sequence)
+        self.files.write_small(self.files.add_topic(topic), [SmallMessage(log_time_ns, data, sequence)])
 
     def finish(self) -> dict[str, Any]:
         """Write the waiting frames and finish the last file.

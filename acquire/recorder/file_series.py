@@ -22,7 +22,6 @@ from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.messages import BorrowedImage, ImageMessage, SmallMessage
 from acquire.recorder.writer import PART_SUFFIX, Channel, McapWriter, Seal
-from schemas.mcap.records import Buffer
 from schemas.topics import Topic
 
 
@@ -113,11 +112,6 @@ class FileSeries:
         return self._writer.path
 
     @property
-    def parts(self) -> int:
-        """Number of the newest file of the series, counted from 1."""
-        return self._part
-
-    @property
     def size(self) -> int:
         """Number of bytes written so far, to all files that this object opened and wrote."""
         return self._written + self._writer.size
@@ -138,16 +132,6 @@ class FileSeries:
         with self._lock:
             self._topics.setdefault(topic.name, topic)
             return self._writer.add_topic(topic)
-
-    def write(self, channel: Channel, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:
-        """Write one message of a small topic (any topic but the images) to the current file.
-
-        Raises:
-            RecorderError: the disk is full or failing, the recording is finished, or the time is not
-                positive.
-        """
-        with self._lock:
-            self._writer.write(channel, log_time_ns, data, sequence)
 
     def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
         """Write messages of a small topic (any topic but the images) to the current file.

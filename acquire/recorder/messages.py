@@ -21,8 +21,6 @@ class ImageMessage(NamedTuple):
     """serialised message, in consecutive pieces"""
     sequence: int = 0
     """number of the image in its stream"""
-    publish_time_ns: int | None = None
-    """publication time [ns]; equal to the log time if None"""
 
 
 class BorrowedImage(NamedTuple):
@@ -49,5 +47,3 @@ class SmallMessage(NamedTuple):
     """serialised message"""
     sequence: int = 0
     """number of the message in its topic"""
-    publish_time_ns: int | None = None
-    """publication time [ns]; equal to the log time if None"""

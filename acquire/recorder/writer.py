@@ -182,38 +182,6 @@ class McapWriter:
             self._channels[topic.name] = Channel(number, topic)
             return self._channels[topic.name]
 
-    def write(
-        self,
-        channel: Channel,
-        log_time_ns: int,
-        data: Buffer | Sequence[Buffer],
-        sequence: int = 0,
-        publish_time_ns: int | None = None,
-    ) -> None:
-        """Write one message, given whole or in parts; its buffer may be reused on return.
-
-        A message of an image topic is written as by `write_images`, any other as by `write_small`.
-
-        Args:
-            channel: handle from `add_topic`.
-            log_time_ns: log time [ns].
-            data: serialised message, or its consecutive pieces.
-            sequence: number of the message in its topic.
-            publish_time_ns: publication time [ns]; None: the log time.
-
-        Raises:
-            DiskBehind: there is no memory for an image now; only if `never_waits`.
-            RecorderError: the disk is full or failing, the recording is finished, or the time is 0 (1970: a
-                clock that was never set).
-        """
-        parts: Sequence[Buffer] = (
-            (memoryview(data),) if isinstance(data, bytes | bytearray | memoryview) else data
-        )
-        if channel.topic.image:
-            self.write_images(channel, [ImageMessage(log_time_ns, parts, sequence, publish_time_ns)])
-            return
-        self.write_small(channel, [SmallMessage(log_time_ns, b"".join(parts), sequence, publish_time_ns)])
-
     def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
         """Write messages of a small topic (any topic but the images).
 
@@ -231,9 +199,8 @@ class McapWriter:
             self._open()
             if self._full is not None and len(self._pending.data) > MOST_SMALL_BYTES:
                 raise self._full
-            for time_ns, data, sequence, publish_time_ns in messages:
-                publish = time_ns if publish_time_ns is None else publish_time_ns
-                self._pending.add(channel.id, sequence, time_ns, publish, data)
+            for time_ns, data, sequence in messages:
+                self._pending.add(channel.id, sequence, time_ns, time_ns, data)
             hashed = [(message.log_time_ns, len(message.data), message.data, None) for message in messages]
             self._hash.add_all(channel.topic.name, hashed)
             if len(self._pending.data) >= SMALL_CHUNK_BYTES:
@@ -256,12 +223,10 @@ class McapWriter:
         # The checksums release the GIL and are taken outside the lock, so that small topics never wait for
         # them.
         for message in messages:
-            time_ns, publish = message.log_time_ns, message.publish_time_ns
+            time_ns = message.log_time_ns
             self._refuse_unset_time(channel, time_ns)
             size = sum(map(len, message.parts))
-            head = container.message_head(
-                channel.id, message.sequence, time_ns, time_ns if publish is None else publish, size
-            )
+            head = container.message_head(channel.id, message.sequence, time_ns, time_ns, size)
             sums = checksums(crc, head, message.parts)
             crc = sums.chunk
             places.append((time_ns, at))
@@ -364,16 +329,6 @@ class McapWriter:
         if not closed:
             self._join()
             self._file.abort()
-
-    def __enter__(self) -> McapWriter:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish the recording if it is still open; after an exception abort it: the `.part` file stays."""
-        if kind is not None:
-            self.abort()
-        elif not self._closed:
-            self.finish()
 
     def _refuse_unset_time(self, channel: Channel, log_time_ns: int) -> None:
         if log_time_ns <= 0:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from acquire.recorder.recover.edit import append_topics
-from acquire.recorder.writer import McapWriter
 from analyze.reading.indexed_file import open_finished
 from analyze.reading.indexed_series import IndexedSeries
 from analyze.reading.recording import open_recording
@@ -14,6 +13,7 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
 from schemas.topics import TRUTH_PREFIX, Topic
+from tests.mcap_writer import McapWriter
 
 KNOWN = [
     topics.camera_calibration("main"),

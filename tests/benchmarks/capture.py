@@ -50,8 +50,9 @@ from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import ImageMessage
 from acquire.recorder.paged.copied_queue import BATCH_BYTES
-from acquire.recorder.writer import SYNC_BYTES, McapWriter
+from acquire.recorder.writer import SYNC_BYTES
 from schemas import topics
+from tests.mcap_writer import McapWriter
 
 WIDTH, HEIGHT, RATE_HZ = 656, 492, 365
 FORMAT = FrameFormat("main", WIDTH, HEIGHT, RATE_HZ)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.writer import McapWriter
 from analyze.reading.recording import Recording, open_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import MANIFEST_NAME
+from tests.mcap_writer import McapWriter
 from tests.places import FIRST_SAMPLE
 
 STRIKES, SECONDS = 10, 600

@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from acquire.cli import main as acquire
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.writer import McapWriter
 from analyze.cli import main as analyze
 from schemas import topics
 from schemas.document import canonical_json, sha256_text
@@ -24,6 +23,7 @@ from tests import small_recording
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, simulate
 from tests.analyze.tracking.rendering import render
 from tests.carton import CARTON
+from tests.mcap_writer import McapWriter
 from tests.places import OBJECTS
 from tests.system.complaints import complaint, names_in, spec_and_plan, write
 

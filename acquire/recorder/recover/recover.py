@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import struct
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -68,21 +68,9 @@ class RecoverReport:
 
     def as_dict(self) -> dict[str, Any]:
         """Report as a JSON object: all fields and the two properties, paths as text."""
-        return {
-            "source": str(self.source),
-            "path": str(self.path),
-            "messages": self.messages,
-            "topics": self.topics,
-            "attachments": self.attachments,
-            "damaged_records": self.damaged_records,
-            "skipped_bytes": self.skipped_bytes,
-            "anything_damaged": self.anything_damaged,
-            "ended_properly": self.ended_properly,
-            "lasts_s": self.lasts_s,
-            "has_manifest": self.has_manifest,
-            "content_id": self.content_id,
-            "anything_lost": self.anything_lost,
-        }
+        texts = {"source": str(self.source), "path": str(self.path)}
+        losses = {"anything_damaged": self.anything_damaged, "anything_lost": self.anything_lost}
+        return asdict(self) | texts | losses
 
     def text(self) -> str:
         """Report in one to four lines for the terminal."""

@@ -23,6 +23,7 @@ from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.frame_recorder import FrameRecorder
+from acquire.recorder.messages import SmallMessage
 from acquire.recorder.writer import McapWriter
 from schemas import topics
 from tests.acquire.recorder.direct.counting_buffer import CountingBuffer, frame_in
@@ -95,20 +96,24 @@ def _read(path: Path) -> dict[str, list[int]]:
     return found
 
 
+def _part(series: FileSeries) -> int:
+    return int(series.path.stem.rpartition("-")[2])
+
+
 def test_no_message_is_lost_between_files_and_each_is_whole(tmp_path: Path, series: FileSeries) -> None:
     recorder = _continuous(series)
     striker = series.add_topic(topics.STRIKER_SAMPLE)
     for start in range(1, 201, 20):
         _feed(recorder, range(start, start + 20))
         for number in range(start, start + 20):
-            series.write(striker, ANCHOR_NS + number * PERIOD_NS, b"\x18\x01", number)
+            series.write_small(striker, [SmallMessage(ANCHOR_NS + number * PERIOD_NS, b"\x18\x01", number)])
         _settle(recorder, series)
     recorder.close()
     series.finish()
     files = sorted(tmp_path.iterdir())
     names = [path.name for path in files]
-    assert names == sorted(["a.mcap", *(f"a-{part:04d}.mcap" for part in range(2, series.parts + 1))])
-    assert series.parts >= 4
+    assert names == sorted(["a.mcap", *(f"a-{part:04d}.mcap" for part in range(2, _part(series) + 1))])
+    assert _part(series) >= 4
     ordered = [tmp_path / "a.mcap", *(path for path in files if path.name != "a.mcap")]
     contents = [_read(path) for path in ordered]
     for topic in ("/camera/main/image", "/camera/main/meta", "/striker/sample"):
@@ -148,7 +153,7 @@ def test_a_ring_keeps_the_newest_files(tmp_path: Path, memory: BlockMemory | Non
     recorder.close()
     series.finish()
     names = sorted(path.name for path in tmp_path.iterdir())
-    assert names == [f"a-{part:04d}.mcap" for part in range(series.parts - 2, series.parts + 1)]
+    assert names == [f"a-{part:04d}.mcap" for part in range(_part(series) - 2, _part(series) + 1)]
     last = [number for name in names for number in _read(tmp_path / name)["/camera/main/image"]]
     assert last == list(range(last[0], 201))
 

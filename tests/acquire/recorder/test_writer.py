@@ -14,10 +14,10 @@ from mcap.reader import make_reader
 
 from acquire.errors import RecorderError
 from acquire.recorder.image import RawImageEncoder, png_message
-from acquire.recorder.writer import McapWriter
 from schemas import topics
 from schemas.mcap.content_hash import ContentHash
 from schemas.proto import percuss_pb2 as pb
+from tests.mcap_writer import McapWriter
 
 T0 = 1_700_000_000_000_000_000
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.writer import McapWriter
 from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.followed_series import FollowedSeries, next_part_path
 from analyze.reading.indexed_file import RecordedMessage
@@ -20,6 +19,7 @@ from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
 from tests import small_recording
 from tests.analyze.verbs.test_watch import PLAN
+from tests.mcap_writer import McapWriter
 
 FRAME_NS = 8_333_333
 

@@ -13,15 +13,16 @@ import pytest
 from acquire.errors import RecorderError
 from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.recover.recover import recover
-from acquire.recorder.writer import McapWriter
 from analyze.errors import RecordingCut, RecordingError, RecordingVersion
-from analyze.reading.recording import FollowedRecording, Recording, open_partial, open_recording
+from analyze.reading.followed_recording import FollowedRecording
+from analyze.reading.recording import Recording, open_partial, open_recording
 from analyze.reading.truth import read_truth
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import TimeSource
 from tests import small_recording as small
+from tests.mcap_writer import McapWriter
 from tests.removed_topics import remove_topics
 
 

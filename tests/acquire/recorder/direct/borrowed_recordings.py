@@ -10,7 +10,6 @@ from mcap.reader import make_reader
 
 from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct.block_memory import BlockMemory
-from acquire.recorder.writer import McapWriter
 from schemas import topics
 from tests.acquire.recorder.direct.counting_buffer import (
     PERIOD_NS,
@@ -19,6 +18,7 @@ from tests.acquire.recorder.direct.counting_buffer import (
     borrowed_image,
     image_of,
 )
+from tests.mcap_writer import McapWriter
 
 IMAGE_TOPIC = "/camera/main/image"
 WIDTH, HEIGHT = 331, 67

@@ -25,7 +25,6 @@ from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.recover.recover import recover
-from acquire.recorder.writer import McapWriter
 from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.recording import Recording, open_partial, open_recording
 from schemas import topics
@@ -49,6 +48,7 @@ from tests.acquire.recorder.direct.counting_buffer import (
     borrowed_image,
     image_of,
 )
+from tests.mcap_writer import McapWriter
 from tests.removed_topics import remove_topics
 
 

@@ -16,7 +16,6 @@ from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.direct_file import RESERVE_BYTES
 from acquire.recorder.messages import DiskBehind
 from acquire.recorder.recover.recover import recover
-from acquire.recorder.writer import McapWriter
 from schemas import topics
 from tests.acquire.recorder.direct.borrowed_recordings import (
     HEIGHT,
@@ -30,6 +29,7 @@ from tests.acquire.recorder.direct.counting_buffer import (
     borrowed_image,
     image_of,
 )
+from tests.mcap_writer import McapWriter
 
 
 def _write_borrowed(writer: McapWriter, first: int, count: int) -> list[CountingBuffer]:

@@ -24,10 +24,10 @@ from acquire.recorder.direct.direct_file import RESERVE_BYTES, DirectFile, can_w
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import DiskBehind
 from acquire.recorder.recover.recover import recover
-from acquire.recorder.writer import McapWriter
 from analyze.reading.followed_recording import FollowedRecording
 from schemas import topics
 from tests import small_recording as small
+from tests.mcap_writer import McapWriter
 
 T0 = 1_700_000_000_000_000_000
 WIDTH, HEIGHT = 656, 492

@@ -9,11 +9,11 @@ from mcap.reader import make_reader
 
 from acquire.errors import RecorderError
 from acquire.recorder.recover.recover import recover
-from acquire.recorder.writer import McapWriter
 from schemas import topics
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk
 from tests import small_recording as small
+from tests.mcap_writer import McapWriter
 
 
 def _sequences(path: Path, topic: str) -> list[int]:

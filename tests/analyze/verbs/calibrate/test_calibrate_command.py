@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from acquire.config import read_rig
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.writer import McapWriter
 from analyze.cameras import calibrate
 from analyze.cli import main
 from schemas import topics
@@ -20,6 +19,7 @@ from schemas.session_manifest import LensModel, TimeSource
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
 from tests.analyze.importing.tip_videos import write_video
 from tests.analyze.tracking.rendering import Look
+from tests.mcap_writer import McapWriter
 from tests.small_recording import START_NS, manifest, write_head
 
 PRINTED = TrueBoard(5, 7)

@@ -71,7 +71,7 @@ def test_topic_names_are_complete_on_80_columns(tmp_path: Path) -> None:
 
 
 def test_an_empty_session_is_inspected(tmp_path: Path) -> None:
-    from acquire.recorder.writer import McapWriter
+    from tests.mcap_writer import McapWriter
 
     with McapWriter(tmp_path / "a.mcap") as writer:
         small.write_head(writer)
