@@ -19,6 +19,8 @@ DRIFT_LIMIT = 3e-4
 clock"""
 DRIFT_PRIOR_SD = 1e-4
 """1 sigma of a crystal's rate before any reading: 100 ppm"""
+BIN_NS = 500_000_000
+"""Length of a bin of frame arrivals, of which the one of the least delay is used."""
 BURST_NS = 20_000_000
 """of readings closer than this [ns] only the quickest counts: the others bound the same line less tightly"""
 MAPPING_SD_FLOOR_NS = 2_000.0
@@ -102,30 +104,20 @@ class DeviceClockMapper:
     discarded.
 
     Where the device cannot latch (store its clock on a command), `add_arrival` takes the frames themselves:
-    the frame of the least delay in each bin of `bin_s` represents the bin (queues only add delay), and the
-    result lags by the constant least delay, unless `least_delay_ns` states it. As soon as there are latched
-    readings, only they are used.
+    the frame of the least delay in each bin of BIN_NS represents the bin (queues only add delay), and the
+    result lags by the constant least delay. As soon as there are latched readings, only they are used.
 
     Args:
         window_s: length of the sliding window [s].
-        least_delay_ns: least delay between a frame's device time and its arrival [ns]; 0 if unknown.
-        bin_s: length of a bin of arrivals [s].
     """
 
-    def __init__(self, window_s: float = 10.0, least_delay_ns: int = 0, bin_s: float = 0.5) -> None:
+    def __init__(self, window_s: float = 10.0) -> None:
         self._window_ns = round(window_s * 1e9)
-        self._bin_ns = round(bin_s * 1e9)
-        self._least_delay_ns = least_delay_ns
         self._readings: deque[ClockReading] = deque()
         self._bins: deque[_Point] = deque()
         self._bin_start_ns: int | None = None
         self._line: _Line | None = None
         self._newest_device_ns = 0
-
-    @property
-    def ready(self) -> bool:
-        """True once times can be mapped: a reading or an arrival was added."""
-        return self._line is not None
 
     @property
     def latched(self) -> bool:
@@ -146,19 +138,6 @@ class DeviceClockMapper:
         """Shortest time between the two host times of a clock reading in use [ns]; 0 if there is none."""
         return min((_round_trip_ns(reading) for reading in self._readings), default=0)
 
-    @property
-    def drift(self) -> float:
-        """Rate of the device clock against the host's, minus 1 (37e-6: it gains 37 us per second).
-
-        0 before the first reading or arrival.
-        """
-        return 0.0 if self._line is None else -self._line.rate / (1.0 + self._line.rate)
-
-    @property
-    def sd_ns(self) -> int:
-        """1 sigma of the mapping at the newest device time [ns]; 0 before the first reading or arrival."""
-        return self.sd_at(self._newest_device_ns)
-
     def sd_at(self, device_time_ns: int) -> int:
         """1 sigma of the mapping at a device time [ns]; 0 before the first reading or arrival.
 
@@ -174,7 +153,6 @@ class DeviceClockMapper:
         """
         if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
             self._readings.clear()
-        self._newest_device_ns = reading.device_time_ns
         if self._readings and reading.device_time_ns - self._readings[-1].device_time_ns < BURST_NS:
             if _round_trip_ns(reading) >= _round_trip_ns(self._readings[-1]):
                 return
@@ -197,8 +175,8 @@ class DeviceClockMapper:
             self._bins.clear()
             self._bin_start_ns = None
         self._newest_device_ns = device_time_ns
-        point = _Point(device_time_ns, host_time_ns - self._least_delay_ns, 1e5)
-        if self._bin_start_ns is None or device_time_ns - self._bin_start_ns >= self._bin_ns:
+        point = _Point(device_time_ns, host_time_ns, 1e5)
+        if self._bin_start_ns is None or device_time_ns - self._bin_start_ns >= BIN_NS:
             self._bin_start_ns = device_time_ns
             self._bins.append(point)
         elif point.host_ns - point.device_ns < self._bins[-1].host_ns - self._bins[-1].device_ns:
@@ -226,13 +204,7 @@ def _round_trip_ns(reading: ClockReading) -> int:
 
 
 def _mean_line(lines: LineBounds, newest: ClockReading) -> _Line:
-    return _Line(
-        device0_ns=newest.device_time_ns,
-        host0_ns=newest.host_before_ns,
-        offset_ns=lines.offset_ns,
-        rate=lines.rate,
-        covariance=lines.covariance,
-    )
+    return _Line(newest.device_time_ns, newest.host_before_ns, lines.offset_ns, lines.rate, lines.covariance)
 
 
 def _fit(points: list[_Point]) -> _Line:

@@ -132,7 +132,7 @@ def read(path: Path) -> FrameTimes:
         sd_us=np.array([meta.mapping_sd_ns for meta, _ in frames]) * 1e-3,
         since_start_s=np.array([stamp - frames[0][1] for _, stamp in frames]) * 1e-9,
         round_trip_us=np.array([sample.host_after_ns - sample.host_before_ns for sample in readings]) * 1e-3,
-        drift=mapper.drift,
+        drift=10**12 / (mapper.to_host(10**12) - mapper.to_host(0)) - 1.0,
         lost=sum(meta.frames_lost_before for meta, _ in frames[1:]),
     )
 
