@@ -100,7 +100,7 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
         state = read(config)
     except StrikerError as error:
         first = failed_by_error("servo", error)
-        return [first, *(skipped_check(name, "the servo does not answer") for name in SERVO_LINES[1:])]
+        return _not_read(first, "the servo does not answer")
     return [_model(config, state), _supply(state), _temperature(config, state), _health(state)]
 
 
@@ -126,13 +126,7 @@ def check_held_servo(
         remedy = "correct the fault; the next session homes the striker"
         first = failed_check("servo", f"the daemon's striker is in a fault: {trouble}", remedy)
     if health is None:
-        return [
-            first,
-            *(
-                skipped_check(name, "the daemon holds the servo and has not read it")
-                for name in SERVO_LINES[1:]
-            ),
-        ]
+        return _not_read(first, "the daemon holds the servo and has not read it")
     known = ServoState(
         int(health["model"]),
         float(health["voltage_v"]),
@@ -140,6 +134,10 @@ def check_held_servo(
         health["hardware_error"] and str(health["hardware_error"]),
     )
     return [first, _supply(known), _temperature(config, known), _health(known)]
+
+
+def _not_read(first: Check, reason: str) -> list[Check]:
+    return [first, *(skipped_check(name, reason) for name in SERVO_LINES[1:])]
 
 
 def _model(config: StrikerConfig, state: ServoState) -> Check:
