@@ -17,23 +17,14 @@ _STUFF = (b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
 
 
 class Instruction(enum.IntEnum):
-    """Instruction field of a Dynamixel 2.0 packet; STATUS marks an answer of a servo."""
+    """Instruction field of a Dynamixel 2.0 packet: the instructions in use; STATUS marks an answer."""
 
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
-    REG_WRITE = 0x04
-    ACTION = 0x05
-    FACTORY_RESET = 0x06
     REBOOT = 0x08
-    CLEAR = 0x10
     STATUS = 0x55
-    SYNC_READ = 0x82
     SYNC_WRITE = 0x83
-    FAST_SYNC_READ = 0x8A
-    BULK_READ = 0x92
-    BULK_WRITE = 0x93
-    FAST_BULK_READ = 0x9A
 
 
 class StatusError(enum.IntEnum):

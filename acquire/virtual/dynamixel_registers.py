@@ -88,7 +88,9 @@ class Registers:
         }
         self._memory = bytearray(168)
         self._values: dict[str, int] = {}
-        self.factory_reset(servo_id, baud_index)
+        for name in self._table:
+            self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
+        self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
 
     def __getitem__(self, name: str) -> int:
         return self._values[name]
@@ -98,17 +100,6 @@ class Registers:
         encoded = register.encode(value)
         self._memory[register.address : register.address + register.size] = encoded
         self._values[name] = register.decode(encoded)
-
-    def factory_reset(self, servo_id: int, baud_index: int) -> None:
-        """Reset all registers to their defaults, and set servo id and baud rate to the given values.
-
-        Args:
-            servo_id: id of the servo on the bus.
-            baud_index: value of the Baud Rate register.
-        """
-        for name in self._table:
-            self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
-        self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
 
     def reboot(self) -> None:
         """Reset the registers in RAM to their defaults, as a reboot does; EEPROM is unchanged.

@@ -1,7 +1,8 @@
 """Virtual Dynamixel XM430-W210 servo behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
 
 Not modelled: indirect addressing, homing offset in the goal limits, drive modes (reverse, time-based profile,
-torque on by goal), secondary ID, the overshoot of a real velocity estimate, backlash, cogging, heating (a
+torque on by goal), secondary ID, instructions that the striker never sends (group reads, bulk and registered
+writes, factory reset, clear), the overshoot of a real velocity estimate, backlash, cogging, heating (a
 test sets the temperature), voltage sag, noise and collisions on the bus. Of several servos on one bus only
 this one answers.
 """
@@ -31,12 +32,10 @@ from acquire.virtual.dynamixel_motor import (
 from acquire.virtual.dynamixel_protocol import (
     ALERT,
     BROADCAST,
-    HEADER,
     Instruction,
     Packet,
     Parser,
     StatusError,
-    crc16,
     encode,
 )
 from acquire.virtual.dynamixel_registers import MODEL, WATCHDOG_TRIPPED, Registers
@@ -64,16 +63,6 @@ STEP_NS = 1_000_000
 """time between calls of `torque`; the plant's state is then that at the end of the step"""
 EXTRAPOLATION_MAX_NS = 1_000_000
 """longest time over which the arm's position is extrapolated beyond the last step"""
-_GROUP_INSTRUCTIONS = frozenset(
-    {
-        Instruction.SYNC_READ,
-        Instruction.SYNC_WRITE,
-        Instruction.FAST_SYNC_READ,
-        Instruction.BULK_READ,
-        Instruction.BULK_WRITE,
-        Instruction.FAST_BULK_READ,
-    }
-)
 
 
 class HardwareError:
@@ -136,7 +125,6 @@ class DynamixelServo:
         self.registers.reboot()
         self._motor = Motor()
         self._parser = Parser()
-        self._registered: tuple[int, bytes] | None = None
         self._answers: deque[tuple[int, bytes]] = deque()
         now_ns = clock_ns()
         self._boot_ns = now_ns - self._random.randrange(32_768_000_000)  # powered for some time already
@@ -294,8 +282,10 @@ class DynamixelServo:
 
     def _handle(self, packet: Packet, now_ns: int) -> bytes:
         """Execute a packet, and return the bytes of its answer; empty if there is none."""
-        if packet.instruction in _GROUP_INSTRUCTIONS:
-            return self._handle_group(packet, now_ns) if packet.intact else b""
+        if packet.instruction == Instruction.SYNC_WRITE:
+            if packet.intact:
+                self._sync_write(packet.parameters)
+            return b""
         if packet.id not in {self.registers["ID"], BROADCAST} or packet.instruction == Instruction.STATUS:
             return b""
         if not packet.intact:
@@ -311,83 +301,23 @@ class DynamixelServo:
         if packet.instruction == Instruction.READ and packet.id == own_id and len(packet.parameters) == 4:
             error, data = self.registers.read(*struct.unpack("<HH", packet.parameters))
             return self._status(error, data, level=1)
-        error = self._execute(packet, now_ns)
+        error = self._execute(packet)
         answer = self._status(error, servo_id=own_id) if packet.id != BROADCAST else b""
         if packet.instruction == Instruction.REBOOT:
             self._reboot(now_ns)
         return answer
 
-    def _execute(self, packet: Packet, now_ns: int) -> StatusError:
+    def _execute(self, packet: Packet) -> StatusError:
         parameters = packet.parameters
         if packet.instruction == Instruction.WRITE and len(parameters) > 2:
             return self._write(int.from_bytes(parameters[:2], "little"), parameters[2:])
-        if packet.instruction == Instruction.REG_WRITE and len(parameters) > 2:
-            self._registered = (int.from_bytes(parameters[:2], "little"), parameters[2:])
-            self.registers["Registered Instruction"] = 1
-            return StatusError.NONE
-        if packet.instruction == Instruction.ACTION:
-            return self._act()
-        if packet.instruction == Instruction.FACTORY_RESET and len(parameters) == 1:
-            return self._factory_reset(parameters[0], now_ns)
-        if packet.instruction == Instruction.CLEAR:
-            return StatusError.NONE if parameters == b'\x01DXL"' else StatusError.RESULT
         return StatusError.NONE if packet.instruction == Instruction.REBOOT else StatusError.INSTRUCTION
-
-    def _act(self) -> StatusError:
-        """Execute the write that REG_WRITE registered; RESULT if there is none, else the write's error."""
-        if self._registered is None:
-            return StatusError.RESULT
-        registered, self._registered = self._registered, None
-        self.registers["Registered Instruction"] = 0
-        return self._write(*registered)
-
-    def _handle_group(self, packet: Packet, now_ns: int) -> bytes:
-        """Execute a sync, bulk or fast read or write, as far as it concerns this servo.
-
-        Returns the bytes of the answer; empty for a write, and for a read that does not begin with this
-        servo.
-        """
-        if packet.instruction == Instruction.SYNC_WRITE:
-            self._sync_write(packet.parameters)
-            return b""
-        if packet.instruction == Instruction.BULK_WRITE:
-            self._bulk_write(packet.parameters)
-            return b""
-        return self._group_read(packet, now_ns)
 
     def _sync_write(self, parameters: bytes) -> None:
         address, size = struct.unpack_from("<HH", parameters)
         for k in range(4, len(parameters) - size, size + 1):
             if parameters[k] == self.registers["ID"]:
                 self._write(address, parameters[k + 1 : k + 1 + size])
-
-    def _bulk_write(self, parameters: bytes) -> None:
-        k = 0
-        while k + 5 <= len(parameters):
-            servo_id, address, size = struct.unpack_from("<BHH", parameters, k)
-            if servo_id == self.registers["ID"]:
-                self._write(address, parameters[k + 5 : k + 5 + size])
-            k += 5 + size
-
-    def _group_read(self, packet: Packet, now_ns: int) -> bytes:
-        own_id, parameters = self.registers["ID"], packet.parameters
-        if packet.instruction in {Instruction.SYNC_READ, Instruction.FAST_SYNC_READ}:
-            address, size = struct.unpack_from("<HH", parameters)
-            requests = [(servo_id, address, size) for servo_id in parameters[4:]]
-        else:
-            requests = [struct.unpack_from("<BHH", parameters, k) for k in range(0, len(parameters) - 4, 5)]
-        if not requests or requests[0][0] != own_id:
-            return b""  # servos answer in turn: one that does not answer silences those after it
-        self._measure(now_ns)
-        error, data = self.registers.read(*requests[0][1:])
-        data = data or bytes(requests[0][2])
-        if packet.instruction in {Instruction.SYNC_READ, Instruction.BULK_READ}:
-            return self._status(error, data, level=1)
-        # One packet for all servos: each adds error, id, data and the CRC so far. Here only this one does.
-        length = 1 + sum(size + 4 for _, _, size in requests)
-        answer = HEADER + bytes([BROADCAST]) + struct.pack("<HB", length, Instruction.STATUS)
-        answer += bytes([error | self._alert(), own_id]) + data
-        return answer + struct.pack("<H", crc16(answer))
 
     def _alert(self) -> int:
         return ALERT if self.registers["Hardware Error Status"] else 0
@@ -415,16 +345,6 @@ class DynamixelServo:
     def _reboot(self, now_ns: int) -> None:
         self.registers.reboot()
         self._motor = Motor()
-        self._registered = None
         self._boot_ns = self._online_ns = now_ns + REBOOT_NS
         self._measure(now_ns)
         self.registers["Goal Position"] = self.registers["Present Position"]
-
-    def _factory_reset(self, keep: int, now_ns: int) -> StatusError:
-        if keep not in {0x01, 0x02, 0xFF}:
-            return StatusError.RANGE
-        servo_id = 1 if keep == 0xFF else self.registers["ID"]
-        baud_index = self.registers["Baud Rate"] if keep == 0x02 else 1
-        self.registers.factory_reset(servo_id, baud_index)
-        self._reboot(now_ns)
-        return StatusError.NONE

@@ -120,23 +120,9 @@ def test_refused_writes_return_the_error_code(bench: Bench) -> None:
     assert bench.write("Operating Mode", 5) == StatusError.ACCESS
 
 
-def test_group_reads_and_registered_writes(bench: Bench) -> None:
-    ((error, data),) = bench.send(encode(0xFE, Instruction.SYNC_READ, struct.pack("<HHB", 38, 2, 1)))
-    assert (error, data) == (0, struct.pack("<H", 1193))
-    ((error, data),) = bench.send(encode(0xFE, Instruction.BULK_READ, struct.pack("<BHH", 1, 63, 1)))
-    assert (error, data) == (0, b"\x34")
-    ((error, data),) = bench.send(encode(0xFE, Instruction.FAST_SYNC_READ, struct.pack("<HHB", 38, 2, 1)))
-    assert data == b"\x01" + struct.pack("<H", 1193)
-    assert (
-        bench.send(encode(0xFE, Instruction.SYNC_READ, struct.pack("<HHBB", 38, 2, 9, 1))) == []
-    )  # 9 does not answer, so 1 never does
+def test_a_sync_write_is_executed_and_not_answered(bench: Bench) -> None:
     assert bench.send(encode(0xFE, Instruction.SYNC_WRITE, struct.pack("<HHBB", 65, 1, 1, 1))) == []
     assert bench.read("LED") == 1
-    bench.send(encode(1, Instruction.REG_WRITE, struct.pack("<HB", 65, 0)))
-    assert bench.read("LED") == 1
-    assert bench.read("Registered Instruction") == 1
-    bench.send(encode(1, Instruction.ACTION, b""))
-    assert bench.read("LED") == 0
 
 
 def test_velocity_mode_reaches_its_goal_and_the_watchdog_stops_it(bench: Bench) -> None:
@@ -252,12 +238,3 @@ def test_wire_time_delays_the_answer(tmp_path: Path) -> None:
     finally:
         os.close(bench.host)
         bench.servo.close()
-
-
-def test_factory_reset_keeps_the_requested_registers(bench: Bench) -> None:
-    bench.set(Shutdown=5)
-    bench.send(encode(1, Instruction.FACTORY_RESET, b"\x02"))
-    bench.now_ns += 200_000_000
-    bench.set_speed(termios.B1000000)
-    bench.servo.service(bench.now_ns)
-    assert bench.read("Shutdown") == 52
