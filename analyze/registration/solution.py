@@ -1,4 +1,4 @@
-"""Result of the registration's least-squares problem: marker poses, placements and tables.
+"""Result of the registration's least-squares problem: marker poses and tables.
 
 Registration estimates where an object's markers are glued on.
 """
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solution:
-    """Best fit of all marker poses, placements of the object and table poses, with covariances.
+    """Best fit of all marker poses and table poses, with covariances.
 
     O is the object frame, M a marker's, W the world frame (z up). In covariances, the rotation of a marker is
     a small turn in O, applied before its position.
@@ -26,10 +26,6 @@ class Solution:
     """(4, 4) pose of M in O per marker"""
     covariance: Mapping[int | str, Array]
     """(6, 6) per marker, of its turn in O [rad] and its centre in O [m]"""
-    placements: Mapping[str, Array]
-    """per strike (3,): heading [rad], x, y [m] in W, relative to the plan"""
-    placement_sd: Mapping[str, Array]
-    """per strike (3,) standard deviations of the placement"""
     table: Mapping[int, Array]
     """per recording (3,) pose of the table: tilts about W's x and y [rad], and the height [m]"""
     table_covariance: Mapping[int, Array]
@@ -38,7 +34,5 @@ class Solution:
     """per strike: chi^2 per degree of freedom"""
     rms_px: Mapping[int | str, float]
     """per marker: rms residual of its corners [px]"""
-    scale: float
-    """factor on all standard deviations, by the residuals"""
     converged: bool
     """False if the iteration still moved, along a direction that is hardly determined"""

@@ -89,7 +89,7 @@ class Problem:
         """Lay out the unknowns: markers, strikes, edges and tables, in this order."""
         self._impact_turn_sd = [TWISTED_SD if view.strike_id in twisted else IMPACT_TURN_SD for view in views]
         self._views = list(views)
-        self._surface, self._has_converged = surface, True
+        self._surface = surface
         self.setups = sorted({view.setup for view in views})
         self.markers: list[int | str] = list(dict.fromkeys(i for view in views for i in view.marker_ids))
         self._edges = list(dict.fromkeys(view.axis_id for view in views))
@@ -106,7 +106,6 @@ class Problem:
         self._strike_at = 6 * len(self.markers)
         self._edge_at = self._strike_at + PER_STRIKE * len(self._views)
         self._table_at = self._edge_at + 2 * len(self._edges)
-        self._many = self._table_at + PER_TABLE * len(self.setups)
 
     def solve(self, start: Mapping[int | str, Array]) -> Solution:
         """Best fit of marker poses, placements and tables, from first marker poses near the truth.
@@ -119,41 +118,37 @@ class Problem:
         Raises:
             EstimationError: the iteration diverges.
         """
-        unknowns = self._first(start)
-        unknowns, normal = self._converged(unknowns)
+        unknowns, normal, converged = self._minimum(self._first(start))
         if self._drop_outliers(unknowns):
-            unknowns, normal = self._converged(unknowns)
-        return self._solution(unknowns, normal)
+            unknowns, normal, converged = self._minimum(unknowns)
+        return self._solution(unknowns, normal, converged)
 
     def _first(self, start: Mapping[int | str, Array]) -> Unknowns:
         """Unknowns at the first poses `start`, with placements and tables as recorded."""
-        frames: list[Array] = []
-        for view in self._views:
-            some = np.zeros((len(view.theta) - 1, PER_FRAME))
-            some[:, 0] = view.theta[1:]
-            frames.append(some)
         return Unknowns(
             [start[i][:3, :3] for i in self.markers],
             [start[i][:3, 3] for i in self.markers],
             np.zeros((len(self._views), PER_STRIKE)),
             np.zeros((len(self._edges), PER_EDGE)),
             np.zeros((len(self.setups), PER_TABLE)),
-            frames,
+            [view.theta[1:, None] * np.eye(PER_FRAME)[0] for view in self._views],
         )
 
-    def _converged(self, unknowns: Unknowns) -> tuple[Unknowns, Array]:
-        """Minimum by Levenberg-Marquardt, and the normal matrix of the shared unknowns there.
+    def _minimum(self, unknowns: Unknowns) -> tuple[Unknowns, Array, bool]:
+        """Minimum by Levenberg-Marquardt, with the normal matrix of the shared unknowns there.
 
-        Shared are all unknowns but the frames' own. If the iteration ends without convergence, this is noted
-        in the problem.
+        Shared are all unknowns but the frames' own.
 
         Args:
             unknowns: values from which the iteration starts.
 
+        Returns:
+            The unknowns at the minimum, the normal matrix (n, n), and False if the iteration still moved.
+
         Raises:
             EstimationError: the cost is not finite.
         """
-        damping, cost = 1e-4, self._cost(unknowns)
+        damping, cost, converged = 1e-4, self._cost(unknowns), True
         for _ in range(_MAX_STEPS):
             normal, gradient, back = self._normal(unknowns)
             better: tuple[float, Unknowns] | None = None
@@ -173,10 +168,10 @@ class Problem:
             if gained < _COST_TOLERANCE * (1 + cost):
                 break
         else:
-            self._has_converged = False
+            converged = False
         if not math.isfinite(cost):
             raise EstimationError("the markers' places do not converge")
-        return unknowns, self._normal(unknowns)[0]
+        return unknowns, self._normal(unknowns)[0], converged
 
     def _model(self, s: int, u: Unknowns) -> tuple[Array, Array, Array, Array]:
         """Corners of strike s: in the camera frame, arms turned by theta, also by the heading, and in W.
@@ -192,12 +187,8 @@ class Problem:
         e = self._edges.index(view.axis_id)
         _, x, y, *_ = u.strike[s]
         pivot = view.p_object_pivot + self._basis[e] @ u.edge[e]
-        on_body = np.stack(
-            [
-                self._corners[i] @ u.R[j].T + u.t[j]
-                for i, j in zip(view.marker_ids, self._numbers(view), strict=True)
-            ]
-        )
+        numbers = [self.markers.index(name) for name in view.marker_ids]
+        on_body = np.stack([self._corners[self.markers[j]] @ u.R[j].T + u.t[j] for j in numbers])
         arm = (on_body - pivot) @ view.R_world_object.T
         frame = np.concatenate([np.zeros((1, PER_FRAME)), u.frames[s]])
         B = arm[None] @ _turns(1, frame[:, 0]).transpose(0, 2, 1)[:, None]
@@ -207,10 +198,6 @@ class Problem:
         world = (C + place[:, None, None, :]) @ table_rotation(table).T
         R_camera_world, t_camera_world = world_to_camera(view.camera)
         return (world + np.array([0, 0, table[2]])) @ R_camera_world.T + t_camera_world, B, C, world
-
-    def _numbers(self, view: StrikeView) -> list[int]:
-        """Indices of a view's markers among all markers of the problem."""
-        return [self.markers.index(name) for name in view.marker_ids]
 
     def _weight(self, s: int) -> Array:
         """Weights (f, m) [1/px] of a strike's corners, per frame and marker; 0 where none was seen."""
@@ -298,22 +285,12 @@ class Problem:
             normal[at, at] += by.T @ by
             gradient[at] -= by.T @ off
         kept: list[tuple[IntArray, Array, Array, Array]] = []
-        for s, view in enumerate(self._views):
+        for s in range(len(self._views)):
             columns, J, own, residual = self._jacobian(s, u)
             # At rest a frame has no unknowns of its own.
             at = np.ix_(columns, columns)
             normal[at] += J[0].T @ J[0]
             gradient[columns] += J[0].T @ residual[0]
-            if len(view.theta) == 1:
-                kept.append(
-                    (
-                        columns,
-                        np.zeros((0, PER_FRAME, PER_FRAME)),
-                        np.zeros((0, PER_FRAME, len(columns))),
-                        np.zeros((0, PER_FRAME)),
-                    )
-                )
-                continue
             tip, own, residual = J[1:], own[1:], residual[1:]
             held = own.transpose(0, 2, 1) @ own + np.diag(_FRAME_WEIGHT**2 + 1e-12)
             of_frames: Array = np.asarray(np.linalg.inv(held), dtype=np.float64)
@@ -358,11 +335,6 @@ class Problem:
         out = R_camera_world @ table_rotation(u.table[setup])
         carry = out @ heading @ _turns(1, theta) @ view.R_world_object
         by_point = project_jacobian(view.camera, in_camera) * self._weight(s)[:, :, None, None, None]
-
-        def pixels(by: Array) -> Array:
-            """Weighted derivatives of pixels (f, m, 4, 2, c) from those of camera points (f, m, 4, 3, c)."""
-            return by_point @ by
-
         columns: list[IntArray] = []
         parts: list[Array] = []
         for j, name in enumerate(view.marker_ids):
@@ -372,35 +344,29 @@ class Problem:
             by[:, j, :, :, :3] = carry[:, None] @ lever[None]
             by[:, j, :, :, 3:] = carry[:, None]
             columns.append(np.arange(6 * number, 6 * number + 6))
-            parts.append(pixels(by))
+            parts.append(by_point @ by)
         about_up = np.cross(np.array([0.0, 0.0, 1.0]), C) @ out.T
         tips: Array = np.minimum(np.arange(F, dtype=np.float64), 1.0)[:, None, None, None]
         turn_of = theta[:, None, None, None]
         columns.append(self._strike_at + PER_STRIKE * s + np.arange(PER_STRIKE))
         along = np.broadcast_to(out[:, :2], (*about_up.shape[:-1], 3, 2))
-        parts.append(
-            pixels(
-                np.concatenate(
-                    [
-                        about_up[..., None],
-                        along,
-                        (about_up * tips)[..., None],
-                        (about_up * turn_of)[..., None],
-                    ],
-                    axis=-1,
-                )
-            )
-        )
+        of_strike = [
+            about_up[..., None],
+            along,
+            (about_up * tips)[..., None],
+            (about_up * turn_of)[..., None],
+        ]
+        parts.append(by_point @ np.concatenate(of_strike, axis=-1))
         columns.append(self._edge_at + 2 * e + np.arange(2))
-        parts.append(pixels(np.broadcast_to((-carry @ self._basis[e])[:, None, None], (F, M, 4, 3, 2))))
+        parts.append(by_point @ np.broadcast_to((-carry @ self._basis[e])[:, None, None], (F, M, 4, 3, 2)))
         columns.append(self._table_at + PER_TABLE * setup + np.arange(PER_TABLE))
         tilt = [np.cross(axis, world) @ R_camera_world.T for axis in tilt_axes(u.table[setup])]
         lifted = np.broadcast_to(R_camera_world[:, 2], world.shape)
-        parts.append(pixels(np.stack([*tilt, lifted], axis=-1)))
+        parts.append(by_point @ np.stack([*tilt, lifted], axis=-1))
         about_edge = np.cross(np.array([0.0, 1.0, 0.0]), B) @ heading.transpose(0, 2, 1)[:, None] @ out.T
         shift = np.broadcast_to(out, (*about_edge.shape[:-1], 3, 3))
-        own = pixels(
-            np.concatenate([(about_edge + tau * about_up)[..., None], about_up[..., None], shift], axis=-1)
+        own = by_point @ np.concatenate(
+            [(about_edge + tau * about_up)[..., None], about_up[..., None], shift], axis=-1
         )
         J = np.concatenate(parts, axis=-1).reshape(F, M * 8, -1)
         return np.concatenate(columns), J, own.reshape(F, M * 8, PER_FRAME), residual.reshape(F, M * 8)
@@ -423,13 +389,14 @@ class Problem:
                 dropped = True
         return dropped
 
-    def _solution(self, u: Unknowns, normal: Array) -> Solution:
+    def _solution(self, u: Unknowns, normal: Array, converged: bool) -> Solution:
         """Solution at the minimum `u`, with covariance and misfits.
 
         Args:
             u: values of the unknowns.
             normal: (n, n) normal matrix of the shared unknowns there; its inverse, scaled by the residuals,
                 is their covariance.
+            converged: False if the iteration still moved.
         """
         chi2, freedom = 0.0, 0
         misfit: dict[str, float] = {}
@@ -449,7 +416,6 @@ class Problem:
                 off_px[name] += np.sum(px[self._seen[s][:, j], j] ** 2, axis=-1).ravel().tolist()
         scale = math.sqrt(max(1.0, chi2 / freedom))
         covariance: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64) * scale**2
-        strikes = np.sqrt(np.diag(covariance))[self._strike_at : self._edge_at].reshape(-1, PER_STRIKE)
         at = [self._table_at + PER_TABLE * i for i in range(len(self.setups))]
         T: dict[int | str, Array] = {}
         for j, name in enumerate(self.markers):
@@ -460,8 +426,6 @@ class Problem:
             covariance={
                 name: covariance[6 * j : 6 * j + 6, 6 * j : 6 * j + 6] for j, name in enumerate(self.markers)
             },
-            placements={view.strike_id: u.strike[s, :3] for s, view in enumerate(self._views)},
-            placement_sd={view.strike_id: strikes[s, :3] for s, view in enumerate(self._views)},
             table={setup: u.table[i] for i, setup in enumerate(self.setups)},
             table_covariance={
                 setup: covariance[a : a + PER_TABLE, a : a + PER_TABLE]
@@ -469,8 +433,7 @@ class Problem:
             },
             misfit=misfit,
             rms_px={name: math.sqrt(float(np.mean(off))) if off else 0.0 for name, off in off_px.items()},
-            scale=scale,
-            converged=self._has_converged,
+            converged=converged,
         )
 
 

@@ -34,18 +34,6 @@ UNKNOWN_TABLE = TablePrior(math.radians(10.0), 0.1)
 """prior without a board: marker poses and pivots must determine the table"""
 
 
-def table_transform(table: Array) -> Array:
-    """Transform E (4, 4) from the table's own frame (z = 0 on the table) to the recorded world frame W.
-
-    Args:
-        table: (3,) tilts about W's x and y [rad], and the height [m].
-    """
-    E = np.eye(4)
-    E[:3, :3] = table_rotation(table)
-    E[2, 3] = table[2]
-    return E
-
-
 def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
     """Camera with its pose in the frame whose z = 0 is the table.
 
@@ -53,7 +41,10 @@ def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
         camera: camera with its recorded pose in the world frame W.
         table: (3,) tilts of the table about W's x and y [rad], and its height [m].
     """
-    return replace(camera, T_world_camera=np.linalg.inv(table_transform(table)) @ camera.T_world_camera)
+    T_world_table = np.eye(4)
+    T_world_table[:3, :3] = table_rotation(table)
+    T_world_table[2, 3] = table[2]
+    return replace(camera, T_world_camera=np.linalg.inv(T_world_table) @ camera.T_world_camera)
 
 
 def table_rotation(table: Array) -> Array:

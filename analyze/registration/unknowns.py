@@ -59,18 +59,15 @@ class Unknowns:
                 per strike, 2 per edge, 3 per table.
             frames: per strike (f - 1, 5) step of its tipping frames' own unknowns.
         """
-        many, strikes, edges = len(self.R), len(self.strike), len(self.edge)
-        markers = shared[: 6 * many].reshape(many, 6)
-        at = 6 * many
-        strike = shared[at : at + PER_STRIKE * strikes].reshape(strikes, PER_STRIKE)
-        at += PER_STRIKE * strikes
-        edge = shared[at : at + 2 * edges].reshape(edges, 2)
+        parts = np.cumsum([6 * len(self.R), self.strike.size, self.edge.size])
+        markers, strike, edge, table = np.split(shared, parts)
+        markers = markers.reshape(-1, 6)
         return Unknowns(
             [matrix_from_vector(step[:3]) @ R for step, R in zip(markers, self.R, strict=True)],
             [t + step[3:] for step, t in zip(markers, self.t, strict=True)],
-            self.strike + strike,
-            self.edge + edge,
-            self.table + shared[-self.table.size :].reshape(self.table.shape),
+            self.strike + strike.reshape(self.strike.shape),
+            self.edge + edge.reshape(self.edge.shape),
+            self.table + table.reshape(self.table.shape),
             [frame + step for frame, step in zip(self.frames, frames, strict=True)],
         )
 

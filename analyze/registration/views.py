@@ -87,11 +87,6 @@ class StrikeView:
     on_curve: bool = False
     """True if the body rolls on a curve of its shape, so that no line of it stays at one height"""
 
-    @property
-    def turn(self) -> float:
-        """Largest tipping angle of the frames that are used [rad]; 0 if all are at rest."""
-        return float(np.max(self.theta, initial=0.0))
-
 
 def strike_view(
     tracks: Sequence[MarkerTrack],
@@ -140,11 +135,9 @@ def strike_view(
         sd[0, j] = np.hypot(np.median(track.corner_sd_px[still]) / np.sqrt(len(still)), MODEL_SD_PX)
         middle = still[len(still) // 2]
         R[j], p[j] = track.R_camera_marker[middle], track.p_camera_marker[middle]
-        at = np.searchsorted(track.time_ns, time_ns)
-        for f, index in enumerate(at.tolist()):
-            if index < len(track.time_ns) and track.time_ns[index] == time_ns[f]:
-                ideal[1 + f, j] = corners[index]
-                sd[1 + f, j] = np.hypot(track.corner_sd_px[index], MODEL_SD_PX)
+        _, index, frame = np.intersect1d(track.time_ns, time_ns, return_indices=True)
+        ideal[1 + frame, j] = corners[index]
+        sd[1 + frame, j] = np.hypot(track.corner_sd_px[index], MODEL_SD_PX)
     direction = np.array(planned.pivot.direction, dtype=np.float64)
     return StrikeView(
         strike_id=motion.strike_id,
@@ -186,7 +179,7 @@ def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
         or motion.verdict not in EDGE_ON_TABLE
     ):
         return _NO_FRAMES
-    start, stop = (phases.stage_one[0], phases.stage_one[1]) if motion.fit is None else motion.fit.window
+    start, stop = phases.stage_one if motion.fit is None else motion.fit.window
     theta = angle.theta[start:stop]
     if len(theta) == 0 or float(np.max(theta)) < MIN_TURN_RAD:
         return _NO_FRAMES

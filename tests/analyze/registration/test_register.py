@@ -12,7 +12,9 @@ import pytest
 from analyze.errors import EstimationError
 from analyze.motion.support_function import circular_support
 from analyze.registration.register import register
-from analyze.registration.table import UNKNOWN_TABLE
+from analyze.registration.solve import Problem
+from analyze.registration.surface import surface_under
+from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from tests.analyze.registration.tagged_boxes import about, draw_box, errors, facing, plan_of, seen_strikes
 
 TURN, PLACE = math.radians(0.25), 4e-4
@@ -75,6 +77,16 @@ def test_one_edge_without_a_surface_leaves_the_place_along_it_open(case, monkeyp
     assert not place.on_surface
     assert [words for words in place.undetermined if words.startswith("place along")]
     assert "another resting face" in place.remedy
+
+
+def test_a_misread_frame_leaves_the_fit_without_it_converged(case):
+    """The first fit, with the frame, still moves after its last step; the second, without it, does not."""
+    box, views = case
+    start = found(box, views).solution.T_object_marker
+    ideal = views[7].ideal.copy()
+    ideal[20, :, ::2] += 100.0
+    surface = surface_under(box.model, start, box.sizes, box.thickness)
+    assert Problem([replace(views[7], ideal=ideal)], box.sizes, LAID_BOARD, surface).solve(start).converged
 
 
 def test_a_tip_over_a_curved_flank_is_left_out():
