@@ -90,7 +90,7 @@ _DENSITY = np.exp(-0.5 * _Z * _Z) / math.sqrt(2.0 * math.pi)
 
 @dataclass(frozen=True)
 class Square:
-    """Fitted corners of a square, with covariance and image quality."""
+    """Fitted corners of a square, with covariance and blur."""
 
     corners: Array
     """(4, 2) ideal px, in the order given"""
@@ -98,10 +98,6 @@ class Square:
     """(4, 2, 2) covariance of each corner [px^2]"""
     sd: float
     """root mean square standard deviation over corners and axes [px]"""
-    contrast: float
-    """contrast of the weakest edge [grey levels]"""
-    noise: float
-    """standard deviation of the residuals [grey levels]"""
     blur: float
     """blur of lens and pixel, mean over the edges [px]"""
 
@@ -302,10 +298,7 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
     if not math.isfinite(sd):
         return None
     blur = float(level.shape[:, 2].sum()) / 4.0
-    noise = math.sqrt(float(level.variance.sum()) / 4.0)
-    return SquareFit(
-        Square(corners, covariance, sd, float(level.contrast.min()), noise, blur), band, level.shape
-    )
+    return SquareFit(Square(corners, covariance, sd, blur), band, level.shape)
 
 
 def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _EdgeFits | None:

@@ -74,22 +74,6 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
     return cv2.aruco.ArucoDetector([_dictionary(family) for family in families], parameters)
 
 
-@cache
-def _cells(name: int | str) -> NDArray[np.bool_]:
-    """Cells (n, n) of a marker with its black border, True for white; cached.
-
-    Args:
-        name: name of the marker, from which family and number follow.
-    """
-    family, tag_id = family_and_id(name)
-    return (
-        np.asarray(
-            cv2.aruco.generateImageMarker(_dictionary(family), tag_id, _dictionary(family).markerSize + 2)
-        )
-        > 127
-    )
-
-
 @dataclass(frozen=True)
 class _CodePattern:
     """Cells of one marker, prepared for the verification of its code in an image."""
@@ -107,13 +91,15 @@ class _CodePattern:
 @cache
 def _code_pattern(name: int | str) -> _CodePattern:
     """Cells of the marker of this name, prepared for the verification of its code; cached."""
-    code = _cells(name)
-    centre = (np.arange(len(code)) + 0.5) / len(code)
+    family, tag_id = family_and_id(name)
+    dictionary = _dictionary(family)
+    across = dictionary.markerSize + 2  # with the black border
+    white = np.asarray(cv2.aruco.generateImageMarker(dictionary, tag_id, across)).ravel() > 127
+    centre = (np.arange(across) + 0.5) / across
     x, y = np.meshgrid(centre, centre)
-    white = code.ravel()
     means = np.stack([white / white.sum(), ~white / (~white).sum()])
     centres = np.stack([x.ravel(), y.ravel(), np.ones(white.size)], axis=-1)
-    return _CodePattern(white, centres, means, wrong_cells(family_and_id(name)[0]))
+    return _CodePattern(white, centres, means, wrong_cells(family))
 
 
 @cache

@@ -166,12 +166,7 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
     off: Array = corners - seen
     cost = np.sum(off**2, axis=(1, 2))
     for _ in range(_POSE_STEPS):
-        # Derivative of the pixel by the point in C, and of the point by a turn w about C's axes (w x arm) and
-        # a shift.
-        by_point = _by_point(seen, in_camera, K)
-        arm = in_camera - place[:, None]
-        by_turn = np.cross(arm[:, :, None, :], by_point)
-        J = np.concatenate([by_turn, by_point], axis=-1).reshape(many, 8, 6)
+        J = _by_pose(seen, in_camera, place, K)
         normal = J.transpose(0, 2, 1) @ J
         gradient = (J.transpose(0, 2, 1) @ off.reshape(many, 8, 1))[..., 0]
         diagonal = np.einsum("mii->mi", normal)
@@ -195,15 +190,21 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
     return turn, place
 
 
-def _by_point(seen: Array, in_camera: Array, K: Array) -> Array:
-    """Derivative (m, 4, 2, 3) [px/m] of the ideal pixel by the point in the camera frame C.
+def _by_pose(seen: Array, in_camera: Array, p: Array, K: Array) -> Array:
+    """Derivatives (m, 8, 6) of the ideal pixels by a turn about the axes of camera frame C, and a shift in C.
+
+    In px/rad and px/m.
 
     Args:
-        seen: (m, 4, 2) ideal pixels of the points.
-        in_camera: (m, 4, 3) points in C [m].
+        seen: (m, 4, 2) ideal pixels of the corners.
+        in_camera: (m, 4, 3) corners in C [m].
+        p: (m, 3) positions of the marker in C [m].
         K: (3, 3) camera matrix [px].
     """
-    return (K[:2] - seen[..., None] * K[2]) / in_camera[..., 2, None, None]
+    by_point = (K[:2] - seen[..., None] * K[2]) / in_camera[..., 2, None, None]
+    # A turn w moves the point by w x arm.
+    by_turn: Array = np.cross((in_camera - p[:, None])[:, :, None, :], by_point)
+    return np.concatenate([by_turn, by_point], axis=-1).reshape(len(p), 8, 6)
 
 
 def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K: Array) -> Array:
@@ -217,9 +218,7 @@ def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K:
         K: (3, 3) camera matrix [px].
     """
     seen, in_camera = _reprojected(R, p, marker_corners(size), K)
-    by_point = _by_point(seen, in_camera, K)
-    by_turn = np.cross((in_camera - p[:, None])[:, :, None, :], by_point)
-    J = np.concatenate([by_turn, by_point], axis=-1).reshape(len(p), 8, 6)
+    J = _by_pose(seen, in_camera, p, K)
     return np.linalg.inv(J.transpose(0, 2, 1) @ J)[:, 3:, 3:] * (corner_sd_px**2)[:, None, None]
 
 

@@ -41,27 +41,13 @@ _MAX_READ_OUT_SHARE = 1.05
 
 
 @dataclass(frozen=True)
-class Gap:
-    """Consecutive frames in which a marker that was found before was not found."""
-
-    marker_id: int | str
-    """name of the marker"""
-    start_ns: int
-    """log_time of the first frame without it [ns]"""
-    frames: int
-    """number of frames"""
-
-
-@dataclass(frozen=True)
 class TrackingReport:
-    """Tracks of all markers of an object, with unknown markers and gaps."""
+    """Tracks of all markers of an object, with unknown markers."""
 
     tracks: tuple[MarkerTrack, ...]
     """tracks of the object's markers that were found"""
     unknown_ids: tuple[int | str, ...]
     """markers in view, of the object's families, that the object does not carry"""
-    gaps: tuple[Gap, ...]
-    """gaps in the tracks"""
     image_times_ns: IntArray
     """log times of all images that were searched [ns]"""
 
@@ -159,7 +145,6 @@ class MarkerFollower:
         self._families = families_of(self._known)
         self._unknown: dict[int | str, int] = {}
         self._first: NDArray[np.uint8] | None = None
-        self._gaps: list[Gap] = []
         self._image_times_ns: list[int] = []
 
     @property
@@ -191,14 +176,11 @@ class MarkerFollower:
         for marker_id, path in self._paths.items():
             if path.time_ns and (seen := self._follow(frame, path)) is not None:
                 found[marker_id] = seen
-        missing = [
-            marker_id for marker_id, path in self._paths.items() if marker_id not in found and path.time_ns
-        ]
         # Full searches in the first frames, and at intervals while a marker is missing.
         due = self.frames_total <= _FULL_SCANS or (
             self.frames_total % self._rescan_every == 0 and len(found) < len(self._paths)
         )
-        if due or any(self._paths[i].missed == 1 for i in missing):
+        if due or any(path.missed == 1 for i, path in self._paths.items() if i not in found):
             for sighting in self._scan(frame):
                 if (
                     sighting.marker_id not in found
@@ -214,7 +196,7 @@ class MarkerFollower:
         return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
-        """Tracks of all markers that were found, with poses, and unknown markers and gaps.
+        """Tracks of all markers that were found, with poses, and unknown markers.
 
         Raises:
             TrackingError: only markers that the object does not carry were seen, or the line time is too long
@@ -247,9 +229,7 @@ class MarkerFollower:
                 f"marker {unknown[0]} is in view, but the object carries {known}:"
                 " correct the object file or the marker"
             )
-        return TrackingReport(
-            tracks, unknown, tuple(self._gaps), np.array(self._image_times_ns, dtype=np.int64)
-        )
+        return TrackingReport(tracks, unknown, np.array(self._image_times_ns, dtype=np.int64))
 
     def _follow(self, frame: ImageFrame, path: _Path) -> _FoundMarker | None:
         """Find a marker near its expected position; None if it is not there.
@@ -266,7 +246,11 @@ class MarkerFollower:
             fit = None if path.fit is None else refit_square(frame.image, path.fit, expected_ideal)
             fit = fit or find_square(frame.image, self._pixels, expected_ideal, expected)
             seen = None if fit is None else self._with_raw_corners(fit)
-            if seen is not None and self._trusted(frame, seen, expected, path.marker.id):
+            if (
+                seen is not None
+                and float(np.abs(seen.corners_raw - expected).max()) < _MAX_TRUSTED_MOVE_PX
+                and is_marker(frame.image, seen.corners_raw, path.marker.id)
+            ):
                 return seen
         if path.missed >= _MAX_LOCAL_SEARCHES:
             return None
@@ -280,19 +264,6 @@ class MarkerFollower:
             if sighting.marker_id == path.marker.id:
                 return self._refined_sighting(frame, sighting)
         return None
-
-    def _trusted(self, frame: ImageFrame, seen: _FoundMarker, expected: Array, marker_id: int | str) -> bool:
-        """True if a fitted square lies close to its expected corners and shows the marker's code.
-
-        Args:
-            frame: the image.
-            seen: the fitted square.
-            expected: (4, 2) expected corners [raw px].
-            marker_id: name of the marker.
-        """
-        return float(np.abs(seen.corners_raw - expected).max()) < _MAX_TRUSTED_MOVE_PX and is_marker(
-            frame.image, seen.corners_raw, marker_id
-        )
 
     def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> _FoundMarker | None:
         """Detected marker with corners fitted to its edges in the frame; None if the fit fails."""
@@ -332,20 +303,14 @@ class MarkerFollower:
         return known
 
     def _record(self, frame: ImageFrame, found: dict[int | str, _FoundMarker]) -> None:
-        """Append the markers found in a frame to their paths, and extend the gaps of the others.
+        """Append the markers found in a frame to their paths, and count the frame as missed for the others.
 
-        A marker that has never been found has no gap.
+        Frames before a marker was first found do not count.
         """
         for marker_id, path in self._paths.items():
             seen = found.get(marker_id)
             if seen is None:
-                if path.time_ns:
-                    path.missed += 1
-                    if path.missed == 1:
-                        self._gaps.append(Gap(marker_id, frame.time_ns, 1))
-                    else:
-                        index = max(i for i, gap in enumerate(self._gaps) if gap.marker_id == marker_id)
-                        self._gaps[index] = Gap(marker_id, self._gaps[index].start_ns, path.missed)
+                path.missed += bool(path.time_ns)
                 continue
             path.missed = 0
             path.fit = seen.fit
@@ -450,7 +415,7 @@ def track_markers(
             longer followed.
 
     Returns:
-        Tracks of the markers that were found, with unknown markers and gaps.
+        Tracks of the markers that were found, with unknown markers.
 
     Raises:
         TrackingError: a marker is in view twice, only unknown ones are, an image has another size than the
