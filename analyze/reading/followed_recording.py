@@ -32,9 +32,14 @@ class FollowedRecording:
     """
 
     def __init__(self, path: Path) -> None:
+        self._follow(path)
+
+    def _follow(self, path: Path) -> None:
+        """Begin to follow the file at `path`; nothing of a file followed before is kept."""
         self.path = path
+        """path of the file"""
         self.manifest: SessionManifest | None = None
-        """None until it is written"""
+        """manifest (description of the session); None until `poll` has read it"""
         self.attachments: dict[str, bytes] = {}
         self.finished = False
         """True once the writer has ended the recording"""

@@ -26,11 +26,8 @@ class PlannedStrikes:
     def text(self) -> str:
         """Number of planned strikes that were struck, and ids of the missing ones, in one line."""
         named = ", ".join(self.missing[:MAX_NAMED_STRIKES])
-        more = (
-            f" and {len(self.missing) - MAX_NAMED_STRIKES} more"
-            if len(self.missing) > MAX_NAMED_STRIKES
-            else ""
-        )
+        unnamed = len(self.missing) - MAX_NAMED_STRIKES
+        more = f" and {unnamed} more" if unnamed > 0 else ""
         missing = f"; missing: {named}{more}" if self.missing else ""
         made = len(self.planned) - len(self.missing)
         return f"{made} of {len(self.planned)} planned strikes were struck{missing}"

@@ -19,7 +19,6 @@ from google.protobuf.message import DecodeError, Message
 from analyze.errors import RecordingError, RecordingForeign
 from analyze.reading import compressed_video, indexed_file
 from analyze.reading.file_series import find_series_files
-from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 from analyze.reading.indexed_series import IndexedSeries, open_series, series_content_id
@@ -39,15 +38,6 @@ from schemas.session_manifest import (
     TimeSource,
 )
 from schemas.strike_plan import StrikePlan
-
-__all__ = [
-    "FollowedRecording",
-    "RecordedMessage",
-    "Recording",
-    "TopicInfo",
-    "open_partial",
-    "open_recording",
-]
 
 M = TypeVar("M", bound=Message)
 
