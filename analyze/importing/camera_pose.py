@@ -108,10 +108,8 @@ def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
             "T_object_marker in the object file is at rest in view: take an image of the board on the table "
             "(`analyze calibrate --table`), or measure T_object_marker"
         )
-    R, p = (
-        np.array([view.T_world_camera[:3, :3] for view in views]),
-        np.array([view.T_world_camera[:3, 3] for view in views]),
-    )
+    poses = np.array([view.T_world_camera for view in views])
+    R, p = poses[:, :3, :3], poses[:, :3, 3]
     # The median pose, which an outlier does not move.
     middle = int(np.argmin([np.median(angle_between(R, one)) for one in R]))
     turned, shifted = angle_between(R, R[middle]), np.linalg.norm(p - np.median(p, axis=0), axis=1)

@@ -129,7 +129,7 @@ class OnsetFinder:
                 self._try_settle(frame, self._find(frame.image))
             return None
         if not self._moving:
-            if _difference(_appearance(frame.image, self._rest.region), self._rest.appearance) < MIN_CHANGE:
+            if 1.0 - _appearance(frame.image, self._rest.region) @ self._rest.appearance < MIN_CHANGE:
                 self._rest.quiet_ns = frame.time_ns
                 return None
             self._moving, self._moved_ns, self._next_ns = True, frame.time_ns, frame.time_ns
@@ -249,7 +249,3 @@ def _appearance(image: NDArray[np.uint8], place: tuple[slice, slice]) -> Array:
     values = image[place].astype(np.float64).ravel()
     values -= values.mean()
     return values / max(float(np.linalg.norm(values)), 1e-9)
-
-
-def _difference(one: Array, other: Array) -> float:
-    return 1.0 - float(one @ other)

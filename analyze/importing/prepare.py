@@ -123,18 +123,8 @@ class PreparedImport:
         if self.storable_videos is None:
             return "decoded images, of the strikes' windows"
         names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
-        return (
-            " and ".join(
-                sorted(
-                    {
-                        names[video.storable_format]
-                        for video in self.storable_videos
-                        if video.storable_format is not None
-                    }
-                )
-            )
-            + ", stored unchanged"
-        )
+        kinds = {names[video.storable_format] for video in self.storable_videos if video.storable_format}
+        return f"{' and '.join(sorted(kinds))}, stored unchanged"
 
     def remarks(self) -> list[str]:
         """Remarks for the user on lens, frame rates and sources, complete once all sources were read."""

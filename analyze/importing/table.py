@@ -35,10 +35,8 @@ def render_import(prepared: PreparedImport) -> list[str]:
         seen = "" if onset is None else ", ".join(str(name) for name in onset.markers)
         end_ns = clip.last_ns if window.end_ns is None else window.end_ns
         moves = "" if onset is None else f"{onset.time_ns * 1e-9:.2f}"
-        start, end = (
-            f"{(window.start_ns or 0) * 1e-9:.2f}",
-            "its end" if end_ns is None else f"{end_ns * 1e-9:.2f}",
-        )
+        start = f"{(window.start_ns or 0) * 1e-9:.2f}"
+        end = "its end" if end_ns is None else f"{end_ns * 1e-9:.2f}"
         table.add_row(
             window.strike_id, escape(clip.path.name), seen, start, moves, end, _note(prepared, clip, window)
         )
@@ -74,18 +72,14 @@ def _remark(lines: list[str]) -> list[str]:
 
 
 def _note(prepared: PreparedImport, clip: Clip, window: StrikeWindow) -> str:
-    notes: list[str] = []
     if window.onset is None:
-        return (
-            f"no tip is seen, the whole source is used: {clip.why_no_strike}"
-            if clip.last_ns is not None
-            else ""
-        )
+        why = f"no tip is seen, the whole source is used: {clip.why_no_strike}"
+        return why if clip.last_ns is not None else ""
+    notes: list[str] = []
     if len(clip.onsets) > 1 and not prepared.was_split:
         notes.append(f"{len(clip.onsets)} tips are seen: the first is used")
     planned = next(strike for strike in prepared.plan.strikes if strike.id == window.plan_strike_id)
     if planned.visible_markers and not set(planned.visible_markers) & set(window.onset.markers):
-        notes.append(
-            f"the plan expects tag {', '.join(str(name) for name in planned.visible_markers)} in view"
-        )
+        expected = ", ".join(str(name) for name in planned.visible_markers)
+        notes.append(f"the plan expects tag {expected} in view")
     return "; ".join(notes)

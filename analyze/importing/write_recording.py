@@ -351,6 +351,7 @@ def _manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:
 
 
 def _camera(prepared: PreparedImport) -> ManifestCamera:
+    """Manifest entry of the camera: name, frame rate with its standard deviation, calibration."""
     sd = prepared.options.rate_sd_hz
     return ManifestCamera(
         name=CAMERA, frame_rate_hz=prepared.rate_hz, frame_rate_sd_hz=sd, calibration=prepared.calibration
@@ -365,13 +366,8 @@ def _attachments(prepared: PreparedImport) -> list[tuple[str, str, bytes]]:
         (CAMERA_ATTACHMENT_PREFIX + prepared.camera.file_name, "text/plain", prepared.camera.content()),
     ]
     if files.shape_bytes is not None:
-        found.append(
-            (
-                SHAPE_ATTACHMENT_PREFIX + Path(files.shape_name).name,
-                "application/octet-stream",
-                files.shape_bytes,
-            )
-        )
+        name = SHAPE_ATTACHMENT_PREFIX + Path(files.shape_name).name
+        found.append((name, "application/octet-stream", files.shape_bytes))
     return found
 
 

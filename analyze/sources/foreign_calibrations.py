@@ -8,7 +8,6 @@ executed: YAML is read with the safe constructors and OpenCV's one matrix type.
 from __future__ import annotations
 
 import json
-import math
 import re
 import warnings
 from collections.abc import Mapping
@@ -207,14 +206,9 @@ def _size(entries: Mapping[str, Any], name: str) -> tuple[int, int]:
 
 
 def _whole(value: Any) -> int | None:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not math.isfinite(value)
-        or value != int(value)
-    ):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1 << 20:
         return None
-    return int(value) if 0 < value < 1 << 20 else None
+    return int(value) if value == int(value) else None
 
 
 def _model(entries: Mapping[str, Any], name: str) -> LensModel:
@@ -235,11 +229,8 @@ def _model(entries: Mapping[str, Any], name: str) -> LensModel:
         )
     stated = _first(entries, ("distortionmodel", "model"))
     if stated is None:
-        stated = (
-            camera
-            if camera is not None
-            else ("fisheye" if _first(entries, ("fisheyemodel", "fisheye")) == 1 else "pinhole")
-        )
+        is_fisheye = _first(entries, ("fisheyemodel", "fisheye")) == 1
+        stated = camera if camera is not None else "fisheye" if is_fisheye else "pinhole"
     if _plain(stated) in {"none", ""} and not _listed(_first(entries, _DISTORTION)):
         return LensModel.PINHOLE
     model = _MODELS.get(_plain(stated))
@@ -260,11 +251,9 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
         CalibrationError: their number is none of OpenCV's, or one beyond those above is not 0.
     """
     found = _first(entries, _DISTORTION)
-    values: list[float] = (
-        []
-        if not _listed(found)
-        else _numbers(found, name, "the distortion", (1, 2, 4, 5, 8, 12, 14)).tolist()
-    )
+    values = list[float]()
+    if _listed(found):
+        values = _numbers(found, name, "the distortion", (1, 2, 4, 5, 8, 12, 14)).tolist()
     full = 4 if model is LensModel.FISHEYE else 5 if not any(values[5:8]) else 8
     if any(values[full:]):
         if model is LensModel.FISHEYE:

@@ -223,11 +223,9 @@ class MissingFrames:
             return np.zeros(0, np.int64)
         gaps = np.diff(times_ns, prepend=times_ns[0] if self._last_ns is None else self._last_ns)
         known = gaps if self._last_ns is not None else gaps[1:]
-        usual = (
-            [*self._recent, *known.tolist()]
-            if len(self._recent) == RECENT_INTERVALS
-            else [self.interval_ns, *self._recent, *known.tolist()]
-        )
+        usual = [*self._recent, *known.tolist()]
+        if len(self._recent) < RECENT_INTERVALS:
+            usual.append(self.interval_ns)
         if max(usual) < GAP_INTERVALS * min(usual):  # no frame is missing, whatever the median is
             self._last_ns = int(times_ns[-1])
             self._recent.extend(known[-RECENT_INTERVALS:].tolist())

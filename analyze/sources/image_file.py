@@ -48,11 +48,5 @@ def image_file(data: Buffer) -> ImageFile | None:
             int.from_bytes(data[at : at + 4], "big") for at in (PNG_SIZE_OFFSET, PNG_SIZE_OFFSET + 4)
         )
         return ImageFile(PNG, data, width, height)
-    return _as_png(bytes(data))
-
-
-def _as_png(data: bytes) -> ImageFile | None:
-    image = decode_image_file(data)
-    if image is None:
-        return None
-    return ImageFile(PNG, encode_png(image), image.shape[1], image.shape[0])
+    image = decode_image_file(bytes(data))
+    return None if image is None else ImageFile(PNG, encode_png(image), image.shape[1], image.shape[0])

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path
-from typing import TextIO
+from typing import TextIO, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyze.errors import ImportRefused
 from analyze.reading.image_message import decode_image_file
 from analyze.reading.time_range import is_within
 from analyze.sources.frame_timing import usual_interval
-from analyze.sources.image_file import IMAGE_SUFFIXES, ImageFile, image_file
+from analyze.sources.image_file import IMAGE_SUFFIXES, image_file
 from analyze.sources.source import TimedFile, TimedImage
 from schemas.session_manifest import TimeSource
 
+T = TypeVar("T")
 _NAME, _TIME = "name", "time_s"
 COLUMNS = f"{_NAME},{_TIME}"
 FILE_SUFFIXES = {".png", ".jpg", ".jpeg"}
@@ -53,7 +53,7 @@ class ImageFolder:
         self.rate_hz = 1e9 / usual_interval([time_ns for time_ns, _ in self._images])
         self.is_coded = True
         self.holds_files = {path.suffix.lower() for _, path in self._images} <= FILE_SUFFIXES
-        first = self._image(self._images[0][1])
+        first = self._read(self._images[0][1], decode_image_file)
         self.height, self.width = first.shape
 
     @property
@@ -79,7 +79,7 @@ class ImageFolder:
             ImportRefused: an image cannot be read, or differs in size from the first.
         """
         for time_ns, path in self._between(start_ns, end_ns):
-            image = self._image(path)
+            image = self._read(path, decode_image_file)
             self._refuse_other_size(path, image.shape[1], image.shape[0])
             yield TimedImage(time_ns, image)
 
@@ -94,35 +94,32 @@ class ImageFolder:
             ImportRefused: an image cannot be read, or differs in size from the first.
         """
         for time_ns, path in self._between(start_ns, end_ns):
-            file = self._file(path)
+            file = self._read(path, image_file)
             self._refuse_other_size(path, file.width, file.height)
             yield TimedFile(time_ns, file)
 
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Path]]:
         return (timed for timed in self._images if is_within(timed[0], start_ns, end_ns))
 
-    def _image(self, path: Path) -> NDArray[np.uint8]:
-        image = decode_image_file(self._read(path))
-        if image is None:
-            raise self._no_image(path)
-        return image
+    def _read(self, path: Path, decode: Callable[[bytes], T | None]) -> T:
+        """Read an image and decode it.
 
-    def _file(self, path: Path) -> ImageFile:
-        file = image_file(self._read(path))
-        if file is None:
-            raise self._no_image(path)
-        return file
+        Args:
+            path: path of the image.
+            decode: conversion of the file's bytes; it returns None for bytes that are no image.
 
-    def _read(self, path: Path) -> bytes:
+        Raises:
+            ImportRefused: the file cannot be read, or is not an image.
+        """
         try:
-            return path.read_bytes()
+            found = decode(path.read_bytes())
         except OSError as error:
             raise ImportRefused(
                 f"{path}: cannot be read: {error.strerror}: check what {self._csv.name} names"
             ) from None
-
-    def _no_image(self, path: Path) -> ImportRefused:
-        return ImportRefused(f"{path}: not a readable image: leave it out of {self._csv.name}")
+        if found is None:
+            raise ImportRefused(f"{path}: not a readable image: leave it out of {self._csv.name}")
+        return found
 
     def _refuse_other_size(self, path: Path, width: int, height: int) -> None:
         if (width, height) != (self.width, self.height):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,7 @@ MAX_NAMED = 6
 """largest number of topics or types that a message names"""
 
 
-class _Timed(Protocol):
-    @property
-    def time_ns(self) -> int: ...
-
-
-_Image = TypeVar("_Image", bound=_Timed)
+_Image = TypeVar("_Image", TimedImage, TimedFile)
 
 
 class TopicSource:

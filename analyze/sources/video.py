@@ -285,11 +285,10 @@ class VideoSource:
         unit, stated_hz = Fraction(stream.time_base or 1), Fraction(stated) if stated else None
         played = frame_timing(stamps, unit, stated_hz, None)
         if played is None:
-            why = (
-                "contains fewer than two frames with time stamps: record again, or use a container that has "
-                "them (MP4, Matroska)"
+            raise ImportRefused(
+                f"{self.path}: contains fewer than two frames with time stamps: record again, or use a "
+                "container that has them (MP4, Matroska)"
             )
-            raise ImportRefused(f"{self.path}: {why}")
         captured_hz = self._capture_rate(container, played, capture_hz)
         return played if captured_hz is None else frame_timing(stamps, unit, stated_hz, captured_hz) or played
 
