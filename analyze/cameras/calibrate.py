@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,10 +173,9 @@ def _refuse_size(name: str, image: Image, first: tuple[str, tuple[int, ...]], ri
 def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
     what = "the image shows" if looked_at == 1 else f"none of {looked_at} images shows"
     none = "no board" if looked_at == 1 else "a board"
-    others: dict[str, int] = {}
+    others: Counter[str] = Counter()
     for image in some:
-        for family, many in families_seen(image).items():
-            others[family] = max(many, others.get(family, 0))
+        others |= Counter(families_seen(image))  # the largest count of each family
     # A large tag family contains the smaller ones of its kind: if several are equally likely, choose the one
     # that boards are printed with.
     likely = max(others, key=lambda family: (others[family], family == ON_BOARDS), default=None)

@@ -69,23 +69,11 @@ class _Sheet:
 
     def black(self, rectangles: Sequence[Rect]) -> None:
         """Fill all rectangles black, as one outline without hairlines between neighbours."""
-        corners = np.array(
-            [
-                [
-                    (f.x, f.y),
-                    (f.x + f.width, f.y),
-                    (f.x + f.width, f.y + f.height),
-                    (f.x, f.y + f.height),
-                    (f.x, f.y),
-                ]
-                for f in rectangles
-            ]
-        )
-        codes = np.tile(
-            [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY],
-            len(rectangles),
-        )
-        outline = Outline(corners.reshape(-1, 2) * self._scale, codes)
+        corners = [
+            [(f.x, f.y), (f.x + f.width, f.y), (f.x + f.width, f.y + f.height), (f.x, f.y + f.height)]
+            for f in rectangles
+        ]
+        outline = Outline.make_compound_path_from_polys(np.array(corners) * self._scale)
         self._figure.add_artist(
             PathPatch(
                 outline, facecolor="black", edgecolor="none", linewidth=0, transform=self._figure.transFigure
@@ -103,8 +91,7 @@ class _Sheet:
         """Draw a straight line between two points (x, y) [mm], of a width in mm, dashed if `dash`."""
         points = np.array([start, end]) * self._scale
         line = Line2D(
-            points[:, 0],
-            points[:, 1],
+            *points.T,
             color=colour,
             lw=width_mm * 72 / MM_PER_INCH,
             transform=self._figure.transFigure,

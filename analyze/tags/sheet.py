@@ -75,9 +75,8 @@ class PlacedTag:
     @property
     def black(self) -> list[Rect]:
         """Black rectangles of the tag on the page, one per run of black cells in a row."""
-        return black_rectangles(
-            families.cells(self.tag.family, self.tag.id), self.x, self.y, self.tag.size_mm
-        )
+        cells = families.cells(self.tag.family, self.tag.id)
+        return black_rectangles(cells, self.x, self.y, self.tag.size_mm)
 
 
 @dataclass(frozen=True)
@@ -210,14 +209,8 @@ def board_page(board: Board, paper: str) -> Page:
                 rectangles.append(Rect(*corner, board.square_mm, board.square_mm))
                 continue
             inset = (board.square_mm - board.marker_mm) / 2
-            rectangles.extend(
-                black_rectangles(
-                    families.cells(board.family, tag_id),
-                    corner[0] + inset,
-                    corner[1] + inset,
-                    board.marker_mm,
-                )
-            )
+            cells = families.cells(board.family, tag_id)
+            rectangles += black_rectangles(cells, corner[0] + inset, corner[1] + inset, board.marker_mm)
             tag_id += 1
     size = f"{board.columns}x{board.rows}, squares {board.square_mm:g} mm, tags {board.marker_mm:g} mm"
     caption = f"ChArUco {size}, {board.family}, ids 0-{tag_id - 1}"
@@ -253,8 +246,8 @@ def refuse_impossible(board: Board) -> None:
             f"{families.count(board.family)}: choose fewer squares, or another --family"
         )
     cell = board.marker_mm / len(families.cells(board.family, 0))
-    if board.square_mm < board.marker_mm + 2 * families.QUIET_CELLS * cell:
-        least = board.marker_mm + 2 * families.QUIET_CELLS * cell
+    least = board.marker_mm + 2 * families.QUIET_CELLS * cell
+    if board.square_mm < least:
         raise TagError(
             f"squares of {board.square_mm:g} mm leave no white rim round tags of {board.marker_mm:g} mm: "
             f"choose squares of {least:.1f} mm or more"
