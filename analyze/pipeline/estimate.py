@@ -168,29 +168,6 @@ class Estimate:
         return self.com.planes
 
 
-def estimate_recording(
-    path: Path, options: EstimateOptions | None = None, progress: Progress | None = None
-) -> Estimate:
-    """Estimate one object's centre of mass, inertia and region masses from one recording.
-
-    Args:
-        path: the recording (MCAP).
-        options: choices of the user; None for the defaults.
-        progress: called with (text, done, total) before each strike, and before the estimate.
-
-    Returns:
-        The estimate with its checks, and the evidence (fitted strikes) that it was computed from.
-
-    Raises:
-        RecordingError: the file cannot be read.
-        ShapeError: the object's shape cannot be used.
-        PlanError: the plan is of another object.
-        TrackingError: no marker of any strike can be tracked.
-        EstimationError: fewer than three strikes can be used, or an excluded strike does not exist.
-    """
-    return estimate_recordings([path], options, progress)
-
-
 def estimate_recordings(
     paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> Estimate:
@@ -221,7 +198,7 @@ def estimate_recordings(
     total, done = sum(len(head.strike_ids) for head in heads), 0
     read: list[Evidence] = []
     for head in heads:
-        read.append(read_evidence(head, options.object_path, _offset_progress(progress, done, total)))
+        read.append(read_evidence(head, options.object_path, offset_progress(progress, done, total)))
         done += len(head.strike_ids)
     if progress is not None:
         progress("estimating", total, total)
@@ -231,11 +208,14 @@ def estimate_recordings(
         raise EstimationError(f"{paths_text(heads)}: {error}") from None
 
 
-def _offset_progress(progress: Progress | None, before: int, total: int) -> Progress | None:
-    """Progress callback for one recording after `before` of `total` strikes; None if `progress` is None."""
+def offset_progress(progress: Progress | None, before: int, total: int, prefix: str = "") -> Progress | None:
+    """Progress callback for one part of the work after `before` of `total` steps; None if `progress` is None.
+
+    It reports the part's texts with `prefix` in front.
+    """
     if progress is None:
         return None
-    return lambda text, done, _: progress(text, before + done, total)
+    return lambda text, done, _: progress(prefix + text, before + done, total)
 
 
 def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Estimate:
@@ -258,16 +238,15 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     spec, model = evidence.spec, evidence.model
     used = _used_motions(evidence, options)
     stated_planes = equiplanes(evidence, used, options.estimator)
-    systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(model.bounds[0], model.bounds[1])
+    systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(*model.bounds)
     scale = stated_scale(evidence)
     cells = cells_from_voxels(
         voxelise(model, (model.volume / CELLS) ** (1 / 3), shell_thickness(spec, model))
     )
-    rates = check_frame_rates(
-        evidence, stated_planes, systematic, prior, MomentModel(scale, shape_prior(cells)), cells
-    )
-    planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
     moments = MomentModel(scale, shape_prior(cells))
+    rates = check_frame_rates(evidence, stated_planes, systematic, prior, moments, cells)
+    planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
+    moments = replace(moments, scale=scale)
     solution = solve_joint(planes, systematic, prior, moments)
     struck = inertial_parameters_from_joint(solution, prior, scale)
     checks = check_solution(
@@ -276,7 +255,6 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
     recording_of = [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes]
     paper, struck_paper_planes = paper_estimate(evidence, used, cells, scale)
-    centres = centre_difference(paper.com, struck_paper_planes, struck.com, prior)
     return Estimate(
         evidence=evidence,
         options=options,
@@ -299,7 +277,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         predictions=predict_strikes(evidence, checks.left_out),
         agreements=Agreements(
             agreement(planes, recording_of, struck.com, systematic, prior),
-            centres,
+            centre_difference(paper.com, struck_paper_planes, struck.com, prior),
             estimator_disagreements(used),
         ),
         frame_rates=tuple(rates),

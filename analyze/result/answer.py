@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from analyze.pipeline.estimate import estimate_evidence, estimate_recordings
-from analyze.result.document import result_document, result_json
+from analyze.result.document import result_document
+from schemas.document import canonical_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,7 +35,7 @@ class Answer:
 
     def json(self) -> str:
         """Result document as one line of JSON; estimates of the same recordings give the same bytes."""
-        return result_json(self.result)
+        return canonical_json(self.result)
 
 
 def answer_recordings(

@@ -13,8 +13,8 @@ from scipy.special import chdtrc
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.priors import ComPrior
-from analyze.pipeline.equiplanes import equiplanes, systematic_errors
-from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence
+from analyze.pipeline.equiplanes import systematic_errors
+from analyze.pipeline.estimate import Estimate, EstimateOptions, estimate_evidence, offset_progress
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
     by_start_time,
@@ -124,23 +124,13 @@ def compare_recordings(
     heads = by_start_time([read_head(path) for path in paths])
     refuse_unmergeable(heads, options.object_path is not None)
     options = replace(options, exclude=resolve_exclusions(heads, options.exclude))
-    strikes = sum(len(head.strike_ids) for head in heads)
-    total, done = strikes + len(heads) + 1, 0
-
-    def report(text: str, more: int = 0) -> None:
-        if progress is not None:
-            progress(text, done + more, total)
-
+    total, done = sum(len(head.strike_ids) for head in heads) + len(heads) + 1, 0
     read: list[Evidence] = []
     for head in heads:
-        name = head.path.name
-        read.append(
-            read_evidence(
-                head, options.object_path, lambda text, of, _, name=name: report(f"{name}, {text}", of)
-            )
-        )
+        mine = offset_progress(progress, done, total, f"{head.path.name}, ")
+        read.append(read_evidence(head, options.object_path, mine))
         done += len(head.strike_ids)
-    return compare_evidence(read, options, lambda text, of, _: report(text, of))
+    return compare_evidence(read, options, offset_progress(progress, done, total))
 
 
 def compare_evidence(
@@ -201,7 +191,7 @@ def compare_evidence(
         )
         for i, (each, answer) in enumerate(zip(ordered, alone, strict=True))
     )
-    return SessionComparison(sessions, _separate_centres(joint, numbers), Answer.from_estimate(joint))
+    return SessionComparison(sessions, joint.agreements.recordings, Answer.from_estimate(joint))
 
 
 def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
@@ -218,18 +208,10 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
 
     Returns:
         Largest shift of a group's centre of mass [m], decrease of chi squared and its critical value, by the
-        balance angles of each motion's own fit.
+        balance angles that the estimate used.
     """
-    evidence = joint.evidence
-    motions = {motion.strike_id: motion for motion in evidence.motions}
-    planes = equiplanes(evidence, [motions[plane.strike_id] for plane in joint.planes])
-    return agreement(
-        planes,
-        numbers,
-        joint.com_struck,
-        systematic_errors(evidence),
-        ComPrior.from_bounds(*evidence.model.bounds),
-    )
+    prior = ComPrior.from_bounds(*joint.evidence.model.bounds)
+    return agreement(joint.fitted_planes, numbers, joint.com_struck, systematic_errors(joint.evidence), prior)
 
 
 def _setups(heads: Sequence[RecordingHead]) -> list[int]:

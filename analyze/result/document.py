@@ -16,7 +16,7 @@ from analyze.result.frame_times import frame_times_documents
 from analyze.result.rounding import rounded
 from analyze.result.tilt import table_tilts
 from analyze.result.warnings import result_warnings
-from schemas.document import canonical_json, sha256_text
+from schemas.document import sha256_text
 from schemas.quantity import Quantity
 from schemas.result import (
     AxisMoment,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from analyze.estimation.part_masses import PartMasses
     from analyze.estimation.priors import Scale
     from analyze.pipeline.estimate import Estimate, EstimateOptions
-    from analyze.pipeline.evidence import Evidence, RecordingHead
+    from analyze.pipeline.evidence import Evidence
     from analyze.pipeline.prediction import StrikePrediction
     from analyze.types import (
         Array,
@@ -121,38 +121,33 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
 
 def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
     """Ids and hashes of recordings, object, plan and settings that the result was computed from."""
-    settings = f"{sorted(options.exclude)} {options.estimator} {options.seed}"
     recordings = evidence.recordings
-    one = recordings[0]
     plans = sorted({each.manifest.plan_sha256 for each in recordings})
     return ResultInputs(
         recording_id=" + ".join(each.manifest.recording_id for each in recordings),
         content_id=(
-            one.content_id
+            recordings[0].content_id
             if len(recordings) == 1
             else sha256_text("\n".join(sorted(each.content_id for each in recordings)))
         ),
         object_sha256=evidence.object_sha256,
         plan_sha256=plans[0] if len(plans) == 1 else sha256_text("\n".join(plans)),
-        configuration_sha256=sha256_text(settings),
+        configuration_sha256=sha256_text(f"{sorted(options.exclude)} {options.estimator} {options.seed}"),
         software=evidence.software,
         recordings=(
             None
             if len(recordings) == 1
-            else [_merged_recording(i + 1, each) for i, each in enumerate(recordings)]
+            else [
+                JoinedRecording(
+                    number=number,
+                    recording_id=each.manifest.recording_id,
+                    content_id=each.content_id,
+                    created=each.manifest.created,
+                    plan_sha256=each.manifest.plan_sha256,
+                )
+                for number, each in enumerate(recordings, 1)
+            ]
         ),
-    )
-
-
-def _merged_recording(number: int, head: RecordingHead) -> JoinedRecording:
-    """Entry of one of several recordings, which count from 1 by start time, in the result's inputs."""
-    manifest = head.manifest
-    return JoinedRecording(
-        number=number,
-        recording_id=manifest.recording_id,
-        content_id=head.content_id,
-        created=manifest.created,
-        plan_sha256=manifest.plan_sha256,
     )
 
 
@@ -181,19 +176,17 @@ def com_quantity(com: CentreOfMass) -> Quantity:
     The unobserved direction is None if the strikes determine all three coordinates.
     """
     sd = np.sqrt(np.diag(com.covariance))
-    direction = com.unobserved_direction
     return Quantity(
         value=com.position.tolist(),
         unit="m",
         sd=sd.tolist(),
         covariance=com.covariance.tolist(),
-        interval95=[
-            [c - SIGMAS_95 * s, c + SIGMAS_95 * s]
-            for c, s in zip(com.position.tolist(), sd.tolist(), strict=True)
-        ],
+        interval95=_intervals(com.position, sd),
         frame="O",
         observed=com.observed,
-        unobserved_direction=None if direction is None else direction.tolist(),
+        unobserved_direction=(
+            None if com.unobserved_direction is None else com.unobserved_direction.tolist()
+        ),
     )
 
 
@@ -203,20 +196,22 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
     Standard deviations and 95 % intervals are listed by rows, nine each. It counts as observed, with source
     "measured", only if strikes determine every entry; otherwise its source is "prior".
     """
-    sd = parameters.inertia_sd
+    value, sd = _clean(parameters.inertia), parameters.inertia_sd
     every = bool(parameters.measured.all())
     return Quantity(
-        value=_clean(parameters.inertia).tolist(),
+        value=value.tolist(),
         unit="kg m^2",
         sd=sd.ravel().tolist(),
-        interval95=[
-            [v - SIGMAS_95 * s, v + SIGMAS_95 * s]
-            for v, s in zip(_clean(parameters.inertia).ravel().tolist(), sd.ravel().tolist(), strict=True)
-        ],
+        interval95=_intervals(value.ravel(), sd.ravel()),
         frame="O",
         observed=every,
         source="measured" if every else "prior",
     )
+
+
+def _intervals(values: Array, sd: Array) -> list[list[float]]:
+    """95 % intervals [low, high] of n values (n,) with their standard deviations (n,), one per value."""
+    return np.stack([values - SIGMAS_95 * sd, values + SIGMAS_95 * sd], axis=1).tolist()
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
@@ -418,11 +413,6 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
     )
 
 
-def result_json(result: Result) -> str:
-    """Result document as one line of JSON with sorted keys; the same recording gives the same bytes."""
-    return canonical_json(result)
-
-
-def _clean(matrix: Array, fraction: float = 1e-9) -> Array:
-    """Copy of an array with entries below `fraction` of the largest set to 0, to remove rounding noise."""
-    return np.where(np.abs(matrix) < fraction * np.abs(matrix).max(), 0.0, matrix)
+def _clean(matrix: Array) -> Array:
+    """Copy of an array with entries below 1e-9 of the largest set to 0, to remove rounding noise."""
+    return np.where(np.abs(matrix) < 1e-9 * np.abs(matrix).max(), 0.0, matrix)

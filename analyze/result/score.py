@@ -60,12 +60,12 @@ def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
 def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     """Errors of an answer against the ground truth of a virtual recording, as a table ready for JSON.
 
-    Lists run over the strikes used (`strike_ids`), `i_edge_relative_error` over those with an I_edge (moment
-    about the edge). Region masses are those of the shell, the upper and the lower part of the interior; their
-    errors are the paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region, sum
-    abs(dm) / 2M, with dm the error of a region's mass and M the object's mass; both are None if the truth has
-    no three regions. "Upper" is the true side of the dividing plane; the two interior names of the estimate
-    are swapped where its plane points to the other side.
+    Lists run over the strikes used (`strike_ids`); an entry of `i_edge_relative_error` is None where the
+    strike has no I_edge (moment about the edge). Region masses are those of the shell, the upper and the
+    lower part of the interior; their errors are the paper's metric, the mean over regions of abs(dm) / M, and
+    the mass in the wrong region, sum abs(dm) / 2M, with dm the error of a region's mass and M the object's
+    mass; both are None if the truth has no three regions. "Upper" is the true side of the dividing plane; the
+    two interior names of the estimate are swapped where its plane points to the other side.
 
     Args:
         path: recording that holds the ground truth.
@@ -98,9 +98,8 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
         ],
         "i_edge_true_kg_m2": [truth.i_edge for truth in truths],
         "i_edge_relative_error": [
-            _scalar(strike.i_edge) / truth.i_edge - 1
+            None if strike.i_edge is None else _scalar(strike.i_edge) / truth.i_edge - 1
             for strike, truth in zip(used, truths, strict=True)
-            if strike.i_edge is not None
         ],
         "i_com_relative_error": {
             axis.axis_id: (
@@ -242,10 +241,8 @@ def render_score(score: dict[str, Any]) -> None:
         title_justify="left",
         box=SIMPLE_HEAD,
     )
-    moments = score["i_edge_relative_error"] + [None] * len(score["strike_ids"])
-    for name, phi, wrong, moment in zip(
-        score["strike_ids"], score["phi_true_rad"], score["phi_error_rad"], moments, strict=False
-    ):
+    columns = ("strike_ids", "phi_true_rad", "phi_error_rad", "i_edge_relative_error")
+    for name, phi, wrong, moment in zip(*(score[key] for key in columns), strict=True):
         strikes.add_row(
             name,
             f"{np.degrees(phi):.2f} deg",

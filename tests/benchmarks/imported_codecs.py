@@ -26,7 +26,7 @@ from av.video.stream import VideoStream
 from analyze.errors import ImportRefused
 from analyze.importing.prepare import ImportOptions, prepare
 from analyze.importing.write_recording import write_recording
-from analyze.pipeline.estimate import Estimate, estimate_recording
+from analyze.pipeline.estimate import Estimate, estimate_recordings
 from analyze.reading.recording import open_recording
 from analyze.reading.truth import read_truth
 from analyze.sources.open_source import SourceOptions
@@ -218,7 +218,7 @@ def main() -> None:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--only", help="part of the names of the formats to be tried")
     arguments = parser.parse_args()
-    live = estimate_recording(arguments.recording)
+    live = estimate_recordings([arguments.recording])
     truth = np.array(read_truth(arguments.recording).body.com_object)
     rate = round(live.evidence.manifest.cameras[0].frame_rate_hz)
     click.echo(
@@ -259,7 +259,9 @@ def main() -> None:
                 for file in (path.rglob("*") if path.is_dir() else [path])
             )
             click.echo(
-                _row(file_format.name, live, estimate_recording(output), truth, f"{written.size / size:.2f}")
+                _row(
+                    file_format.name, live, estimate_recordings([output]), truth, f"{written.size / size:.2f}"
+                )
             )
 
 

@@ -99,7 +99,7 @@ def table(rows: list[dict]) -> Table:
             continue
         com = [1e3 * row["centre_of_mass_error_m"] for row in good]
         phi = [abs(np.degrees(e)) for row in good for e in row["phi_error_rad"]]
-        edge = [100 * abs(e) for row in good for e in row["i_edge_relative_error"]]
+        edge = [100 * abs(e) for row in good for e in row["i_edge_relative_error"] if e is not None]
         regions = [100 * row["region_mass_error_relative"] for row in good]
         naive = [100 * min(row["region_mass_error_relative_baselines"].values()) for row in good]
         used, struck = sum(len(row["strike_ids"]) for row in good), sum(row["strikes"] for row in good)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import analyze
-from analyze.pipeline.estimate import estimate_recording
+from analyze.pipeline.estimate import estimate_recordings
 from tests.places import ROOT, SAMPLE
 
 
@@ -55,7 +55,7 @@ def test_recording_has_strikes_with_theta_of_t(recording):
 
 
 def test_estimate_equals_that_of_the_pipeline(found):
-    reference = estimate_recording(SAMPLE)
+    reference = estimate_recordings([SAMPLE])
     assert np.array_equal(found.centre_of_mass.position, reference.com.position)
     assert np.array_equal(found.centre_of_mass.covariance, reference.com.covariance)
     assert np.array_equal(found.inertia.tensor, reference.inertial.inertia)

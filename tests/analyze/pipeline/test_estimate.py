@@ -10,7 +10,7 @@ from analyze.errors import EstimationError
 from analyze.pipeline.estimate import EstimateOptions
 from analyze.report.summary import render_summary
 from analyze.result.answer import answer_evidence
-from analyze.result.score import score_answer, tip_truth
+from analyze.result.score import render_score, score_answer, tip_truth
 from analyze.types import RollingContact, TipMotion
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import Result, WarningCode
@@ -214,6 +214,26 @@ def test_score_has_the_documented_keys(estimate, monkeypatch, tmp_path):
     assert np.abs(score["i_edge_relative_error"]).max() < 0.03
     assert score["region_mass_error_relative"] < 0.04
     assert 0 <= score["mass_in_wrong_region"] < 0.06
+
+
+def test_score_shows_each_moment_error_in_its_strikes_row(estimate, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(
+        "analyze.result.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()})
+    )
+    whole = score_answer(tmp_path / "r.mcap", estimate)["i_edge_relative_error"]
+    rows = list(estimate.result.strikes)
+    rows[1] = rows[1].model_copy(update={"k": None, "i_edge": None})
+    score = score_answer(
+        tmp_path / "r.mcap",
+        replace(estimate, result=estimate.result.model_copy(update={"strikes": rows})),
+    )
+    assert score["i_edge_relative_error"] == [whole[0], None, *whole[2:]]
+    render_score(score)
+    shown = {
+        line.split()[0]: line.split()[-1] for line in capsys.readouterr().out.splitlines() if line.strip()
+    }
+    assert shown[rows[1].id] == "deg"
+    assert shown[rows[2].id] == f"{whole[2]:+.2%}"
     json.dumps(score, allow_nan=False)
 
 

@@ -208,13 +208,11 @@ def test_level_table_gives_a_smaller_error():
 @pytest.mark.slow
 def test_plan_from_a_recording_or_its_result(tmp_path: Path):
     """The sample recording and the JSON of its result give the same plan."""
-    from analyze.pipeline.estimate import estimate_recording
-    from analyze.result.document import result_json
+    from analyze.result.answer import answer_recordings
 
-    estimate = estimate_recording(SAMPLE)
-    spec = estimate.evidence.spec
-    assert spec.shape.file is None
-    result = result_json(estimate.result)
+    answer = answer_recordings([SAMPLE])
+    assert answer.estimate.evidence.spec.shape.file is None
+    result = answer.json()
     (tmp_path / "r.json").write_text(result)
     thing = tmp_path / "object.toml"
     thing.write_bytes(_attachment(SAMPLE))
@@ -225,7 +223,7 @@ def test_plan_from_a_recording_or_its_result(tmp_path: Path):
     assert [strike.axis_id for strike in taught.strikes] == [strike.axis_id for strike in plan.strikes]
     # Only the recording has the striker's impacts.
     assert taught.hypothesis.striker.restitution_sd < 0.5 * plan.hypothesis.striker.restitution_sd
-    (tmp_path / "other.json").write_text(result.replace(estimate.result.inputs.object_sha256, "0" * 64))
+    (tmp_path / "other.json").write_text(result.replace(answer.result.inputs.object_sha256, "0" * 64))
     with pytest.raises(PlanError, match="is of another object"):
         plan_object(thing, PlanOptions(given=(tmp_path / "other.json",)))
     (tmp_path / "none.json").write_text("{")

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from analyze.cli import main as analyze
 from analyze.errors import EstimationError, MergeError
+from analyze.pipeline.estimate import EstimateOptions
 from analyze.report.comparison_document import comparison_document, upper_factor
 from analyze.report.comparison_page import comparison_json, comparison_summary
 from analyze.result.comparison import SessionComparison, compare_evidence
@@ -69,6 +70,17 @@ def test_sessions_of_one_body_agree(alike):
     assert [each.setup for each in found.sessions] == [1, 1, 2]
     assert not any(each.stands_out for each in found.sessions)
     assert found.verdict[0].startswith("trust that all 3 sessions have one centre of mass")
+
+
+def test_agreement_is_tested_with_the_chosen_estimator(alike):
+    read = [each.answer.estimate.evidence for each in alike.sessions[:2]]
+    found = compare_evidence(read, EstimateOptions(estimator="sign_change"))
+    expected = found.joint.estimate.agreements.recordings.chi_squared
+    assert found.together.chi_squared == expected
+    for each in found.sessions:
+        assert each.against_others.chi_squared == pytest.approx(expected, rel=1e-3)
+    by_default = compare_evidence(read)
+    assert by_default.together.chi_squared != pytest.approx(expected, rel=1e-3)
 
 
 def test_precision_follows_from_the_answers(alike):
