@@ -49,64 +49,43 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
         ShapeError: the shape is no mesh file, or cannot be read.
     """
     suffix = PurePath(shape_name).suffix.lower().removeprefix(".")
-    is_mesh = (
-        suffix in mesh_files.FORMATS
-        and shape_bytes is not None
-        and (suffix != "ply" or mesh_files.ply_has_faces(shape_bytes))
-    )
-    if shape_bytes is None or spec.shape.unit is None or not is_mesh:
+    if shape_bytes is None or spec.shape.unit is None or not mesh_files.is_mesh(shape_bytes, suffix):
         raise ShapeError(
             f"{shape_name}: only a mesh file has bodies that can be parts: give an assembly as a mesh, or "
             "label wall and layers"
         )
     # Bodies that touch each other have nearly equal corners, which must not be merged.
-    raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, spec.shape.unit, same=0.0)
-    vertices = raw.vertices * spec.shape.unit.metres
-    faces, body, _ = polyhedron.consistently_wound(raw.faces)
+    vertices, faces = mesh_files.read_mesh(shape_bytes, shape_name, suffix, spec.shape.unit, same=0.0)
+    vertices = vertices * spec.shape.unit.metres
+    faces, body, _ = polyhedron.consistently_wound(faces)
     labels = _with_seams(faces, body)
-    found = [faces[labels == label] for label in range(int(labels.max()) + 1)]
-    solid = [(each, polyhedron.mass_properties(vertices, each)) for each in found]
+    volumes = polyhedron.body_volumes(vertices, faces, labels)
     # The winding of most of the volume is taken as outwards; a body of the other winding inside another is
     # its cavity.
-    sign = 1.0 if sum(properties.volume for _, properties in solid) > 0 else -1.0
-    outer = [(each, properties) for each, properties in solid if sign * properties.volume > 0]
-    holes = [(each, properties) for each, properties in solid if sign * properties.volume <= 0]
-    merged = [each for each, _ in outer]
-    for faces_of, properties in holes:
+    if volumes.sum() <= 0:
+        faces, volumes = faces[:, ::-1], -volumes
+    found = [faces[labels == label] for label in range(len(volumes))]
+    outer = np.flatnonzero(volumes > 0)
+    merged = {int(label): found[label] for label in outer}
+    for hole in np.flatnonzero(volumes <= 0):
+        corner = vertices[found[hole][0]].mean(axis=0, keepdims=True)
         owner = next(
             (
-                i
-                for i, (each, other) in enumerate(outer)
-                if abs(other.volume) > abs(properties.volume)
-                and polyhedron.inside(vertices, _outwards(each, sign), _face_centre(vertices, faces_of))[0]
+                int(label)
+                for label in outer
+                if volumes[label] > -volumes[hole] and polyhedron.inside(vertices, found[label], corner)[0]
             ),
             None,
         )
         if owner is None:
-            merged.append(faces_of[:, ::-1])
+            merged[int(hole)] = found[hole][:, ::-1]
         else:
-            merged[owner] = np.concatenate([merged[owner], faces_of])
-    bodies: list[Body] = []
-    for each in merged:
-        outwards = _outwards(each, sign)
-        bodies.append(
-            Body(
-                polyhedron.mass_properties(vertices, outwards),
-                vertices,
-                outwards,
-                polyhedron.open_edges(outwards),
-            )
-        )
+            merged[owner] = np.concatenate([merged[owner], found[hole]])
+    bodies = [
+        Body(polyhedron.mass_properties(vertices, each), vertices, each, polyhedron.open_edges(each))
+        for each in merged.values()
+    ]
     return sorted(bodies, key=lambda one: -one.properties.volume)
-
-
-def _outwards(faces: IntArray, sign: float) -> IntArray:
-    return faces if sign > 0 else faces[:, ::-1]
-
-
-def _face_centre(vertices: Array, faces: IntArray) -> Array:
-    """Centroid (1, 3) [m] of the first of `faces` (f, 3), given the mesh's `vertices` (n, 3) [m]."""
-    return vertices[faces[0]].mean(axis=0, keepdims=True)
 
 
 def _with_seams(faces: IntArray, body: IntArray) -> IntArray:

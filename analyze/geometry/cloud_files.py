@@ -17,7 +17,7 @@ from io import BytesIO
 import numpy as np
 
 from analyze.errors import ShapeError
-from analyze.geometry.mesh_files import refuse_false_ply_counts
+from analyze.geometry.mesh_files import PLY_TYPES, refuse_false_ply_counts
 from analyze.types import Array
 
 FORMATS = ("ply", "pcd", "xyz", "las", "laz")
@@ -31,16 +31,6 @@ MAX_UNPACKED_RATIO = 100
 PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{letter}{size}" for kind, letter in (("I", "i"), ("U", "u")) for size in (1, 2, 4, 8)
 }
-PLY_TYPES = {
-    "char": "i1",
-    "uchar": "u1",
-    "short": "i2",
-    "ushort": "u2",
-    "int": "i4",
-    "uint": "u4",
-    "float": "f4",
-    "double": "f8",
-} | {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint", "float") for size in (1, 2, 4, 8)}
 
 
 def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, ...]]:
@@ -242,22 +232,15 @@ def _pcd(data: bytes) -> Array:
     if stored == "ascii":
         return _table(data[offset:].split(b"\n", count)[:count])[:, columns]
     width = sum(size * many for size, many in zip(sizes, repeats, strict=True))
-    axes = [
-        (names.index(axis), PCD_TYPES[kinds[names.index(axis)], sizes[names.index(axis)]]) for axis in "xyz"
-    ]
+    axes = [names.index(axis) for axis in "xyz"]
+    kept = [PCD_TYPES[kinds[axis], sizes[axis]] for axis in axes]
     starts = [
-        sum(size * many for size, many in zip(sizes[:index], repeats[:index], strict=True))
-        for index, _ in axes
+        sum(size * many for size, many in zip(sizes[:axis], repeats[:axis], strict=True)) for axis in axes
     ]
     if stored == "binary":
-        table = np.frombuffer(data, dtype=np.uint8, count=count * width, offset=offset).reshape(count, width)
-        return np.stack(
-            [
-                table[:, at : at + sizes[i]].copy().view(kind)[:, 0]
-                for at, (i, kind) in zip(starts, axes, strict=True)
-            ],
-            axis=1,
-        )
+        record = np.dtype({"names": list("xyz"), "formats": kept, "offsets": starts, "itemsize": width})
+        table = np.frombuffer(data, dtype=record, count=count, offset=offset)
+        return np.stack([table[axis] for axis in "xyz"], axis=1)
     packed, unpacked = struct.unpack_from("<II", data, offset)
     if (
         stored != "binary_compressed"
@@ -268,8 +251,8 @@ def _pcd(data: bytes) -> Array:
     block = _lzf(data[offset + 8 : offset + 8 + packed], unpacked)
     return np.stack(
         [
-            np.frombuffer(block, dtype=kind, count=count, offset=at * count)
-            for at, (_, kind) in zip(starts, axes, strict=True)
+            np.frombuffer(block, dtype=kind, count=count, offset=start * count)
+            for kind, start in zip(kept, starts, strict=True)
         ],
         axis=1,
     )
@@ -303,11 +286,9 @@ def _lzf(packed: bytes, size: int) -> bytes:
             if start < 0:
                 raise ValueError("copies from before the start")
             length += 2
-            while length > 0:
-                piece = out[start : start + length]
-                out += piece
-                start += len(piece)
-                length -= len(piece)
+            # A copy that runs into itself repeats what is there.
+            piece = out[start : start + length]
+            out += (piece * -(-length // len(piece)))[:length]
         if len(out) > size:
             raise ValueError("longer than announced")
     if len(out) != size:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from analyze.geometry.hull_planes import FittedPlane
+from analyze.geometry.hull_planes import FittedPlane, widest_gap
 from analyze.types import Array
 
 MIN_OUTLINE_POINTS = 24
@@ -134,9 +134,7 @@ def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
         # Walls are extrapolated over some noise: a few points of the rim lie far off.
         used = np.abs(residual) <= max(3 * 1.48 * float(np.median(np.abs(residual))), 1e-3 * tolerance)
     away, residual = away[used], residual[used]
-    angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
-    gap = float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
-    if gap > MAX_RIM_GAP or float(np.sqrt(np.mean(residual**2))) > tolerance:
+    if widest_gap(away) > MAX_RIM_GAP or float(np.sqrt(np.mean(residual**2))) > tolerance:
         return rim
     turn = np.arange(CIRCLE_SIDES) * 2 * np.pi / CIRCLE_SIDES
     ring = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])

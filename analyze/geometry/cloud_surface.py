@@ -28,7 +28,7 @@ from analyze.geometry.cloud_rims import (
 from analyze.geometry.distance import largest_height
 from analyze.geometry.hull_planes import MIN_NOISE_FRACTION, FittedPlane, fitted_planes
 from analyze.geometry.plane_search import HULL_DIRECTIONS, even_directions
-from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.polyhedron import BoolArray, hull_faces
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
 
@@ -128,7 +128,8 @@ def cloud_surface(points: Array) -> CloudSurface:
         hull = ConvexHull(np.vstack([sharp, smoothed, *rims]))
     except (QhullError, ValueError):
         raise ValueError("the points lie in one plane") from None
-    vertices, faces = _oriented(hull)
+    used, faces = np.unique(hull_faces(hull), return_inverse=True)
+    vertices, faces = hull.points[used], faces.reshape(-1, 3).astype(np.int64)
     equations = np.unique(np.round(hull.equations, 6), axis=0)
     some = kept[:: max(1, len(kept) // DEPTH_SAMPLES)]
     depth = -largest_height(equations, some)
@@ -385,14 +386,3 @@ def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
     if len(others):
         level = np.maximum(level, (others @ across).max(axis=0))
     return np.concatenate([(piece @ across - level).max(axis=1) > -margin for piece in pieces])
-
-
-def _oriented(hull: ConvexHull) -> tuple[Array, IntArray]:
-    """Vertices (n, 3) of a convex hull, and its faces (f, 3) counter-clockwise from outside."""
-    used, faces = np.unique(hull.simplices, return_inverse=True)
-    vertices = hull.points[used]
-    faces = faces.reshape(-1, 3).astype(np.int64)
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-    faces[inwards] = faces[inwards][:, ::-1]
-    return vertices, faces

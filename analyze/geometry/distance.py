@@ -168,9 +168,7 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
     owners: list[IntArray] = []
     for many in np.unique(steps):
         mine = np.flatnonzero(steps == many)
-        grid = np.stack(
-            np.meshgrid(np.arange(many + 1), np.arange(many + 1), indexing="ij"), axis=-1
-        ).reshape(-1, 2)
+        grid = np.argwhere(np.ones((many + 1, many + 1)))
         u, v = grid[grid.sum(axis=1) <= many].T / many
         weights = np.stack([1 - u - v, u, v], axis=1)
         # Moved towards the centroid, so that samples on a common edge do not coincide.
@@ -208,8 +206,7 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
         rows = np.arange(count)
         value[piece] = distance[rows, best]
         face = near[rows, best]
-        sides = index.triangles[face][:, 1:] - index.triangles[face][:, :1]
-        normal = np.cross(sides[:, 0], sides[:, 1])
+        normal = polyhedron.area_vectors(index.triangles[face])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         length = distance[rows, best][:, None]
         gradient[piece] = np.where(

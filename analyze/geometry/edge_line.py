@@ -42,7 +42,3 @@ class EdgeLine:
         across = float(np.linalg.norm(apart - self.direction * float(apart @ self.direction)))
         # A corrected rounding moves the centre line, not the edge.
         return max(0.0, across - float(np.sqrt(2)) * abs(self.radius - other.radius))
-
-    def is_same(self, other: EdgeLine) -> bool:
-        """True if `other` is the same edge of the same resting face: their distance is below `SAME_LINE`."""
-        return self.distance(other) < SAME_LINE

@@ -1,4 +1,4 @@
-"""Deterministic points, evenly spread over a surface however it is triangulated."""
+"""Deterministic points on a surface, and pieces of it, of even size however it is triangulated."""
 
 from __future__ import annotations
 
@@ -33,3 +33,31 @@ def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, I
     folded = u + v > 1
     u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
     return a[owner] + u[:, None] * (b - a)[owner] + v[:, None] * (c - a)[owner], owner
+
+
+def bisected(triangles: Array, longest: float, rounds: float = np.inf) -> tuple[Array, IntArray]:
+    """Pieces of triangles, halved at the middle of their longest edges until no edge exceeds `longest` [m].
+
+    Args:
+        triangles: (n, 3, 3) corners of the triangles [m]; the second index is the corner.
+        longest: Largest length of an edge [m].
+        rounds: Largest number of times that a triangle and its pieces are halved.
+
+    Returns:
+        Triangles (m, 3, 3) [m], and the index (m,) in `triangles` of the one that each is a piece of.
+    """
+    owner = np.arange(len(triangles))
+    done: list[Array] = []
+    owners: list[IntArray] = []
+    while len(triangles) and rounds > 0:
+        sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        long = sides.max(axis=1) > longest
+        done.append(triangles[~long])
+        owners.append(owner[~long])
+        start = np.argmax(sides[long], axis=1)
+        a, b, c = (triangles[long][np.arange(len(start)), (start + i) % 3] for i in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        owner = np.tile(owner[long], 2)
+        rounds -= 1
+    return np.concatenate([*done, triangles]), np.concatenate([*owners, owner])

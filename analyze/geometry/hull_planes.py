@@ -208,9 +208,7 @@ def face_weights(
     margin = float(np.clip(WALL_MARGIN_SDS * sd + spacing, 0.1 * deepest, 0.25 * deepest))
     kept = near[:, walls[index]].max(axis=1, initial=-np.inf) * sd <= -margin
     met = near.max(axis=0) * sd > -(FIT_BAND_SDS * sd + WALL_REACH_SPACINGS * spacing)
-    if not _has_walls_all_round(
-        [plane for plane, meets in zip(planes, met, strict=True) if meets], normals[index]
-    ):
+    if not _has_walls_all_round(normals[met & walls[index]], normals[index]):
         # Curved neighbours, and ledges under the hull, have no plane: keep away from the
         # outline, which noise moves out.
         kept &= depth >= min(2 * WALL_MARGIN_SDS * sd + spacing, 0.5 * deepest)
@@ -219,27 +217,19 @@ def face_weights(
     return weights
 
 
-def _has_walls_all_round(planes: list[tuple[Array, float]], normal: Array) -> bool:
-    """True if `planes` bound the face with `normal` (3,) on all sides.
+def _has_walls_all_round(walls: Array, normal: Array) -> bool:
+    """True if planes with unit normals `walls` (w, 3) bound the face of unit `normal` (3,) on all sides.
 
     Then no other neighbour's points are mixed with the face's. There must be three walls or more, with no gap
     of 150 degrees or more between successive ones.
-
-    Args:
-        planes: Unit normals (3,) and offsets [m] of the planes that meet the face.
-        normal: (3,) unit normal of the face.
     """
-    basis = in_plane_basis(normal)
-    walls = []
-    for across, _ in planes:
-        flat = basis @ across
-        if -0.99 < float(across @ normal) < EDGE_COSINE:
-            walls.append(flat / np.linalg.norm(flat))
-    if len(walls) < 3:
-        return False
-    angle = np.sort(np.arctan2(np.array(walls)[:, 1], np.array(walls)[:, 0]))
-    gap = np.diff(np.append(angle, angle[0] + 2 * np.pi))
-    return bool(gap.max() < np.radians(150))
+    return len(walls) >= 3 and widest_gap(walls @ in_plane_basis(normal).T) < np.radians(150)
+
+
+def widest_gap(flat: Array) -> float:
+    """Largest angle [rad] between successive directions of n vectors `flat` (n, 2) in a plane."""
+    angle = np.sort(np.arctan2(flat[:, 1], flat[:, 0]))
+    return float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
 
 
 def _weighted_fit(points: Array, weights: Array, inside: Array) -> FittedPlane | None:

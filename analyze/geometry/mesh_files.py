@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import struct
 import warnings
-from dataclasses import dataclass
 from io import BytesIO
 from zipfile import ZipFile
 
@@ -33,9 +32,17 @@ ALWAYS_ACCEPTED_BYTES = 50_000_000
 SAME_VERTEX = 1e-7
 """Distance, over the mesh's extent, within which vertices are merged: STL repeats every vertex per face, OBJ
 per texture seam."""
-PLY_BYTES = {"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8} | {
-    f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (8, 16, 32, 64)
-}
+PLY_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+} | {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint", "float") for size in (1, 2, 4, 8)}
+"""Kind (i, u or f: integer, unsigned, float) and size [bytes] of a PLY file's numbers, by their names."""
 UNITS_3MF = {
     "millimeter": LengthUnit.MILLIMETRE,
     "centimeter": LengthUnit.CENTIMETRE,
@@ -44,17 +51,9 @@ UNITS_3MF = {
 }
 
 
-@dataclass(frozen=True)
-class RawMesh:
-    """Triangles of a mesh file, in its own unit."""
-
-    vertices: Array
-    """(n, 3) finite vertices, each used by a face."""
-    faces: IntArray
-    """(f, 3) faces, none with a vertex twice."""
-
-
-def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX) -> RawMesh:
+def read_mesh(
+    data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX
+) -> tuple[Array, IntArray]:
     """Read the triangles of a mesh file, in its unit, with the parts of a scene at their places.
 
     Args:
@@ -63,6 +62,10 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float
         suffix: Format, one of `FORMATS`.
         unit: Unit declared by the object file, compared with the unit stated in a 3MF file.
         same: Distance, over the mesh's extent, within which vertices are merged; 0 to merge equal ones only.
+
+    Returns:
+        Finite vertices (n, 3), each used by a face, in the file's unit; and faces (f, 3), none with a vertex
+        twice.
 
     Raises:
         ShapeError: the file is not readable, has no faces of a closed body, infinite coordinates or
@@ -107,6 +110,11 @@ def _as_utf8(data: bytes, suffix: str) -> bytes:
     return data.decode(errors="replace").encode() if suffix in {"stl", "obj"} else data
 
 
+def is_mesh(data: bytes, suffix: str) -> bool:
+    """True if a file with content `data` and `suffix` (lower case, no dot) is a mesh, not a point cloud."""
+    return suffix in FORMATS and (suffix != "ply" or ply_has_faces(data))
+
+
 def ply_has_faces(data: bytes) -> bool:
     """True if a PLY's header announces faces; without faces it is a point cloud."""
     header = data[:10_000].split(b"end_header")[0].decode("ascii", errors="replace")
@@ -128,7 +136,9 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
     if suffix == "ply":
         refuse_false_ply_counts(data)
     elif suffix == "stl":
-        _refuse_unknown_stl(data)
+        # trimesh would guess an encoding and read anything as text.
+        if len(data) != _binary_stl_size(data) and b"\0" in data:
+            raise ValueError("neither binary nor text")
     elif suffix == "3mf":
         with ZipFile(BytesIO(data)) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
@@ -139,15 +149,6 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
             )
     elif suffix in ("glb", "gltf"):
         _refuse_false_accessors(data, suffix)
-
-
-def _refuse_unknown_stl(data: bytes) -> None:
-    """Raise ValueError if the STL file `data` is neither binary, by its size, nor text.
-
-    trimesh would guess an encoding and read it as text.
-    """
-    if data and len(data) != _binary_stl_size(data) and b"\0" in data:
-        raise ValueError("neither binary nor text")
 
 
 def _binary_stl_size(data: bytes) -> int:
@@ -173,7 +174,8 @@ def refuse_false_ply_counts(data: bytes) -> None:
                 raise ValueError("negative count")
         elif words[:1] == ["property"]:
             # A number with its separator takes at least two characters; a list at least its length.
-            least += count * (2 if ascii_text else PLY_BYTES[words[2] if words[1] == "list" else words[1]])
+            kind = PLY_TYPES[words[2] if words[1] == "list" else words[1]]
+            least += count * (2 if ascii_text else int(kind[1]))
     if least > len(data) + count:
         raise ValueError("counts larger than the file")
 
@@ -214,7 +216,7 @@ def _refuse_other_unit(data: bytes, name: str, unit: LengthUnit) -> None:
         )
 
 
-def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> RawMesh:
+def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> tuple[Array, IntArray]:
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not np.isfinite(vertices).all():
@@ -230,4 +232,4 @@ def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> RawMesh
         return_inverse=True,
     )
     faces = inverse.ravel()[faces].astype(np.int64)
-    return RawMesh(vertices[first], without_degenerate(faces))
+    return vertices[first], without_degenerate(faces)

@@ -208,7 +208,7 @@ def _loops(faces: IntArray) -> list[IntArray] | None:
 
     None if the open edges form no simple rings, or an edge has more than two of `faces` (f, 3).
     """
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = polyhedron.directed_edges(faces)
     key = np.sort(edges, axis=1)
     _, inverse, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     border = edges[count[inverse.ravel()] == 1]
@@ -249,7 +249,7 @@ def _exterior(
     count = int(body.max()) + 1
     if count == 1:
         return vertices, faces, added
-    volumes = np.array([_volume(vertices, faces[body == index]) for index in range(count)])
+    volumes = polyhedron.body_volumes(vertices, faces, body)
     dust = volumes < MIN_VOLUME_RATIO * volumes.max()
     buried = _buried(vertices, faces, body, dust)
     if dust.any():
@@ -267,7 +267,7 @@ def _exterior(
                 "counts twice: unite them in the CAD program"
             )
         else:
-            apart = float(volumes[outer].sum()) - _volume(*united[:2])
+            apart = float(volumes[outer].sum()) - polyhedron.mass_properties(*united[:2]).volume
             if apart > 1e-6 * float(volumes.max()):
                 vertices, faces, source = united
                 added = added[source]
@@ -295,17 +295,11 @@ def _buried(
     """
     count = len(dust)
     buried = np.zeros(count, dtype=bool)
-    samples = [vertices[faces[body == index]].mean(axis=1) for index in range(count)]
-    samples = [each[:: max(1, len(each) // 20)] for each in samples]
+    corners = [vertices[faces[body == index]] for index in range(count)]
+    samples = [each.mean(axis=1)[:: max(1, len(each) // 20)] for each in corners]
     owner = np.repeat(np.arange(count), [len(each) for each in samples])
     points = np.vstack(samples)
-    boxes = [
-        (
-            np.min(vertices[faces[body == index]], axis=(0, 1)),
-            np.max(vertices[faces[body == index]], axis=(0, 1)),
-        )
-        for index in range(count)
-    ]
+    boxes = [(each.min(axis=(0, 1)), each.max(axis=(0, 1))) for each in corners]
     for index in np.flatnonzero(~dust):
         low, high = boxes[index]
         others = [
@@ -348,11 +342,10 @@ def _united(
             return None
         solids.append(solid)
     mesh = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).to_mesh64()
-    source = np.asarray(mesh.face_id, dtype=np.int64)
     return (
         np.asarray(mesh.vert_properties)[:, :3].astype(np.float64),
         np.asarray(mesh.tri_verts).astype(np.int64),
-        source,
+        np.asarray(mesh.face_id, dtype=np.int64),
     )
 
 
@@ -392,11 +385,6 @@ def _pieces(faces: IntArray) -> int:
         coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size)), directed=False
     )
     return len(np.unique(label[faces[:, 0]]))
-
-
-def _volume(vertices: Array, faces: IntArray) -> float:
-    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[faces], 1, 0)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def _signed_area(flat: Array) -> float:

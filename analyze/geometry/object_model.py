@@ -93,32 +93,16 @@ class ObjectModel:
         """Edges (3,) of the bounding box along the object frame's axes [m]."""
         return self.bounds[1] - self.bounds[0]
 
-    def contains(self, points: Array) -> polyhedron.BoolArray:
-        """Mask (n,) of `points` (n, 3) [m, in the object frame] inside the object."""
-        if self.primitive is None and not self.is_convex:
-            return polyhedron.inside(self.vertices, self.faces, np.atleast_2d(points))
-        return np.asarray(self.depth(points) > 0)
-
     def depth(self, points: Array) -> Array:
         """Depth (n,) [m] of points below the object's surface, positive inside.
 
-        Outside of convex meshes it is minus the largest height over a face's plane, else minus the distance.
+        Outside of convex meshes it is minus the largest height over a face's plane, which is less than the
+        distance beside edges and corners; else minus the distance.
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
         """
         return self.depth_and_gradient(points).value
-
-    def signed_distance(self, points: Array) -> Array:
-        """Distance (n,) [m] of points from the object's surface, positive outside.
-
-        Outside of convex meshes it is the largest height over a face's plane, which is less than the distance
-        beside edges and corners.
-
-        Args:
-            points: (n, 3) or (3,) points [m], in the object frame.
-        """
-        return -self.depth(points)
 
     def depth_and_gradient(self, points: Array) -> distance.Depth:
         """Depth (n,) [m] of points below the object's surface, positive inside, and its gradient (n, 3).
@@ -146,34 +130,8 @@ class ObjectModel:
         Args:
             ends: (2, 3) ends of the edge [m], in the object frame.
         """
-        own = LINE_SD
-        if self.cloud is not None:
-            own = line_sd(self.cloud, ends)
+        own = LINE_SD if self.cloud is None else line_sd(self.cloud, ends)
         return float(np.hypot(max(own, LINE_SD), self.surface_sd))
-
-    def uniform_inertia(self, mass: float) -> Array:
-        """Inertia tensor (3, 3) [kg m^2] of a uniform solid of `mass` [kg] with the object's shape.
-
-        It is about the solid's centroid, in the object frame.
-        """
-        return mass * self.unit_inertia
-
-    def first_hit(self, origin: Array, direction: Array) -> tuple[float, Array] | None:
-        """Distance [m] along a ray to the object's surface, and the surface's outward unit normal (3,) there.
-
-        Args:
-            origin: (3,) start of the ray [m], in the object frame.
-            direction: (3,) unit direction of the ray, in the object frame.
-
-        Returns:
-            None if the ray misses the object.
-        """
-        hit = polyhedron.first_hit(self.vertices, self.faces, origin, direction)
-        if hit is None:
-            return None
-        a, b, c = self.vertices[self.faces[hit[1]]]
-        normal = np.cross(b - a, c - a)
-        return hit[0], normal / np.linalg.norm(normal)
 
     def cached(self, key: Hashable, compute: Callable[[ObjectModel], _Result]) -> _Result:
         """Result of `compute` for this model, computed only once per key; a model is immutable.
@@ -238,11 +196,11 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
         raise ShapeError(
             f"{shape_name}: this format is not read: convert it to one of {', '.join(known).upper()}"
         )
-    if suffix not in mesh_files.FORMATS or (suffix == "ply" and not mesh_files.ply_has_faces(shape_bytes)):
+    if not mesh_files.is_mesh(shape_bytes, suffix):
         return _from_cloud(spec, shape_bytes, shape_name, suffix, shape.unit)
-    raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
-    _refuse_size(shape_name, np.ptp(raw.vertices, axis=0) * shape.unit.metres, shape.unit)
-    mesh = closed_mesh(raw.vertices * shape.unit.metres, raw.faces, shape_name)
+    vertices, faces = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
+    _refuse_size(shape_name, np.ptp(vertices, axis=0) * shape.unit.metres, shape.unit)
+    mesh = closed_mesh(vertices * shape.unit.metres, faces, shape_name)
     scanned = (
         scanned_surface.scanned_mesh(mesh.vertices, mesh.faces, mesh.added) if mesh.added.any() else None
     )
@@ -317,10 +275,9 @@ def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str
             "on it, no strike is planned there; or scan that side too"
         )
     if scatter > REPORTED_SCATTER and spec.shape.surface_sd_m == 0:
-        scatter_mm = 1000 * scatter
         notes.append(
-            f"{name}: scatters by {scatter_mm:.1f} mm; the points do not show whether all of them lie too "
-            "far out or in: declare shape.surface_sd_m"
+            f"{name}: scatters by {1000 * scatter:.1f} mm; the points do not show whether all of them lie "
+            "too far out or in: declare shape.surface_sd_m"
         )
     return notes
 

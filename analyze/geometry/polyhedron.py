@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
 from analyze.types import Array, IntArray
 
@@ -36,7 +37,7 @@ class MassProperties:
 
 def open_edges(faces: IntArray) -> int:
     """Number of edges that an odd number of `faces` (f, 3) share; 0 for a closed surface."""
-    edges = _directed_edges(faces)
+    edges = directed_edges(faces)
     # One number per edge: sorting those is ten times as fast as sorting pairs.
     key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
     _, counts = np.unique(key, return_counts=True)
@@ -62,7 +63,7 @@ def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
         Faces (f, 3), the number (f,) of the body of each, from 0, and how many faces were turned.
     """
     count = len(faces)
-    edges = np.sort(_directed_edges(faces), axis=1)
+    edges = np.sort(directed_edges(faces), axis=1)
     owner = np.tile(np.arange(count), 3)
     ascending = faces[:, [0, 1, 2]] < faces[:, [1, 2, 0]]
     sense = ascending.T.ravel()
@@ -78,9 +79,7 @@ def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
     links = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
     _, body = connected_components(links, directed=False)
     turned = _two_colouring(count, a, b, differ)
-    result = faces.copy()
-    result[turned] = result[turned][:, ::-1]
-    return result, body.astype(np.int64), int(np.sum(turned))
+    return _with_turned(faces, turned), body.astype(np.int64), int(np.sum(turned))
 
 
 def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
@@ -94,14 +93,42 @@ def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray,
     Returns:
         Faces (f, 3), and the number of bodies turned.
     """
-    result = faces.copy()
-    inside_out = 0
-    for index in range(int(body.max()) + 1):
-        mine = body == index
-        if _signed_volumes(vertices, faces[mine]).sum() < 0:
-            result[mine] = result[mine][:, ::-1]
-            inside_out += 1
-    return result, inside_out
+    inside_out = body_volumes(vertices, faces, body) < 0
+    return _with_turned(faces, inside_out[body]), int(inside_out.sum())
+
+
+def hull_faces(hull: ConvexHull) -> IntArray:
+    """Faces (f, 3) of the convex hull of points in space, counter-clockwise from outside.
+
+    Their entries are indices of `hull.points`.
+    """
+    faces = hull.simplices.astype(np.int64)
+    inwards = np.einsum("ij,ij->i", area_vectors(hull.points[faces]), hull.equations[:, :3]) < 0
+    return _with_turned(faces, inwards)
+
+
+def area_vectors(triangles: Array) -> Array:
+    """Vectors (f, 3) [m^2] along the normals of f triangles, of twice their areas.
+
+    They point outwards if the corners are counter-clockwise from outside.
+
+    Args:
+        triangles: (f, 3, 3) corners of the triangles [m]; the second index is the corner.
+    """
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    return np.cross(b - a, c - a)
+
+
+def body_volumes(vertices: Array, faces: IntArray, body: IntArray) -> Array:
+    """Volumes (b,) [m^3] of b closed bodies; negative for those with faces clockwise from outside.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces.
+        body: (f,) number of the body of each face, from 0.
+    """
+    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[faces], 1, 0)
+    return np.asarray(np.bincount(body, np.einsum("ij,ij->i", a, np.cross(b, c)) / 6), dtype=np.float64)
 
 
 def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
@@ -122,17 +149,14 @@ def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
     return MassProperties(volume, origin + mean, np.trace(second) * np.eye(3) - second)
 
 
-def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> tuple[float, int] | None:
-    """Distance [m] to the first face that a ray meets, and its index (Moller and Trumbore 1997).
+def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> float:
+    """Distance [m] to the first face that a ray meets; inf if it meets none (Moller and Trumbore 1997).
 
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces.
         origin: (3,) start of the ray [m].
         direction: (3,) unit direction of the ray.
-
-    Returns:
-        None if the ray meets no face.
     """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     ab, ac = b - a, c - a
@@ -146,10 +170,7 @@ def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array)
     v = (q @ direction) * inverse
     distance = np.einsum("ij,ij->i", ac, q) * inverse
     hit = usable & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (distance > 0)
-    if not hit.any():
-        return None
-    face = int(np.argmin(np.where(hit, distance, np.inf)))
-    return float(distance[face]), face
+    return float(distance[hit].min(initial=np.inf))
 
 
 def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
@@ -224,13 +245,14 @@ def _crossing(points: Array, triangles: Array) -> IntArray:
     return np.where(hit, np.sign(area), 0.0).astype(np.int64)
 
 
-def _directed_edges(faces: IntArray) -> IntArray:
+def directed_edges(faces: IntArray) -> IntArray:
+    """Directed edges (3 f, 2) of `faces` (f, 3): the first of each face, then the second, then the third."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
-def _signed_volumes(vertices: Array, faces: IntArray) -> Array:
-    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[faces], 1, 0)
-    return np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+def _with_turned(faces: IntArray, turned: BoolArray) -> IntArray:
+    """Copy of `faces` (f, 3) with those of the mask `turned` (f,) wound the other way round."""
+    return np.where(turned[:, None], faces[:, ::-1], faces)
 
 
 def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> BoolArray:

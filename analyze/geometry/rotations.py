@@ -115,18 +115,6 @@ def angle_between(R_a_b: Array, R_a_c: Array) -> Array:
     return np.linalg.norm(vector_from_matrix(relative(R_a_b, R_a_c)), axis=-1)
 
 
-def angle_about(matrix: Array, axis: Array) -> Array:
-    """Twist angle (...) [rad] in (-pi, pi] of rotation `matrix` (..., 3, 3) about the unit `axis` (3,).
-
-    It is that of the swing-twist decomposition: the rotation about the axis that remains when a rotation
-    about a perpendicular axis is split off.
-    """
-    quaternion = wxyz_from_matrix(matrix)
-    along = quaternion[..., 1:] @ np.asarray(axis, dtype=np.float64)
-    angle = 2 * np.arctan2(along, quaternion[..., 0])
-    return np.asarray(np.pi - np.mod(np.pi - angle, 2 * np.pi))
-
-
 def nearest_rotation(matrix: Array) -> Array:
     """Rotation (..., 3, 3) nearest to `matrix` (..., 3, 3) in the Frobenius norm (Kabsch 1976).
 

@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from analyze.geometry.cloud_noise import patch_scatter
 from analyze.geometry.even_samples import even_samples
-from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.polyhedron import BoolArray, area_vectors
 from analyze.types import Array, IntArray
 
 SAMPLES = 6000
@@ -149,7 +149,6 @@ def _surface_samples(vertices: Array, faces: IntArray) -> tuple[Array, Array, In
         Points (s, 3) [m], outward unit normals (s, 3), face (s,) of each point, and the surface's area [m^2].
     """
     points, owner = even_samples(vertices, faces, SAMPLES)
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    across = np.cross(b - a, c - a)
+    across = area_vectors(vertices[faces])
     double = np.linalg.norm(across, axis=1)
     return points, across[owner] / double[owner, None], owner, float(double.sum()) / 2

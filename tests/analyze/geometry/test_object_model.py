@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import ShapeError
+from analyze.geometry import polyhedron
 from analyze.geometry.object_model import load_object_model
 from tests.analyze.geometry.shapes import box_triangles, obj, spec_of, stl
 
@@ -38,14 +39,14 @@ def test_box_file_and_primitive_are_the_same_body():
     box = load_object_model(spec_of({"box": {"size_m": list(SIZE / 1000)}}), None, "")
     assert np.isclose(mesh.volume, box.volume, rtol=1e-6)
     assert np.allclose(mesh.centroid, box.centroid, atol=MICROMETRE)
-    assert np.allclose(mesh.uniform_inertia(0.05), box.uniform_inertia(0.05), rtol=1e-5, atol=1e-12)
+    assert np.allclose(mesh.unit_inertia, box.unit_inertia, rtol=1e-5, atol=1e-12)
     assert np.allclose(
-        np.diag(box.uniform_inertia(0.06)), 0.005 * (np.sum((SIZE / 1000) ** 2) - (SIZE / 1000) ** 2)
+        np.diag(box.unit_inertia), (np.sum((SIZE / 1000) ** 2) - (SIZE / 1000) ** 2) / 12, atol=1e-8
     )
     points = np.random.default_rng(3).uniform(-0.1, 0.1, (2000, 3))
-    within = box.contains(points)
+    within = box.depth(points) > 0
     assert np.array_equal(within, np.all(np.abs(points) < SIZE / 2000, axis=1))
-    assert np.array_equal(mesh.contains(points), within)
+    assert np.array_equal(mesh.depth(points) > 0, within)
     assert np.allclose(mesh.depth(points[within]), box.depth(points[within]), atol=MICROMETRE)
 
 
@@ -67,7 +68,6 @@ def test_depth_of_a_non_convex_body():
         [-0.01, 0.01, np.hypot(0.001, 0.001), 0.001, -0.001, -np.hypot(0.03, 0)],
         atol=MICROMETRE,
     )
-    assert np.array_equal(model.contains(probes), [False, True, True, True, False, False])
     assert np.allclose(model.depth_and_gradient(probes[3:4]).gradient, [[0, 1, 0]], atol=1e-6)
 
 
@@ -78,9 +78,9 @@ def test_mesh_and_convex_depth_agree_inside():
     # A small body far away makes the shape non-convex without effect on depths inside the first.
     general = mesh_of(np.concatenate([turned, box_triangles(np.full(3, 5.0), centre=(300, 0, 0))]))
     points = rng.uniform(-0.1, 0.1, (1500, 3))
-    within = convex.contains(points)
+    within = convex.depth(points) > 0
     assert within.sum() > 100
-    assert np.array_equal(general.contains(points), within)
+    assert np.array_equal(general.depth(points) > 0, within)
     assert np.allclose(general.depth(points[within]), convex.depth(points[within]), atol=MICROMETRE)
     assert any("2 separate bodies" in warning for warning in general.warnings)
 
@@ -167,8 +167,6 @@ def test_box_in_millimetres_is_refused():
 
 def test_ray_meets_the_near_side():
     model = load_object_model(spec_of({"box": {"size_m": [0.06, 0.05, 0.2]}}), None, "")
-    hit = model.first_hit(np.array([-1.0, 0.001, 0.02]), np.array([1.0, 0.0, 0.0]))
-    assert hit is not None
-    assert np.isclose(hit[0], 0.97)
-    assert np.allclose(hit[1], [-1, 0, 0])
-    assert model.first_hit(np.array([-1.0, 0.1, 0.0]), np.array([1.0, 0.0, 0.0])) is None
+    for y, distance in ((0.001, 0.97), (0.1, np.inf)):
+        start, along = np.array([-1.0, y, 0.02]), np.array([1.0, 0.0, 0.0])
+        assert np.isclose(polyhedron.first_hit(model.vertices, model.faces, start, along), distance)

@@ -48,15 +48,6 @@ def test_relative_rotation_takes_one_to_the_other(a, b):
     )
 
 
-@given(st.floats(-3.1, 3.1), st.floats(-0.3, 0.3))
-def test_angle_about_an_axis_ignores_the_swing(angle, swing):
-    axis = np.array([0.0, 1.0, 0.0])
-    matrix = rotations.matrix_from_vector(np.array([swing, 0.0, 0.0])) @ rotations.matrix_from_vector(
-        angle * axis
-    )
-    assert np.isclose(rotations.angle_about(matrix, axis), angle, atol=TOLERANCE_RAD)
-
-
 def test_half_turns_survive_conversion_to_vectors():
     for axis in np.vstack([np.eye(3), np.ones(3) / np.sqrt(3)]):
         matrix = rotations.matrix_from_vector(np.pi * axis)
@@ -71,7 +62,6 @@ def test_leading_axes_broadcast():
     assert matrices.shape == (5, 7, 3, 3)
     assert np.allclose(rotations.vector_from_matrix(matrices), vectors_many, atol=1e-12)
     assert rotations.wxyz_from_matrix(matrices).shape == (5, 7, 4)
-    assert rotations.angle_about(matrices, np.array([0.0, 0.0, 1.0])).shape == (5, 7)
 
 
 def test_nearest_rotation_removes_noise():
