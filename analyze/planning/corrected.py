@@ -7,13 +7,10 @@ import math
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.pivots import STEEPEST_WALL
+from analyze.planning.pivots import wall_lean
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Pivot, StrikePlan
-
-TOUCHING_FRACTION = 3e-4
-"""Distance of a face from the rounding, over the object's longest extent, up to which the two touch."""
 
 
 def corrected_plan(
@@ -68,31 +65,7 @@ def corrected_pivot(
     if not math.isclose(pivot.radius_m, before.edge_radius_m, rel_tol=1e-6, abs_tol=1e-9):
         return pivot.model_copy(update={"sd_m": sd})
     tip, up = R_world_object[0], R_world_object[2]
-    lean = wall_lean(pivot, R_world_object, model) or 0.0
+    lean = wall_lean(model, tip, up, [np.array(pivot.point)], pivot.radius_m) or 0.0
     more = corrected.edge_radius_m - before.edge_radius_m
     point = np.array(pivot.point) + more * (up - tip * (1 + math.sin(lean)) / math.cos(lean))
     return pivot.model_copy(update={"point": point.tolist(), "radius_m": corrected.edge_radius_m, "sd_m": sd})
-
-
-def wall_lean(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> float | None:
-    """Lean [rad] of the face that rises from the edge: angle by which its normal points upwards.
-
-    Args:
-        pivot: Pivot of the edge, in the object frame.
-        R_world_object: (3, 3) rotation from object to world frame at rest.
-        model: Shape of the object.
-
-    Returns:
-        None if no face touches the edge's rounding, or if it leans by `STEEPEST_WALL` or more.
-    """
-    tip, up, planes = R_world_object[0], R_world_object[2], model.hull_planes
-    touches = np.abs(
-        planes[:, :3] @ np.array(pivot.point) + planes[:, 3] + pivot.radius_m
-    ) < TOUCHING_FRACTION * float(model.extent.max())
-    normals = planes[touches & (planes[:, :3] @ up > -0.999), :3]
-    if not len(normals):
-        return None
-    forward, height, aside = normals @ tip, normals @ up, normals @ np.cross(up, tip)
-    best = int(np.argmax(forward / np.maximum(np.hypot(forward, aside), 1e-12)))
-    lean = math.atan2(height[best], forward[best])
-    return lean if abs(lean) < STEEPEST_WALL else None

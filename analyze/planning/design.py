@@ -5,7 +5,6 @@ c is the centre of mass; an axis is an edge about which the object is tipped by 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -98,7 +97,7 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
         sets = (
             search.first_sets(size, each) if not sets else [search.grown(members, each) for members in sets]
         )
-        sets = list(dict.fromkeys(search.exchanged(members, each) for members in sets if members))
+        sets = list(dict.fromkeys(search.exchanged(members, each) for members in sets))
         for members in sets:
             repeats = search.distributed(members, strikes)
             loss = search.loss(members, repeats) + AXIS_PENALTY * size
@@ -124,6 +123,7 @@ class _Search:
         self._normals = np.array([each.normal for each in self._candidates])
         made = [each.normal for each in information.belief.struck]
         self._made = np.array(made).reshape(-1, 3)
+        self._outer = np.einsum("ni,nj->nij", self._normals, self._normals)
         self._before = information.before()
         # Information of strikes already made is in `before`: a further strike on their axis counts by its
         # increment.
@@ -187,25 +187,19 @@ class _Search:
             size: Number of axes of a set, 1 to 3, all from the pool.
             each: Number of strikes on each axis.
         """
-        pool = self._pool(each)
-        sets = np.array(list(combinations(pool, size)))
-        if not len(sets):
-            return []
+        sets = np.array(list(combinations(self._pool(each), size)))
         table = self.table(each)
-        outer = np.einsum("ni,nj->nij", self._normals, self._normals)
         losses = np.concatenate(
             [
                 self.losses(
                     self._before + table[part].sum(axis=1),
-                    self._made.T @ self._made + outer[part].sum(axis=1),
+                    self._made.T @ self._made + self._outer[part].sum(axis=1),
                 )
                 for part in np.array_split(sets, max(1, len(sets) // 512))
             ]
         )
-        order = [
-            int(i) for i in np.argsort(np.round(losses, 9), kind="stable")[:STARTS] if np.isfinite(losses[i])
-        ]
-        return [tuple(int(i) for i in sets[k]) for k in order]
+        order = np.argsort(np.round(losses, 9), kind="stable")[:STARTS]
+        return [tuple(sets[k].tolist()) for k in order if np.isfinite(losses[k])]
 
     def _pool(self, each: int) -> list[int]:
         """Sorted indices of up to `POOL_SIZE` candidates that are likely to be of use.
@@ -238,8 +232,7 @@ class _Search:
         if not left:
             return members
         total, normals = self._sums(members, each)
-        outer = np.einsum("ni,nj->nij", self._normals[left], self._normals[left])
-        losses = self.losses(total + self.table(each)[left], normals + outer)
+        losses = self.losses(total + self.table(each)[left], normals + self._outer[left])
         return tuple(sorted([*members, left[int(np.argmin(np.round(losses, 9)))]]))
 
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
@@ -257,22 +250,15 @@ class _Search:
                 break
             total, normals = self._sums(members, each)
             gone = list(members)
-            outer = np.einsum("ni,nj->nij", self._normals, self._normals)
             totals = (total - table[gone])[:, None] + table[left]
-            spans = (normals - outer[gone])[:, None] + outer[left]
-            losses = self.losses(totals.reshape(-1, *total.shape), spans.reshape(-1, 3, 3)).reshape(
-                len(gone), len(left)
-            )
-            swaps: list[tuple[float, tuple[int, ...]]] = []
-            for out, row in zip(members, losses, strict=True):
-                i = int(np.argmin(np.round(row, 9)))
-                swaps.append(
-                    (float(row[i]), tuple(sorted([*(k for k in members if k != out), int(left[i])])))
-                )
-            loss, swapped = min(swaps, key=lambda pair: round(pair[0], 9))
-            if not loss < current - MIN_GAIN:
+            spans = (normals - self._outer[gone])[:, None] + self._outer[left]
+            losses = self.losses(totals.reshape(-1, *total.shape), spans.reshape(-1, 3, 3))
+            best = int(np.argmin(np.round(losses, 9)))
+            if not losses[best] < current - MIN_GAIN:
                 break
-            current, members = loss, swapped
+            out, into = divmod(best, len(left))
+            gone[out] = int(left[into])
+            current, members = float(losses[best]), tuple(sorted(gone))
         return members
 
     def distributed(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
@@ -325,16 +311,3 @@ def _widest_three(normals: Array) -> list[int]:
         along = rest[i] / max(float(np.linalg.norm(rest[i])), 1e-12)
         rest = rest - np.outer(rest @ along, along)
     return taken
-
-
-def is_degenerate(information: Information, members: Sequence[int]) -> bool:
-    """True if strikes on `members`, with those made, leave a direction of the centre of mass unknown.
-
-    Args:
-        information: Candidates and strikes made.
-        members: Indices of the candidates struck.
-    """
-    normals = [information.candidates[i].normal for i in members] + [
-        each.normal for each in information.belief.struck
-    ]
-    return normal_spread(np.array(normals).reshape(-1, 3)) < MIN_NORMAL_SPREAD

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analyze.errors import PlanError
-from analyze.geometry.edge_line import EdgeLine
+from analyze.geometry.edge_line import SAME_LINE, EdgeLine
 from analyze.planning.hypothesis import Hypothesis, Region
 from analyze.planning.information import Belief, Candidate
 from analyze.planning.pivots import PivotAxis, swing
@@ -106,10 +106,7 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
         Mean (3,) and covariance (3, 3), valid for any correlation of the two.
     """
     of_a, of_b = np.linalg.inv(A), np.linalg.inv(B)
-    merged: list[Array] = [
-        np.asarray(np.linalg.inv(share * of_a + (1 - share) * of_b), dtype=np.float64)
-        for share in INTERSECTION_WEIGHTS
-    ]
+    merged: list[Array] = [np.linalg.inv(share * of_a + (1 - share) * of_b) for share in INTERSECTION_WEIGHTS]
     best = int(np.argmin([np.trace(each) for each in merged]))
     share, covariance = INTERSECTION_WEIGHTS[best], merged[best]
     return covariance @ (share * of_a @ a + (1 - share) * of_b @ b), covariance
@@ -192,12 +189,8 @@ def _identified_axis(name: str, given: EarlierResult, known: Mapping[str, PivotA
     """
     axis, direction, edge = known.get(name), given.directions.get(name), given.edges.get(name)
     if edge is not None:
-        near = [
-            (edge.distance(_line(each)), each.id != name, each.id)
-            for each in known.values()
-            if edge.is_same(_line(each))
-        ]
-        if near:
+        near = [(edge.distance(_line(each)), each.id != name, each.id) for each in known.values()]
+        if near and min(near)[0] < SAME_LINE:
             return known[min(near)[2]]
     if axis is None or (direction is not None and float(direction @ axis.direction) < SAME_AXIS_COSINE):
         return None

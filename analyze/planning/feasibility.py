@@ -12,7 +12,7 @@ Not modelled: the striker's friction, the compliance of mat and striker, a rim t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,9 +145,7 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
     """
     if axis.rolls:
         return 0.0, 0.0
-    start, end = axis.plane.edges
-    edge = int(np.argmax(axis.plane.outward() @ axis.tip))
-    along = sorted(float(axis.direction @ (corner - axis.point)) for corner in (start[edge], end[edge]))
+    along = sorted(float(axis.direction @ (corner - axis.point)) for corner in axis.edge)
     # A rounding of all edges rounds the corners too; a moulded one begins where the known face ends.
     inset = 0.0 if axis.moulded else axis.radius
     return min(along[0] + inset, -1e-4), max(along[1] - inset, 1e-4)
@@ -209,17 +207,12 @@ def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
         gravity: Gravity [m/s^2].
     """
     many = len(FRICTIONS)
-    tried = [_with_friction(each, mu) for each in cases for mu in FRICTIONS]
+    tried = [replace(each, friction=mu) for each in cases for mu in FRICTIONS.tolist()]
     fails = (simulate_tips(tried, gravity, SLIP_LIMIT).slip > SLIP_LIMIT).reshape(len(cases), many)
     # The smallest above which all hold: slip is not monotonic in mu (a sliding edge may happen to stop
     # early).
     last = np.where(fails.any(axis=1), many - np.argmax(fails[:, ::-1], axis=1), 0)
     return np.append(FRICTIONS, np.inf)[last]
-
-
-def _with_friction(each: StrikeCase, friction: float) -> StrikeCase:
-    values = {field.name: getattr(each, field.name) for field in fields(StrikeCase)}
-    return StrikeCase(**{**values, "friction": float(friction)})
 
 
 class _Bodies:

@@ -15,6 +15,7 @@ import numpy as np
 from analyze.geometry.object_model import LEVER_ERROR, MODEL_ERROR
 from analyze.planning.information import COM, INERTIA, MASS, moment_row
 from analyze.types import Array
+from schemas.strike_plan import PredictedRegion
 
 NAMES = ("shell", "upper", "lower")
 """Names of the regions: shell, interior above and below the dividing plane."""
@@ -50,24 +51,13 @@ class Pieces:
         return volume @ self.points / volume.sum()
 
 
-@dataclass(frozen=True)
-class RegionForecast:
-    """Predicted precision of the masses of shell and of the interior above and below the dividing plane."""
-
-    names: tuple[str, ...]
-    """Names of the regions, `NAMES`."""
-    sd: Array
-    """(3,) 1 sigma of each mass [kg], the median over the fillings."""
-    determined: tuple[bool, ...]
-    """True for a mass that the strikes determine."""
-
-
 def region_forecast(
     cells: Pieces, mass: float, covariance: Array, directions: Sequence[Array]
-) -> RegionForecast:
-    """Predicted 1 sigma of the region masses of a design: the median over `FILLINGS` fillings.
+) -> list[PredictedRegion]:
+    """Predicted 1 sigma of the region masses of a design, and whether the strikes determine each.
 
-    Regions are the shell and the interior above and below a dividing plane.
+    Regions are the shell and the interior above and below a dividing plane, in the order of `NAMES`. The
+    1 sigma is the median over `FILLINGS` fillings.
 
     Args:
         cells: Pieces of the body.
@@ -88,11 +78,13 @@ def region_forecast(
     pick[4:, INERTIA] = lines
     measured = pick @ covariance @ pick.T
     problem = _Fillings(cells, np.array(distinct).reshape(-1, 3), mass)
-    sds = np.array([problem.sd(measured, drawn) for drawn in _even_draws(FILLINGS, 5)])
-    sd = np.median(sds, axis=0)
-    return RegionForecast(
-        NAMES, sd, tuple(bool(value < DETERMINED_FRACTION * SHARE_SD * mass) for value in sd)
-    )
+    # Low-discrepancy numbers (FILLINGS, 5) from 0 to 1: a Kronecker sequence.
+    steps = np.outer(np.arange(1.0, FILLINGS + 1), np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0]))
+    sds = [problem.sd(measured, drawn) for drawn in np.remainder(steps + 0.5, 1.0)]
+    return [
+        PredictedRegion(name=name, mass_sd_kg=sd, determined=sd < DETERMINED_FRACTION * SHARE_SD * mass)
+        for name, sd in zip(NAMES, np.median(sds, axis=0).tolist(), strict=True)
+    ]
 
 
 class _Fillings:
@@ -174,9 +166,3 @@ class _Fillings:
         mass, c = float(total[0]), total[1:4] / total[0]
         moved = mass * (c @ c - (self._directions @ c) ** 2)
         return np.concatenate([[mass], self._centre + c, total[4:] - moved])
-
-
-def _even_draws(count: int, width: int) -> Array:
-    """Low-discrepancy numbers (count, width) from 0 to 1, `width` up to 6: a Kronecker sequence."""
-    roots = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[:width])
-    return np.remainder(np.outer(np.arange(1.0, count + 1), roots) + 0.5, 1.0)

@@ -50,14 +50,11 @@ def footing(
         region: Region Q of the centre of mass.
         share: Scale of Q about its centre.
     """
-    sure = [plane.firmness(region) > 1 for plane in planes]
-    if share >= 1:
-        return tuple(plane for plane, stands in zip(planes, sure, strict=True) if stands)
     least = STRIP_AREA_FRACTION * float(ConvexHull(model.hull_vertices).area)
     return tuple(
         plane
-        for plane, stands in zip(planes, sure, strict=True)
-        if stands
+        for plane in planes
+        if plane.firmness(region) > 1
         or (plane.firmness(region) > share and plane.area >= least and not _is_round_flank(plane, planes))
     )
 
@@ -76,7 +73,7 @@ def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Re
     if not faces:
         return ""
     listed = ", ".join(
-        f"{name} ({1000 * plane.margin(region.centre[None]):.1f} mm inside an edge, up to "
+        f"{name} ({1000 * plane.margin(region.centre[None])[0]:.1f} mm inside an edge, up to "
         f"{-1000 * plane.margin_of(region):.1f} mm outside)"
         for name, plane in faces
     )

@@ -132,25 +132,29 @@ def inertia_forecast(information: Information, design: Design) -> tuple[Array, A
 
 
 def strikes_for(
-    information: Information, target: float, least: int, most: int = MAX_STRIKES
+    information: Information,
+    target: float,
+    least: int,
+    most: int = MAX_STRIKES,
+    most_axes: int | None = None,
 ) -> tuple[int, Design] | None:
     """Smallest number of strikes, and its design, with a predicted error of c of at most `target` [m].
 
-    c is the centre of mass. The search halves the interval, as more strikes lower the error. The number of
-    axes is limited as in `choose_design` by default.
+    c is the centre of mass. The search halves the interval, as more strikes lower the error.
 
     Args:
         information: Candidates, prior knowledge and errors.
         target: Root mean square distance of the estimated c from the true one [m].
         least: Smallest number of strikes.
         most: Largest number of strikes.
+        most_axes: Largest number of different axes; None for the limit of `choose_design`.
 
     Returns:
         None if `most` strikes do not reach the target.
     """
 
     def design_of(many: int) -> Design | None:
-        design = choose_design(information, many)
+        design = choose_design(information, many, most_axes)
         return design if design is not None and design.com_rms <= target else None
 
     best = design_of(most)
@@ -190,30 +194,22 @@ def advice(
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]
     numbers = sorted({3, 6, planned, 2 * planned, 4 * planned} | ({1, made, 3 * made} if made else set()))
-    curve: list[tuple[int, float]] = []
-    for many in numbers:
-        other = design if many == planned else choose_design(information, many)
-        if other is not None:
-            curve.append((many, other.com_rms))
+    designs = [(many, design if many == planned else choose_design(information, many)) for many in numbers]
+    curve = [(many, other.com_rms) for many, other in designs if other is not None]
     floor = _rms(information, members, [UNLIMITED_STRIKES] * len(members))
     sources = information.sources(members, design.repeats)
     have, rms = (made, error_so_far(before or information)) if made else (planned, design.com_rms)
-    more = [
-        (many if made else many - planned, other) for many, other in curve if many > (0 if made else planned)
-    ]
+    more = [(many if made else many - planned, other) for many, other in curve]
     paying = [
         (many, other)
         for many, other in more
-        if other < rms * (1 - MIN_GAIN_PER_DOUBLING) ** max(1.0, np.log2((have + many) / have))
+        if many > 0 and other < rms * (1 - MIN_GAIN_PER_DOUBLING) ** max(1.0, np.log2((have + many) / have))
     ]
     stop = not paying
     further, twice = min(paying) if paying else (planned, dict(curve).get(2 * planned, floor))
-    worst = [name for name, _ in sorted(sources.items(), key=lambda pair: -pair[1]) if name in REMEDIES][:2]
-    parts = ", ".join(
-        f"{name} {1000 * value:.2f} mm"
-        for name, value in sorted(sources.items(), key=lambda pair: -pair[1])[:4]
-        if value > 0
-    )
+    ordered = sorted(sources, key=lambda name: -sources[name])
+    worst = next(name for name in ordered if name in REMEDIES)
+    parts = ", ".join(f"{name} {1000 * sources[name]:.2f} mm" for name in ordered[:4] if sources[name] > 0)
     head = (
         f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}{_strikes(planned)} "
         f"({parts})"
@@ -223,7 +219,7 @@ def advice(
             f"{head}; {planned} more would only reach {1000 * twice:.2f} mm, any number on these axes "
             f"{1000 * floor:.2f} mm: "
             "errors that strikes share dominate, more strikes no longer pay; instead: "
-            f"{_remedy(worst[0], exact_shape)}"
+            f"{_remedy(worst, exact_shape)}"
         )
     else:
         text = head if made else f"{head}; {further} more would reach {1000 * twice:.2f} mm"
@@ -237,7 +233,7 @@ def advice(
 
 def error_so_far(information: Information) -> float:
     """Rms distance [m] of the centre of mass from the truth, from the strikes made and the priors."""
-    return float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
+    return _rms(information, [], [])
 
 
 def _strikes(many: int) -> str:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from analyze.geometry.even_samples import even_samples
+from analyze.geometry.even_samples import bisected, even_samples
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.polyhedron import area_vectors
 from analyze.types import Array
 
 FILLING_ASYMMETRY = 0.2
@@ -76,32 +77,19 @@ class Hypothesis:
     uniform solid and of its surface, each about its own centroid."""
 
 
-def paper_hypothesis(points: Array) -> Region:
-    """Region Q of the centre of mass by the paper's eq. (1) as printed (VISAPP 2013, 3.1.1).
+def paper_hypothesis(points: Array, weight: float = 1.0) -> Region:
+    """Region Q of the centre of mass by the paper's eq. (1) (VISAPP 2013, 3.1.1).
 
-    Half edges along the principal axes e are abs(sum_{v.e<0} norm(v) - sum_{v.e>0} norm(v)) + 1 in
-    millimetres, v the points relative to their mean. The sums are not normalised, so Q grows with the number
-    of points; it is clipped to the points' extent. Where eigenvalues tie (a square base), the paper leaves
-    the axes open: here they are the object frame's axes projected into the tied space, x before y before z.
-
-    Args:
-        points: (n, 3) surface points [m], in the object frame.
-    """
-    return _paper_region(points, 1.0)
-
-
-def paper_hypothesis_of_means(points: Array) -> Region:
-    """Region Q of the centre of mass by eq. (1) (VISAPP 2013) with means in place of sums.
-
-    Q does not depend on the number of points then.
+    Half edges along the principal axes e are w abs(sum_{v.e<0} norm(v) - sum_{v.e>0} norm(v)) + 1 in
+    millimetres, v the points relative to their mean. As printed (w = 1) the sums are not normalised, so Q
+    grows with the number of points; with w one over that number they are means, and it does not. Q is
+    clipped to the points' extent. Where eigenvalues tie (a square base), the paper leaves the axes open: here
+    they are the object frame's axes projected into the tied space, x before y before z.
 
     Args:
         points: (n, 3) surface points [m], in the object frame.
+        weight: Factor w of the sums.
     """
-    return _paper_region(points, 1.0 / len(points))
-
-
-def _paper_region(points: Array, weight: float) -> Region:
     centre = points.mean(axis=0)
     offset = points - centre
     axes = principal_axes(offset.T @ offset / len(points))
@@ -229,14 +217,11 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
     spacing = body_size(model) / across
     triangles = model.vertices[model.faces]
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
-    area = (
-        np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-        / 2
-    )
+    area = np.linalg.norm(area_vectors(triangles), axis=1) / 2
     needle = (2 * area < NEEDLE_WIDTH * spacing * longest) & (longest > spacing)
-    pieces = _bisected(triangles[needle], spacing)
+    pieces, _ = bisected(triangles[needle], spacing)
     points = [pieces.mean(axis=1)]
-    areas = [np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1) / 2]
+    areas = [np.linalg.norm(area_vectors(pieces), axis=1) / 2]
     triangles, longest, area = triangles[~needle], longest[~needle], area[~needle]
     steps = np.maximum(1, np.ceil(longest / spacing)).astype(int)
     for many in np.unique(steps):
@@ -245,23 +230,6 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
         points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
         areas.append(np.repeat(area[mine] / len(weights), len(weights)))
     return np.vstack(points), np.concatenate(areas)
-
-
-def _bisected(triangles: Array, longest: float) -> Array:
-    """Triangles (m, 3, 3) from `triangles` (n, 3, 3), halved until no edge exceeds `longest` [m].
-
-    Each is halved at the middle of its longest edge; second index: corner.
-    """
-    done: list[Array] = []
-    while len(triangles):
-        sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-        long = sides.max(axis=1) > longest
-        done.append(triangles[~long])
-        start = np.argmax(sides[long], axis=1)
-        a, b, c = (triangles[long][np.arange(len(start)), (start + i) % 3] for i in range(3))
-        middle = (a + b) / 2
-        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return np.concatenate(done) if done else triangles
 
 
 def even_cloud(model: ObjectModel, count: int) -> Array:

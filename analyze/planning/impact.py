@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.polyhedron import BoolArray, area_vectors
 from analyze.planning.pivots import PivotAxis, Swing
 from analyze.types import Array, IntArray
 from schemas.impact_law import inverse_impact_mass, tip_speed_for_impulse
@@ -92,8 +92,6 @@ class ImpactPoint:
     """Horizontal over vertical impulse at the edge for the expected c: the friction coefficient needed."""
     worst_friction: float
     """Largest such ratio for the places of c that were examined."""
-    glance: float
-    """Largest angle between the surface's normal and the strike within `HEIGHT_ERROR` of the height [rad]."""
     on_card: bool
     """True if the tip meets a marker's card, or may touch it."""
 
@@ -103,7 +101,7 @@ def impact_points(
     axis: PivotAxis,
     swings: Sequence[Swing],
     cards: list[tuple[Array, float]],
-    striker: StrikerModel | None = None,
+    striker: StrikerModel,
 ) -> list[ImpactPoint]:
     """Places that the striker's tip, a sphere moving along W's +x at y = 0, can meet with its front.
 
@@ -117,12 +115,11 @@ def impact_points(
         axis: Pivot axis (edge about which the object tips).
         swings: Expected swing, then swings for other places of the centre of mass.
         cards: Centre (3,) [m, in the object frame] and edge [m] of the black square of each marker.
-        striker: Striker, for its reach; None for the nominal one.
+        striker: Striker, for its reach.
 
     Returns:
         Impact points from the lowest to the highest; empty if there are none.
     """
-    striker = striker or StrikerModel()
     R, p = axis.R_world_object, axis.p_world_object
     world = model.hull_vertices @ R.T + p
     start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
@@ -134,29 +131,23 @@ def impact_points(
     tried = np.flatnonzero(
         (heights >= striker.lowest_m) & (heights <= min(top - MIN_DEPTH_BELOW_TOP, striker.highest_m))
     )
-    free, worst_glances = _clear_heights(heights, distance, glance, tried)
-    for i, worst_glance in zip(tried[free], worst_glances[free].tolist(), strict=True):
+    for i in tried[_clear_heights(heights, distance, glance, tried)]:
         height = float(heights[i])
         point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
         friction = [friction_at_impact(each, height) for each in swings]
         near = bool(np.any(np.linalg.norm(point - centres, axis=1) < near_to))
-        result.append(ImpactPoint(height, point, friction[0], max(friction), worst_glance, near))
+        result.append(ImpactPoint(height, point, friction[0], max(friction), near))
     return result
 
 
-def _clear_heights(
-    heights: Array, distance: Array, glance: Array, tried: IntArray
-) -> tuple[BoolArray, Array]:
-    """Find the heights at which only the tip's foremost point meets the surface, and meets it squarely.
+def _clear_heights(heights: Array, distance: Array, glance: Array, tried: IntArray) -> BoolArray:
+    """Mask (k,) of the heights at which only the tip's foremost point meets the surface, and squarely.
 
     Args:
         heights: (n,) heights of the steps [m].
         distance: (n,) distance to the surface at each, from `_profile` [m].
         glance: (n,) angle of its normal to the ray, from `_profile` [rad].
         tried: (k,) indices of the steps tried.
-
-    Returns:
-        Mask (k,) of usable steps, and the largest angle (k,) [rad] within `HEIGHT_ERROR` of each.
     """
     offset = np.abs(heights - heights[tried, None])
     flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
@@ -164,12 +155,12 @@ def _clear_heights(
     met_before = np.any(
         (offset < TIP_RADIUS) & (distance + flank < distance[tried, None] - MAX_FLANK_LEAD), axis=1
     )
-    worst = np.where(near_by, glance, 0.0).max(axis=1, initial=0.0)
+    square = np.where(near_by, glance, 0.0).max(axis=1, initial=0.0) <= MAX_GLANCE
     first, last = (np.where(near_by, distance, end) for end in (np.inf, -np.inf))
     even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * HEIGHT_ERROR * np.tan(
         MAX_GLANCE
     )
-    return np.logical_not(met_before) & (worst <= MAX_GLANCE) & even, worst
+    return np.logical_not(met_before) & square & even
 
 
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
@@ -208,7 +199,7 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
         share = y[row, lone] / (y[row, lone] - y[row, other])
         ends.append(corners[row, lone] + share[:, None] * (corners[row, other] - corners[row, lone]))
     first, second = ends
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = area_vectors(corners)
     angle = np.arccos(np.clip(-normal[:, 0] / np.maximum(np.linalg.norm(normal, axis=1), 1e-30), -1, 1))
     rise = second[:, 2] - first[:, 2]
     along = (heights[:, None] - first[:, 2]) / np.where(np.abs(rise) > 1e-12, rise, 1.0)

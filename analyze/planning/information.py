@@ -152,10 +152,7 @@ class Information:
 
     @cached_property
     def _rows(self) -> dict[int, tuple[Candidate, Array, Array, Array]]:
-        """Cache by `id` of a candidate: the candidate, the results of `rows`, and one strike's information.
-
-        The last is the inverse covariance (2, 2) of phi and ln k from one strike.
-        """
+        """Cache by `id` of a candidate: the candidate and the results of `_linearised`."""
         return {}
 
     @cached_property
@@ -163,18 +160,16 @@ class Information:
         """Cache by `id` of a candidate and number of strikes: the candidate and its information (14, 14)."""
         return {}
 
-    def rows(self, each: Candidate) -> tuple[Array, Array]:
+    def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
         """Derivatives of balance angle phi [rad] and ln k by the unknowns, in units of their prior 1 sigma.
 
         k is the rate constant of the tip, theta'' = -k sin(phi - theta).
 
         Returns:
             Derivatives (2, 14) by the shared unknowns, in the order of `units`, and (2, 4) by those of the
-            axis: its line's place towards the tip and upwards, an angle error, an error of ln k.
+            axis: its line's place towards the tip and upwards, an angle error, an error of ln k. Third, the
+            inverse covariance (2, 2) of phi and ln k from one strike. They are cached.
         """
-        return self._linearised(each)[:2]
-
-    def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
         if id(each) not in self._rows:
             noise = each.noise + np.diag([self.errors.strike_angle**2, 0.0])
             self._rows[id(each)] = (
@@ -227,11 +222,13 @@ class Information:
         with its own angle error.
 
         Returns:
-            Derivatives (2h, 14) by the shared unknowns and (2h, 3 + h) by those of the axis, as in `rows`
-            with one more angle error for each further heading, and the inverse covariance (2h, 2h). Rows are
-            phi (balance angle) and ln k (k the tip's rate constant) of each heading, the usual one first.
+            Derivatives (2h, 14) by the shared unknowns, in units of their prior 1 sigma, and (2h, 3 + h) by
+            those of the axis: its line's place towards the tip and upwards, an angle error, an error of ln k,
+            and one more angle error for each further heading; and the inverse covariance (2h, 2h). Rows are
+            phi (balance angle, rad) and ln k (k the tip's rate constant) of each heading, the usual one
+            first.
         """
-        shared, own = self.rows(each)
+        shared, own, _ = self._linearised(each)
         turned = [
             (heading, made)
             for heading, made in self.belief.made.get(each.axis.id, {}).items()

@@ -24,13 +24,7 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.hypothesis import (
-    Region,
-    even_cloud,
-    paper_hypothesis,
-    paper_hypothesis_of_means,
-    principal_axes,
-)
+from analyze.planning.hypothesis import even_cloud, paper_hypothesis, principal_axes
 from analyze.planning.stable_planes import RestingPlane, paper_stable_planes, resting_planes
 from analyze.types import Array
 
@@ -116,8 +110,7 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
     """
     cloud = even_cloud(model, CLOUD_POINTS)
     planes = resting_planes(model)
-    regions: tuple[Region, Region] = (paper_hypothesis(cloud), paper_hypothesis_of_means(cloud))
-    found = [paper_stable_planes(planes, region) for region in regions]
+    found = [paper_stable_planes(planes, paper_hypothesis(cloud, weight)) for weight in (1.0, 1 / len(cloud))]
     as_printed = len(found[0]) >= 2
     stable = found[0] if as_printed else found[1]
     if len(stable) < 2:
@@ -149,12 +142,11 @@ def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Ar
     offset = support - centre
     flat = offset - np.outer(offset @ plane.up, plane.up)
     axes = principal_axes(flat.T @ flat / len(flat))[:2]
-    start, _ = plane.edges
-    out = plane.outward()
+    out = plane.outward
     found: list[tuple[Array, Array]] = []
     for ray in (axes[0], -axes[0], axes[1], -axes[1]):
         speed = out @ ray
-        room = np.einsum("ki,ki->k", start - centre, out)
+        room = np.einsum("ki,ki->k", plane.polygon - centre, out)
         distance = np.where(speed > 1e-9, room / np.where(speed > 1e-9, speed, 1.0), np.inf)
         edge = int(np.argmin(np.round(distance, 9)))
         found.append((centre + float(distance[edge]) * ray, out[edge]))

@@ -24,6 +24,8 @@ RIM_EDGES = 5
 """Smallest number of edges of a round rim."""
 FACET_WIDTH_FRACTION = 0.03
 """Width of a face, over the object's extent, up to which it is a facet of a round flank."""
+TOUCHING_FRACTION = 3e-4
+"""Distance of a face from an edge or its rounding, over the object's extent, up to which they touch."""
 STEEPEST_WALL = np.radians(60.0)
 """Lean [rad] of the face that rises from an edge beyond which its rounding's inset is not used."""
 
@@ -72,6 +74,19 @@ class PivotAxis:
         """
         return np.array([0.0, 0.0, self.radius]) - self.R_world_object @ self.point
 
+    @property
+    def edge(self) -> tuple[Array, Array]:
+        """Ends (3,), (3,) [m, in the object frame] of the edge of the support polygon over which it tips.
+
+        For the tangent of a round rim both are the polygon's foremost corner.
+        """
+        if self.rolls:
+            corner = self.plane.polygon[int(np.argmax(self.plane.polygon @ self.tip))]
+            return corner, corner
+        start, end = self.plane.edges
+        edge = int(np.argmax(self.plane.outward @ self.tip))
+        return start[edge], end[edge]
+
 
 @dataclass(frozen=True)
 class Swing:
@@ -107,7 +122,7 @@ def pivot_axes(
     axes: list[PivotAxis] = []
     for plane in planes:
         start, end = plane.edges
-        out = plane.outward()
+        out = plane.outward
         rim = _round_rim(plane)
         beside = believed.region.centre
         for i in np.flatnonzero(np.logical_not(rim)):
@@ -183,7 +198,7 @@ def _axis(
         rolls: True for the tangent of a round rim.
     """
     direction = np.cross(plane.up, tip)
-    wall = _wall_lean(model, plane, tip, edge)
+    wall = wall_lean(model, tip, plane.up, edge)
     radius = spec.edge_radius_m
     lean = 0.0 if wall is None else wall
     inset = radius * (1 + np.sin(lean)) / np.cos(lean)
@@ -219,29 +234,31 @@ def _moulded_radius(
     return moulded_radius((model.hull_vertices - contact) @ np.stack([tip, plane.up]).T, phi)
 
 
-def _wall_lean(
-    model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array, Array]
+def wall_lean(
+    model: ObjectModel, tip: Array, up: Array, points: Sequence[Array], depth: float = 0.0
 ) -> float | None:
-    """Lean [rad] of the face that rises from the edge: angle by which its normal points upwards.
+    """Lean [rad] of the face that rises from an edge: angle by which its normal points upwards.
 
-    None if no face ends at both ends of the edge, or if the lean is `STEEPEST_WALL` or more either way.
+    None if no face but that at the bottom lies `depth` above all of `points`, to within `TOUCHING_FRACTION`
+    of the extent, or if the lean is `STEEPEST_WALL` or more either way.
 
     Args:
         model: Shape of the object.
-        plane: Face that the object rests on.
         tip: (3,) unit direction of the tip, in the object frame.
-        edge: Ends (3,), (3,) of the edge [m], in the object frame.
+        up: (3,) unit normal of the resting face, into the object, in the object frame.
+        points: Points (3,) [m], in the object frame: the ends of the edge, or one on its rounding's centre
+            line.
+        depth: Depth [m] of the points below the faces of the edge: 0, or the radius of the rounding.
     """
-    tolerance = 3e-4 * float(model.extent.max())
     planes = model.hull_planes
-    touches = np.all([np.abs(planes[:, :3] @ point + planes[:, 3]) < tolerance for point in edge], axis=0)
-    others = touches & (planes[:, :3] @ plane.up > -0.999)
-    if not others.any():
+    within = TOUCHING_FRACTION * float(model.extent.max())
+    gaps = [planes[:, :3] @ point + planes[:, 3] + depth for point in points]
+    normals = planes[(np.abs(gaps) < within).all(axis=0) & (planes[:, :3] @ up > -0.999), :3]
+    if not len(normals):
         return None
-    normals = planes[others, :3]
-    forward, up = normals @ tip, normals @ plane.up
-    best = int(np.argmax(forward / np.maximum(np.hypot(forward, normals @ np.cross(plane.up, tip)), 1e-12)))
-    lean = float(np.arctan2(up[best], forward[best]))
+    forward, height = normals @ tip, normals @ up
+    best = int(np.argmax(forward / np.maximum(np.hypot(forward, normals @ np.cross(up, tip)), 1e-12)))
+    lean = float(np.arctan2(height[best], forward[best]))
     return lean if abs(lean) < STEEPEST_WALL else None
 
 
@@ -250,7 +267,7 @@ def _round_rim(plane: RestingPlane) -> BoolArray:
 
     They turn by less than `RIM_TURN` against both neighbours; all False if there are fewer than `RIM_EDGES`.
     """
-    out = plane.outward()
+    out = plane.outward
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))
     gentle = turn < RIM_TURN
     round_edge = gentle & np.roll(gentle, 1)

@@ -56,8 +56,7 @@ class PlanRequest:
     """True to add a strike of an edge with the object turned by 180 degrees, which measures the table's tilt;
     the usual strike of that edge is added too if it is not in the plan."""
     most_axes: int | None = None
-    """Largest number of different axes, each a placement by hand; None for as many as pay. It does not limit
-    a design that reaches the target."""
+    """Largest number of different axes, each a placement by hand; None for as many as pay."""
 
 
 def plan_strikes(
@@ -119,13 +118,9 @@ def plan_strikes(
     regions: list[PredictedRegion] = []
     if cells is not None:
         struck = [*members, *information.belief.struck]
-        known = region_forecast(
+        regions = region_forecast(
             cells, spec.mass_kg, chosen.covariance, [each.axis.direction for each in struck]
         )
-        regions = [
-            PredictedRegion(name=name, mass_sd_kg=float(sd), determined=sure)
-            for name, sd, sure in zip(known.names, known.sd, known.determined, strict=True)
-        ]
     moments = [
         PredictedMoment(axis_id=each.axis_id, i_com_sd_kg_m2=each.i_com, determined=each.i_com_determined)
         for each in predicted.values()
@@ -190,7 +185,7 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
     least = 1 if prepared.made else design.MIN_STRIKES
     most = max(forecast.MAX_STRIKES, request.strikes)
     if request.target_com is not None:
-        found = forecast.strikes_for(information, request.target_com, least, most)
+        found = forecast.strikes_for(information, request.target_com, least, most, request.most_axes)
         if found is not None:
             return found[1], ""
     plain = design.choose_design(information, request.strikes, request.most_axes)
@@ -202,11 +197,12 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
         )
     if request.target_com is None or plain.com_rms <= request.target_com:
         return plain, ""
-    best = design.choose_design(information, most) or plain
+    best = design.choose_design(information, most, request.most_axes) or plain
     advice = forecast.advice(information, plain, prepared.made, model.primitive is not None, so_far)
+    where = "" if request.most_axes is None else f" on at most {request.most_axes} axes"
     text = (
-        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes reach {1000 * best.com_rms:.3g} "
-        f"mm; these {sum(plain.repeats)}: {advice.text}"
+        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes{where} reach "
+        f"{1000 * best.com_rms:.3g} mm; these {sum(plain.repeats)}: {advice.text}"
     )
     return plain, text
 
@@ -315,10 +311,9 @@ def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, st
 
 
 def _warnings(prepared: PreparedObject, used: Sequence[UsableAxis]) -> list[str]:
-    warnings = [
-        unsure_note([each.candidate.axis.plane for each in used], prepared.unsure, prepared.believed.region)
-    ]
-    warnings = [text for text in warnings if text]
+    planes = [each.candidate.axis.plane for each in used]
+    unsure = unsure_note(planes, prepared.unsure, prepared.believed.region)
+    warnings = [unsure] if unsure else []
     if any(each.candidate.axis.rolls for each in used):
         warnings.append(
             "round rims are used, on which the contact can roll: strike square to the rim; repeats show "

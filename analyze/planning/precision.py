@@ -80,21 +80,12 @@ def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAM
     time = np.arange(0.0, MAX_DURATION, 1 / (taken * between))
     # The motion itself, then with phi, ln k, theta_0 and ln omega_0 increased and decreased.
     steps = np.vstack([np.zeros(4), STEP * np.eye(4), -STEP * np.eye(4)])
-    starts: list[Array] = []
-    for each in strikes:
-        rate = release_rate(each.expected, max(each.energy, MIN_ENERGY_RATIO))
-        swing = each.expected
-        starts.append(
-            np.stack(
-                [
-                    swing.phi + steps[:, 0],
-                    swing.k * np.exp(steps[:, 1]),
-                    steps[:, 2],
-                    rate * np.exp(steps[:, 3]),
-                ]
-            )
-        )
-    paths = _motion(time, *np.hstack(starts))[::between].reshape(-1, len(strikes), len(steps))
+    rates = [release_rate(each.expected, max(each.energy, MIN_ENERGY_RATIO)) for each in strikes]
+    phi = np.add.outer([each.expected.phi for each in strikes], steps[:, 0])
+    k = np.multiply.outer([each.expected.k for each in strikes], np.exp(steps[:, 1]))
+    theta, omega = np.tile(steps[:, 2], (len(strikes), 1)), np.multiply.outer(rates, np.exp(steps[:, 3]))
+    paths = _motion(time, *(each.ravel() for each in (phi, k, theta, omega)))[::between]
+    paths = paths.reshape(-1, len(strikes), len(steps))
     return [_covariance(paths[:, i], each, frame_rate / taken) for i, each in enumerate(strikes)]
 
 

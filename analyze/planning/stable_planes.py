@@ -61,45 +61,40 @@ class RestingPlane:
         """Starts (k, 3) and ends (k, 3) of the support polygon's edges [m], in the object frame."""
         return self.polygon, np.roll(self.polygon, -1, axis=0)
 
+    @cached_property
     def outward(self) -> Array:
         """Outward unit normals (k, 3) of the support polygon's edges, in its plane, in the object frame."""
-        return self._outward
-
-    @cached_property
-    def _outward(self) -> Array:
         start, end = self.edges
         across = np.cross(end - start, self.up)
         return across / np.linalg.norm(across, axis=1, keepdims=True)
 
-    def margin(self, points: Array) -> float:
-        """Smallest distance [m] of points, projected on the plane, from the support polygon's edges.
+    def margin(self, points: Array) -> Array:
+        """Distance (n,) [m] of points, projected on the plane, from the nearest edge of the support polygon.
 
-        It is negative if a point lies outside.
+        It is negative for a point outside.
 
         Args:
             points: (n, 3) points [m], in the object frame.
         """
-        start, _ = self.edges
-        out = self.outward()
-        return float(np.min(np.einsum("ki,ki->k", start, out) - points @ out.T))
+        return np.min(np.einsum("ki,ki->k", self.polygon, self.outward) - points @ self.outward.T, axis=1)
 
     def margin_of(self, region: Region) -> float:
         """Smallest distance [m] of `region`, projected on the plane, from the support polygon's edges.
 
         It is negative if part of the region lies outside.
         """
-        return float(np.min(self._room(region) - region.reach(self.outward())))
+        return float(np.min(self._room(region) - region.reach(self.outward)))
 
     def firmness(self, region: Region) -> float:
         """Largest scale of `region` about its centre at which its projection lies within the support polygon.
 
         It is at least 1 if all of the region lies over the polygon, and negative if its centre does not.
         """
-        return float(np.min(self._room(region) / np.maximum(region.reach(self.outward()), 1e-12)))
+        return float(np.min(self._room(region) / np.maximum(region.reach(self.outward), 1e-12)))
 
     def _room(self, region: Region) -> Array:
         """Distances (k,) [m] of the region's projected centre from the polygon's edges, positive inside."""
-        return np.einsum("ki,ki->k", self.polygon - region.centre, self.outward())
+        return np.einsum("ki,ki->k", self.polygon - region.centre, self.outward)
 
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:

@@ -7,6 +7,7 @@ the hull puts sharp edges round it; neither belongs to the object.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.planning.hypothesis import body_size
 from analyze.planning.pivots import PivotAxis
 from analyze.planning.stable_planes import RestingPlane
-from analyze.types import Array
 from schemas.strike_plan import Rejection
 
 CODE = "not_scanned"
@@ -41,24 +41,22 @@ REMEDY = "scan that side too, or give a primitive (box, cylinder)"
 """What to do about a rejected face or edge."""
 
 
+_Part = TypeVar("_Part", RestingPlane, PivotAxis)
+
+
 def scanned_planes(
     model: ObjectModel, planes: Sequence[RestingPlane]
-) -> tuple[tuple[RestingPlane, ...], list[Rejection]]:
+) -> tuple[list[RestingPlane], list[Rejection]]:
     """Planes that were scanned (all if the shape is no scan), and rejections of the others.
 
     Up to `MAX_BARE_PLANE` of a plane may be missing from the scan.
     """
     surface = model.scanned
     if surface is None:
-        return tuple(planes), []
+        return list(planes), []
     shares = [_plane_share(surface, plane, body_size(model)) for plane in planes]
     text = "of this face was not scanned and is closed flat: where the object ends there is not known"
-    kept = tuple(plane for plane, share in zip(planes, shares, strict=True) if share <= MAX_BARE_PLANE)
-    return kept, [
-        _rejection(plane.id, share, text)
-        for plane, share in zip(planes, shares, strict=True)
-        if share > MAX_BARE_PLANE
-    ]
+    return _separated(planes, shares, MAX_BARE_PLANE, text)
 
 
 def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
@@ -71,20 +69,26 @@ def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[P
         return list(axes), []
     shares = [_edge_share(surface, axis, body_size(model)) for axis in axes]
     text = "of the surface beside this edge was not scanned: the edge is where the scan ends"
-    kept = [axis for axis, share in zip(axes, shares, strict=True) if share <= MAX_BARE_EDGE]
-    return kept, [
-        _rejection(axis.id, share, text)
-        for axis, share in zip(axes, shares, strict=True)
-        if share > MAX_BARE_EDGE
-    ]
+    return _separated(axes, shares, MAX_BARE_EDGE, text)
 
 
-def _rejection(name: str, share: float, text: str) -> Rejection:
-    """Rejection of the face or edge `name`, of which the fraction `share` was not scanned.
+def _separated(
+    parts: Sequence[_Part], shares: Sequence[float], most: float, text: str
+) -> tuple[list[_Part], list[Rejection]]:
+    """Faces or edges that were scanned, and rejections of the others.
 
-    Its message is the fraction in percent, followed by `text` and the remedy.
+    Args:
+        parts: Resting planes or pivot axes.
+        shares: Fraction of each that was not scanned.
+        most: Largest such fraction of a part that is kept.
+        text: Message of a rejection, between the fraction in percent and the remedy.
     """
-    return Rejection(axis_id=name, code=CODE, number=share, text=f"{100 * share:.0f} % {text}: {REMEDY}")
+    pairs = list(zip(parts, shares, strict=True))
+    return [part for part, share in pairs if share <= most], [
+        Rejection(axis_id=part.id, code=CODE, number=share, text=f"{100 * share:.0f} % {text}: {REMEDY}")
+        for part, share in pairs
+        if share > most
+    ]
 
 
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
@@ -99,9 +103,7 @@ def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> f
     """
     height = surface.points @ plane.up - plane.level
     touching = (np.abs(height) < TOUCHING_HEIGHT * size) & (surface.normals @ plane.up < MAX_DOWN_COSINE)
-    start, _ = plane.edges
-    out = plane.outward()
-    inset = np.min(np.einsum("ki,ki->k", start, out) - surface.points @ out.T, axis=1)
+    inset = plane.margin(surface.points)
     inner = touching & (inset > surface.reach)
     if inner.sum() < MIN_SAMPLES:
         inner = touching & (inset > 0)
@@ -119,7 +121,7 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
         size: Size of the body [m].
     """
     up, tip = axis.plane.up, axis.tip
-    first, last = _edge(axis)
+    first, last = axis.edge
     outer = surface.reach + STRIP_WIDTH * size
     place = surface.points @ axis.direction
     low, high = sorted((float(first @ axis.direction), float(last @ axis.direction)))
@@ -131,19 +133,6 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
     facing = surface.normals @ up
     below = (np.abs(height) < EDGE_TOUCHING_HEIGHT * size) & (facing < MAX_DOWN_COSINE)
     return max(_share(surface, strip & below), _share(surface, strip & ~below & (facing < MAX_SIDE_COSINE)))
-
-
-def _edge(axis: PivotAxis) -> tuple[Array, Array]:
-    """Ends (3,), (3,) [m, in the object frame] of the edge that `axis` tips over.
-
-    For the tangent of a round rim both are the polygon's foremost corner.
-    """
-    if axis.rolls:
-        corner = axis.plane.polygon[int(np.argmax(axis.plane.polygon @ axis.tip))]
-        return corner, corner
-    start, end = axis.plane.edges
-    edge = int(np.argmax(axis.plane.outward() @ axis.tip))
-    return start[edge], end[edge]
 
 
 def _share(surface: ScannedSurface, part: BoolArray) -> float:

@@ -85,7 +85,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
         if marker.T_object_marker is None:
             continue
         centre = np.array(marker.T_object_marker)[:3, 3]
-        outside = float(model.signed_distance(centre)[0])
+        outside = -float(model.depth(centre)[0])
         most = PLACE_TOLERANCE + marker.thickness_m + SURFACE_SDS * unsure
         if model.scanned is not None:
             most += model.scanned.uncertainty_at(centre)
@@ -263,7 +263,4 @@ def _hits_object(model: ObjectModel, start: Array, direction: Array, far: float)
         left = (model.vertices - start) @ row < RAY_TOLERANCE
         right = (model.vertices - start) @ row > -RAY_TOLERANCE
         near &= left[model.faces].any(axis=1) & right[model.faces].any(axis=1)
-    if not near.any():
-        return False
-    hit = polyhedron.first_hit(model.vertices, model.faces[near], start, direction)
-    return hit is not None and hit[0] < far
+    return polyhedron.first_hit(model.vertices, model.faces[near], start, direction) < far

@@ -106,7 +106,7 @@ def _across(truth: ObjectModel, model: ObjectModel) -> tuple[list[tuple[float, f
         # For a finely tessellated rim every eighth tangent is enough.
         for i in range(0, len(start), 8 if len(start) > 32 else 1):
             edges += 1
-            best = _nearest(mine[0], plane.outward()[i], (start[i] + end[i]) / 2) if mine else None
+            best = _nearest(mine[0], plane.outward[i], (start[i] + end[i]) / 2) if mine else None
             if best is not None:
                 k, distance = best
                 ends = np.array([mine[0].polygon[k], np.roll(mine[0].polygon, -1, axis=0)[k]])
@@ -116,7 +116,7 @@ def _across(truth: ObjectModel, model: ObjectModel) -> tuple[list[tuple[float, f
 
 def _nearest(plane: RestingPlane, out: np.ndarray, middle: np.ndarray) -> tuple[int, float] | None:
     start, end = plane.edges
-    alike = plane.outward() @ out
+    alike = plane.outward @ out
     k = int(np.argmax(alike))
     if alike[k] < np.cos(np.radians(15)):
         return None

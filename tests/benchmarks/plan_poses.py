@@ -79,7 +79,7 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
     for plane in ours:
         if any(up @ plane.up > np.cos(SAME_POSE) for up in theirs):
             continue
-        margin = plane.margin(com[None])
+        margin = plane.margin(com[None])[0]
         heights = np.abs(hull.points @ plane.up - plane.level)
         facets = int(np.sum((heights < tolerance)[hull.simplices].all(axis=1)))
         if margin < 5 * tolerance:

@@ -103,7 +103,7 @@ def trials(
     found: list[Trial] = []
     for axis in on.axes:
         expected = swing(axis, body.com_object, body.mass_kg, unit, G)
-        points = impact.impact_points(on.model, axis, [expected], [])
+        points = impact.impact_points(on.model, axis, [expected], [], impact.StrikerModel())
         best = impact.best_impact(points, 9.0)
         if best is None:
             continue

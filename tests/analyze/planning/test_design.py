@@ -109,10 +109,10 @@ def test_predicted_covariance_equals_the_scatter_of_simulated_estimates():
     errors = SharedErrors(edge_radius=0.0002, scale=0.001)
     chosen = [c for c in candidates() if c.axis.id in {"p0e0", "p2e1", "p4e0", "p5e1"}] or candidates()[:4]
     known = information(chosen, errors)
-    shared = np.vstack([known.rows(each)[0] for each in chosen])
+    shared = np.vstack([known.measurements(each, 0)[0] for each in chosen])
     own = np.zeros((2 * len(chosen), 4 * len(chosen)))
     for i, each in enumerate(chosen):
-        own[2 * i : 2 * i + 2, 4 * i : 4 * i + 4] = known.rows(each)[1]
+        own[2 * i : 2 * i + 2, 4 * i : 4 * i + 4] = known.measurements(each, 0)[1]
     rows = np.hstack([shared, own])
     sd = np.sqrt([np.linalg.inv(known.weight(each, 1))[k, k] for each in chosen for k in range(2)])
     truth = rng.standard_normal((rows.shape[1], 10_000))

@@ -11,7 +11,7 @@ from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning import view
 from analyze.planning.examine import Bench
-from analyze.planning.hypothesis import even_cloud, paper_hypothesis, paper_hypothesis_of_means
+from analyze.planning.hypothesis import even_cloud, paper_hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_plan import CONTACT_ANGLE, impact_force, paper_plan, rotation_points
 from analyze.planning.paper_strikes import paper_strike_plan
@@ -37,7 +37,7 @@ SUMS = (2 * np.hypot(2, 3) - 4) * 0.001
 def test_eq_1_by_hand():
     """Along x the sums of lengths are 2*sqrt(13) and 4, along y they are equal; 1 mm is added."""
     assert np.allclose(paper_hypothesis(np.vstack([BENT, FAR])).half[:2], [SUMS + 0.001, 0.001])
-    assert np.allclose(paper_hypothesis_of_means(np.vstack([BENT, FAR])).half[:2], [SUMS / 7 + 0.001, 0.001])
+    assert np.allclose(paper_hypothesis(np.vstack([BENT, FAR]), 1 / 7).half[:2], [SUMS / 7 + 0.001, 0.001])
 
 
 def test_q_is_clipped_to_the_object():
@@ -49,7 +49,9 @@ def test_eq_1_grows_with_the_number_of_points_and_means_do_not():
     cloud = np.vstack([BENT, FAR])
     thrice = np.repeat(cloud, 3, axis=0)
     assert np.isclose(paper_hypothesis(thrice).half[0], 3 * SUMS + 0.001)
-    assert np.allclose(paper_hypothesis_of_means(thrice).half, paper_hypothesis_of_means(cloud).half)
+    assert np.allclose(
+        paper_hypothesis(thrice, 1 / len(thrice)).half, paper_hypothesis(cloud, 1 / len(cloud)).half
+    )
 
 
 def test_cloud_is_uniform_over_the_surface():

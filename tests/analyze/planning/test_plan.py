@@ -142,6 +142,18 @@ def test_requested_number_of_strikes_is_planned(strikes):
     assert len(axes_of(plan)) >= 3
 
 
+@pytest.mark.parametrize(("name", "reached"), [("juice", True), ("carton", False)])
+def test_number_of_axes_is_limited_with_a_target_too(name, reached):
+    """Without the limit both objects reach the target with a strike on each of four axes."""
+    files = read_object_files(OBJECTS / f"{name}.toml")
+    model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
+    plan = make_plan(model, files.spec, files.sha256, STRIKER, target_com=5e-4, most_axes=3)
+    assert len(axes_of(plan)) == 3
+    assert plan.prediction is not None
+    assert plan.prediction.target_reached is reached
+    assert ("36 strikes on at most 3 axes reach" in plan.prediction.advice) is not reached
+
+
 def test_too_few_strikes_are_refused():
     with pytest.raises(PlanError, match="3 or more"):
         box_plan(2)
@@ -205,18 +217,20 @@ def test_tip_keeps_clear_of_edges_and_of_parts_that_stick_out_below():
         a for a in pivot_axes(model, spec, planes, believed) if a.plane.up[2] > 0.99 and abs(a.tip[0]) > 0.99
     )
     expected = swing(upright, believed.region.centre, 0.05, believed.unit_inertia, 9.81)
-    heights = np.array([point.height for point in impact_points(model, upright, [expected], [])])
+    heights = np.array(
+        [point.height for point in impact_points(model, upright, [expected], [], StrikerModel())]
+    )
     assert heights.min() >= 0.015
     assert heights.max() <= 0.110
     assert not np.any((heights > 0.016) & (heights < 0.0275))
-    on_plate = [p for p in impact_points(model, upright, [expected], []) if p.height < 0.02]
+    on_plate = [p for p in impact_points(model, upright, [expected], [], StrikerModel()) if p.height < 0.02]
     assert all(abs(abs(p.point[0]) - 0.04) < 1e-6 for p in on_plate)
 
 
 def test_impact_points_on_marker_cards_are_avoided():
-    expected = ImpactPoint(0.1, np.zeros(3), 0.05, 0.1, 0.0, on_card=True)
-    beside = ImpactPoint(0.12, np.zeros(3), 0.2, 0.25, 0.0, on_card=False)
-    slips = ImpactPoint(0.14, np.zeros(3), 0.6, 0.7, 0.0, on_card=False)
+    expected = ImpactPoint(0.1, np.zeros(3), 0.05, 0.1, on_card=True)
+    beside = ImpactPoint(0.12, np.zeros(3), 0.2, 0.25, on_card=False)
+    slips = ImpactPoint(0.14, np.zeros(3), 0.6, 0.7, on_card=False)
     assert best_impact([expected, beside, slips], 0.4) is beside
     assert best_impact([expected, slips], 0.4) is expected
     assert best_impact([], 0.4) is None

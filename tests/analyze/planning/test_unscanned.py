@@ -148,7 +148,7 @@ def test_hollows_of_a_cloud_count_as_scanned():
     believed = hypothesis(model)
     planes = stable_planes(resting_planes(model), believed.region)
     assert any(plane.up[2] > 0.99 for plane in planes)
-    assert scanned_planes(model, planes) == (planes, [])
+    assert scanned_planes(model, planes) == (list(planes), [])
     axes = pivot_axes(model, spec, planes, believed)
     assert scanned_edges(model, axes) == (axes, [])
 
