@@ -17,6 +17,7 @@ from analyze.cards.setting import tip_arc
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply
 from analyze.replay.body import flat_mesh
+from analyze.replay.layout import scene_view, without_panels
 from analyze.tags import families
 from analyze.tags.sheet import black_rectangles
 from analyze.types import Array, CameraModel
@@ -27,7 +28,6 @@ from schemas.strike_plan import StrikePlan
 STRIKE = "strike"
 """Name of the timeline; its step 1 is the first strike."""
 _APPLICATION = "percuss"
-_GROUND = (22, 25, 30)
 _STRIKER, _PIVOT, _CAMERA = (86, 160, 230), (240, 120, 50), (60, 190, 140)
 """Colours of the printed cards, lightened for a dark background."""
 _BODY, _EDGE, _TABLE = (196, 203, 213), (60, 66, 74), (84, 73, 60)
@@ -108,24 +108,17 @@ def _tag(stream: rr.RecordingStream, path: str, marker: MarkerSpec) -> None:
     half = marker.size_m / 2
     rim = half * CARD_CELLS / len(code)
     white = _quads(np.array([[-rim, -rim, 2 * rim, 2 * rim]]), _LIFT)
-    black = _quads(
-        np.array(
-            [[f.x, f.y, f.width, f.height] for f in black_rectangles(code, -half, -half, marker.size_m)]
-        ),
-        2 * _LIFT,
-    )
+    fields = black_rectangles(code, -half, -half, marker.size_m)
+    black = _quads(np.array([[each.x, each.y, each.width, each.height] for each in fields]), 2 * _LIFT)
     for name, quads, tone in (("card", white, 255), ("cells", black, 12)):
         points = apply(np.array(marker.T_object_marker), quads.reshape(-1, 3))
-        triangles = (4 * np.arange(len(quads))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(
-            -1, 3
+        triangles = 4 * np.arange(len(quads))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+        mesh = rr.Mesh3D(
+            vertex_positions=points,
+            triangle_indices=triangles.reshape(-1, 3),
+            albedo_factor=(tone, tone, tone, 255),
         )
-        stream.log(
-            f"{path}/{name}",
-            rr.Mesh3D(
-                vertex_positions=points, triangle_indices=triangles, albedo_factor=(tone, tone, tone, 255)
-            ),
-            static=True,
-        )
+        stream.log(f"{path}/{name}", mesh, static=True)
 
 
 def _quads(fields: Array, height: float) -> Array:
@@ -167,13 +160,8 @@ def _strike(stream: rr.RecordingStream, card: Card, camera: CameraModel) -> None
         "/world/striker",
         rr.Arrows3D(origins=[tail], vectors=[place.hit - tail], colors=[_STRIKER], radii=[0.0022]),
     )
-    label = rr.Points3D(
-        [tail + np.array([0, 0, 0.16 * size])],
-        colors=[_STRIKER],
-        radii=[0.0],
-        labels=[words],
-        show_labels=True,
-    )
+    above = tail + np.array([0, 0, 0.16 * size])
+    label = rr.Points3D([above], colors=[_STRIKER], radii=[0.0], labels=[words], show_labels=True)
     stream.log("/world/striker/label", label)
     floor = tail * np.array([1, 1, 0])
     stream.log("/world/striker/height", rr.LineStrips3D([[floor, tail]], colors=[_STRIKER], radii=[0.0004]))
@@ -222,22 +210,12 @@ def card_text(card: Card) -> str:
 def _layout(model: ObjectModel) -> rrb.Blueprint:
     size = float(model.extent.max())
     # The eye is behind the camera and to its right, so that camera, object and striker are in view.
-    eye = rrb.EyeControls3D(
-        position=(1.9 * size, -0.35 - 1.3 * size, 0.08 + 1.1 * size),
-        look_target=(-0.1 * size, -0.14, 0.3 * size),
-        eye_up=(0.0, 0.0, 1.0),
-    )
-    return rrb.Blueprint(
+    eye, target = (1.9 * size, -0.35 - 1.3 * size, 0.08 + 1.1 * size), (-0.1 * size, -0.14, 0.3 * size)
+    return without_panels(
         rrb.Horizontal(
-            rrb.Spatial3DView(
-                origin="/world", name="Placement", background=_GROUND, eye_controls=eye, line_grid=False
-            ),
+            scene_view("/world", "Placement", eye, target),
             rrb.TextDocumentView(origin="/card", name="Card"),
             column_shares=[2.2, 1],
         ),
         rrb.TimePanel(timeline=STRIKE, state="collapsed", play_state="paused"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        auto_layout=False,
-        auto_views=False,
     )

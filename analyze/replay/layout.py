@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from analyze.types import Array
 
+    Vector = Sequence[float] | Array
+
 ANSWER, SESSION_PAGE = "answer", "session"
 VOXELS = "/result/voxels"
 _DEFAULT_SIZE_M = 0.15
@@ -37,6 +39,36 @@ def timeline_of(page: str | None) -> str:
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 
 
+def scene_view(
+    origin: str, name: str, eye: Vector, target: Vector, hidden: Sequence[str] = ()
+) -> rrb.Spatial3DView:
+    """View of a 3D scene without a grid, z up.
+
+    Args:
+        origin: entity whose contents are shown.
+        name: title of the view.
+        eye: (3,) position of the eye in the scene [m].
+        target: (3,) point that it looks at [m].
+        hidden: entities that are not shown until the user asks for them.
+    """
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=name,
+        background=GROUND,
+        eye_controls=rrb.EyeControls3D(
+            position=tuple(eye), look_target=tuple(target), eye_up=(0.0, 0.0, 1.0)
+        ),
+        line_grid=False,
+        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
+    )
+
+
+def without_panels(contents: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
+    """Layout of the contents over a time panel, with rerun's other panels hidden."""
+    hidden = rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
+    return rrb.Blueprint(contents, time, *hidden, auto_layout=False, auto_views=False)
+
+
 def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None) -> rrb.Blueprint:
     """Layout of all pages, as rerun's blueprint: answer, strikes, session.
 
@@ -47,7 +79,7 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
     """
     names = [ANSWER, *(page.strike_id for page in pages), SESSION_PAGE]
     reach = _DEFAULT_SIZE_M if bounds is None else float(np.ptp(bounds, axis=0).max())
-    return rrb.Blueprint(
+    return without_panels(
         rrb.Tabs(
             _answer(np.zeros(3) if bounds is None else bounds.mean(axis=0), reach),
             *(_strike(page, reach) for page in pages),
@@ -61,50 +93,32 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
             loop_mode="all",
             play_state="paused",
         ),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.BlueprintPanel(state="hidden"),
-        auto_layout=False,
-        auto_views=False,
     )
 
 
 def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
     root = strike_path(page.strike_id)
-    eye = rrb.EyeControls3D(
-        position=(0.75 * reach, -1.9 * reach, 1.0 * reach),
-        look_target=(0.1 * reach, 0.0, 0.36 * reach),
-        eye_up=(0.0, 0.0, 1.0),
-    )
-    legend, none = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop), rrb.PlotLegend(visible=False)
+    eye, target = (0.75 * reach, -1.9 * reach, 1.0 * reach), (0.1 * reach, 0.0, 0.36 * reach)
     axis = rrb.TimeAxis(link="LinkToGlobal")
+
+    def plot(path: str, name: str, legend: rrb.PlotLegend) -> rrb.TimeSeriesView:
+        return rrb.TimeSeriesView(origin=f"{root}/{path}", name=name, plot_legend=legend, axis_x=axis)
+
+    none = rrb.PlotLegend(visible=False)
     return rrb.Horizontal(
         rrb.Vertical(
             rrb.Spatial2DView(
                 origin=f"{root}/camera", name="Camera: tag, fitted pose, pivot axis", background=GROUND
             ),
-            rrb.Spatial3DView(
-                origin=f"{root}/world", name="Scene", background=GROUND, eye_controls=eye, line_grid=False
-            ),
+            scene_view(f"{root}/world", "Scene", eye, target),
             row_shares=[1.2, 1],
         ),
         rrb.Vertical(
             rrb.TextDocumentView(origin=f"{root}/text", name="Verdict"),
-            rrb.TimeSeriesView(
-                origin=f"{root}/theta", name="Tipping angle θ [°]", plot_legend=legend, axis_x=axis
-            ),
-            rrb.TimeSeriesView(
-                origin=f"{root}/residual",
-                name="Residual θ, measured − fitted [°]",
-                plot_legend=none,
-                axis_x=axis,
-            ),
-            rrb.TimeSeriesView(origin=f"{root}/omega", name="Rate ω [°/s]", plot_legend=none, axis_x=axis),
-            rrb.TimeSeriesView(
-                origin=f"{root}/alpha",
-                name="Acceleration θ'' [°/s²]; measured: smoothed",
-                plot_legend=none,
-                axis_x=axis,
-            ),
+            plot("theta", "Tipping angle θ [°]", rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)),
+            plot("residual", "Residual θ, measured − fitted [°]", none),
+            plot("omega", "Rate ω [°/s]", none),
+            plot("alpha", "Acceleration θ'' [°/s²]; measured: smoothed", none),
             rrb.StateTimelineView(
                 origin=root,
                 contents=[f"{root}/phases", f"{root}/striker"],
@@ -119,21 +133,10 @@ def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
 
 
 def _answer(centre: Array, reach: float) -> rrb.Horizontal:
-    eye = rrb.EyeControls3D(
-        position=tuple(centre + reach * np.array([0.95, -1.25, 0.5])),
-        look_target=tuple(centre),
-        eye_up=(0.0, 0.0, 1.0),
-    )
+    name, eye = "Centre of mass: where the equi-planes meet; dots: regions", np.array([0.95, -1.25, 0.5])
     return rrb.Horizontal(
         rrb.Vertical(
-            rrb.Spatial3DView(
-                origin="/result",
-                name="Centre of mass: where the equi-planes meet; dots: regions",
-                background=GROUND,
-                eye_controls=eye,
-                line_grid=False,
-                overrides={VOXELS: rrb.EntityBehavior(visible=False)},
-            ),
+            scene_view("/result", name, centre + reach * eye, centre, hidden=[VOXELS]),
             rrb.TimeSeriesView(
                 origin="/all",
                 name="All strikes: θ [°]",
@@ -148,6 +151,7 @@ def _answer(centre: Array, reach: float) -> rrb.Horizontal:
 
 
 def _session(*, loose: bool) -> rrb.Horizontal:
+    camera = rrb.Spatial2DView(origin="/session/camera", name="Camera", background=GROUND)
     return rrb.Horizontal(
         rrb.Vertical(
             rrb.TextDocumentView(origin="/session/text", name="Camera and clocks"),
@@ -162,14 +166,7 @@ def _session(*, loose: bool) -> rrb.Horizontal:
             rrb.TimeSeriesView(origin="/session/clock", name="Clocks [µs] (timeline: session)"),
             row_shares=[1.1, 1.1, 1, 1.4],
         ),
-        rrb.Vertical(
-            rrb.TextLogView(origin="/log", name="Events"),
-            *(
-                [rrb.Spatial2DView(origin="/session/camera", name="Camera", background=GROUND)]
-                if loose
-                else []
-            ),
-        ),
+        rrb.Vertical(rrb.TextLogView(origin="/log", name="Events"), *[camera] * loose),
         column_shares=[1.3, 1],
         name="Session",
     )

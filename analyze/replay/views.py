@@ -40,8 +40,6 @@ class DrawnRegion:
 
     name: str
     """Name of the region."""
-    mass: float
-    """Mass [kg]."""
     points: Array
     """(n, 3) positions [m] in O of a sample of its cells."""
 
@@ -63,33 +61,25 @@ class DrawnAnswer:
 
 
 @dataclass(frozen=True)
-class MeasuredCurves:
-    """Measured motion of a strike: tipping angle, rate and acceleration over time."""
+class MotionCurves:
+    """Motion of a strike in n frames: tipping angle, rate and acceleration over time."""
 
     time_ns: IntArray
     """(n,) log times [ns]."""
     theta: Array
     """(n,) angle [rad]."""
     omega: Array
-    """(n,) rate [rad/s], by central differences."""
+    """(n,) rate [rad/s], by differences."""
     alpha: Array
-    """(n,) acceleration [rad/s^2], smoothed as in the paper's estimator."""
+    """(n,) acceleration [rad/s^2]; if measured, smoothed as in the paper's estimator."""
 
 
 @dataclass(frozen=True)
-class FittedCurves:
-    """Fitted motion of a strike at the m frames of the fit's window."""
+class FittedCurves(MotionCurves):
+    """Fitted motion of a strike at the n frames of the fit's window."""
 
-    time_ns: IntArray
-    """(m,) log times [ns]."""
-    theta: Array
-    """(m,) angle [rad]."""
-    omega: Array
-    """(m,) rate [rad/s]."""
-    alpha: Array
-    """(m,) acceleration [rad/s^2]."""
     residual: Array
-    """(m,) measured minus fitted angle [rad]."""
+    """(n,) measured minus fitted angle [rad]."""
 
 
 def drawn_answer(estimate: Estimate) -> DrawnAnswer:
@@ -99,8 +89,8 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
     inside = cells.interior >= cells.shell
     members = (~inside, inside & upper, inside & ~upper)
     regions = tuple(
-        DrawnRegion(name, float(mass), _thinned(cells.points[member]))
-        for name, mass, member in zip(distribution.names, distribution.masses, members, strict=False)
+        DrawnRegion(name, _thinned(cells.points[member]))
+        for name, member in zip(distribution.names, members, strict=False)
     )
     return DrawnAnswer(result_document(estimate), estimate.planes, estimate.com, regions, estimate.voxels)
 
@@ -110,23 +100,18 @@ def balance_moment(motion: TipMotion | None) -> float:
 
     It is the duration of stage one: the free motion up to the balance, or to its end without one.
     """
-    if (
-        motion is not None
-        and motion.angle is not None
-        and motion.phases is not None
-        and motion.phases.stage_one is not None
-    ):
-        first, last = motion.phases.stage_one
-        time_ns = motion.angle.time_ns
-        return float(time_ns[min(last, len(time_ns) - 1)] - time_ns[first]) * 1e-9
-    return 0.2
+    if motion is None or motion.angle is None or motion.phases is None or motion.phases.stage_one is None:
+        return 0.2
+    first, last = motion.phases.stage_one
+    time_ns = motion.angle.time_ns
+    return float(time_ns[min(last, len(time_ns) - 1)] - time_ns[first]) * 1e-9
 
 
-def measured_curves(angle: TipAngle) -> MeasuredCurves:
+def measured_curves(angle: TipAngle) -> MotionCurves:
     """Measured angle, rate and acceleration of a strike of two or more frames."""
     time = (angle.time_ns - angle.time_ns[0]).astype(np.float64) * 1e-9
     _, alpha = angular_acceleration(angle, MotionSettings().smoothing_points)
-    return MeasuredCurves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
+    return MotionCurves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
 
 
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -189,7 +190,6 @@ def _row(
     groups: list[list[float]],
     together: Quantity | None,
 ) -> QuantityPrecision:
-    found = precision(groups)
     h = mandel_h([row.value for row in rows])
     return QuantityPrecision(
         name=name,
@@ -198,13 +198,8 @@ def _row(
         grouped_by=grouped_by,
         sessions=rows,
         together=together,
-        mean=found.mean,
-        s_r=found.s_r,
-        freedom_r=found.freedom_r,
-        s_L=found.s_L,
-        s_R=found.s_R,
-        freedom_R=found.freedom_R,
         mandel_h=None if h is None else h.tolist(),
+        **asdict(precision(groups)),
     )
 
 
