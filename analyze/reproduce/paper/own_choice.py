@@ -41,6 +41,9 @@ def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
     Args:
         estimate: result of the session, for its shape, stated errors and cells.
         body: ground truth, from which the angles are computed.
+
+    Returns:
+        Errors of the paper's method and of ours; or only the reason why the paper's planner has no strikes.
     """
     evidence = estimate.evidence
     prepared = prepare_object(
