@@ -283,7 +283,7 @@ class DynamixelServo:
     def _handle(self, packet: Packet, now_ns: int) -> bytes:
         """Execute a packet, and return the bytes of its answer; empty if there is none."""
         if packet.instruction == Instruction.SYNC_WRITE:
-            if packet.intact:
+            if packet.intact and len(packet.parameters) >= 4:
                 self._sync_write(packet.parameters)
             return b""
         if packet.id not in {self.registers["ID"], BROADCAST} or packet.instruction == Instruction.STATUS:

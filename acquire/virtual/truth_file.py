@@ -15,6 +15,7 @@ from pathlib import Path
 # protobuf has no public reader and writer for streams.
 from google.protobuf.internal.decoder import _DecodeVarint32  # pyright: ignore[reportAttributeAccessIssue]
 from google.protobuf.internal.encoder import _VarintBytes  # pyright: ignore[reportAttributeAccessIssue]
+from google.protobuf.message import DecodeError
 
 from acquire.errors import AcquireError
 from schemas.proto import percuss_pb2 as pb
@@ -61,7 +62,8 @@ def read_truth_file(path: Path) -> Iterator[TruthMessage]:
     """Yield all messages of a truth file in order: the body (mass properties), then poses and contacts.
 
     Raises:
-        AcquireError: the file cannot be read, ends within a message, or holds a message of unknown kind.
+        AcquireError: the file cannot be read, ends within a message, or holds a damaged message or one of
+            unknown kind.
     """
     try:
         data = path.read_bytes()
@@ -75,9 +77,10 @@ def read_truth_file(path: Path) -> Iterator[TruthMessage]:
             kind = {_POSE: pb.TruthPose, _CONTACT: pb.TruthContact}[data[at]]
             message, at = _read(data, at + 1)
             yield kind.FromString(message)
-    except (IndexError, KeyError, ValueError):
+    except (IndexError, KeyError, ValueError, DecodeError):
         raise AcquireError(
-            f"{path}: ends within a message or is not a truth file of the virtual world: run the demo again"
+            f"{path}: ends within a message, is damaged or is no truth file of the virtual world: "
+            "run the demo again"
         ) from None
 
 

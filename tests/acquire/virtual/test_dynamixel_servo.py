@@ -120,6 +120,11 @@ def test_refused_writes_return_the_error_code(bench: Bench) -> None:
     assert bench.write("Operating Mode", 5) == StatusError.ACCESS
 
 
+def test_a_sync_write_without_address_and_size_is_ignored(bench: Bench) -> None:
+    assert bench.send(encode(0xFE, Instruction.SYNC_WRITE, b"\x41\x00\x01")) == []
+    assert bench.read("LED") == 0
+
+
 def test_a_sync_write_is_executed_and_not_answered(bench: Bench) -> None:
     assert bench.send(encode(0xFE, Instruction.SYNC_WRITE, struct.pack("<HHBB", 65, 1, 1, 1))) == []
     assert bench.read("LED") == 1
