@@ -37,16 +37,6 @@ _WEIGHT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Observations:
-    """Measured values (n,) with their standard deviations."""
-
-    value: Array
-    """(n,) observations, in any unit"""
-    sd: Array
-    """(n,) standard deviations, in the same unit"""
-
-
-@dataclass(frozen=True)
 class Minimum:
     """Parameters at the minimum of a robust sum of squares, with residuals and derivatives there."""
 
@@ -61,12 +51,13 @@ class Minimum:
 
 
 def minimise(
-    observations: Observations, model: Model, start: Array, scale: Array, positive_index: int = 1
+    observed: Array, sd: Array, model: Model, start: Array, scale: Array, positive_index: int = 1
 ) -> Minimum:
     """Minimise the Huber loss of (observed - expected) / sd over the parameters (p,).
 
     Args:
-        observations: n values with their standard deviations.
+        observed: (n,) observations, in any unit.
+        sd: (n,) their standard deviations, in the same unit.
         model: expected values and derivatives at given parameters.
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
@@ -76,7 +67,6 @@ def minimise(
         Parameters after the last accepted step, with residuals, derivatives and weights there; the iteration
         ends after `_MAX_STEPS` steps whether or not it converged.
     """
-    observed, sd = observations.value, observations.sd
 
     def evaluate(x: Array) -> tuple[Array, Array]:
         expected, jacobian = model(x)

@@ -75,24 +75,24 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
         # themselves.
         grid: IntArray = np.arange(int(number[first]), int(number[last - 1]) + 1)
         columns: list[Array] = [np.interp(grid, number[first:last], scaled[first:last, i]) for i in range(3)]
-        for start, stop in _parabolas(np.column_stack(columns), sd):
-            places: list[int] = np.searchsorted(number, np.array([start, stop]) + int(number[first])).tolist()
-            begin, end = places
+        for found_window in _parabolas(np.column_stack(columns), sd):
+            ends = np.array([found_window.start, found_window.stop]) + int(number[first])
+            begin, end = np.searchsorted(number, ends).tolist()
             if (window := _extended(number, scaled, sd, begin, end)) is not None:
                 found.append(window)
     return sorted(_without_overlaps(found), key=lambda window: window.start)
 
 
-def _parabolas(scaled: Array, sd: Array) -> list[tuple[int, int]]:
-    """Stretches [start, stop) of evenly spaced positions that lie on a parabola, the longest fall first.
+def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
+    """Stretches of evenly spaced positions that lie on a parabola, the longest fall first.
 
-    At most `MAX_FALLS` that do not overlap, as indices into the positions.
+    At most `MAX_FALLS` that do not overlap, with indices into the positions.
 
     Args:
         scaled: (n, 3) positions over their standard deviations.
         sd: (3,) those standard deviations [m].
     """
-    candidates: list[tuple[float, int, int]] = []
+    candidates: list[FallWindow] = []
     length = float(MIN_FRAMES)
     while round(length) <= min(len(scaled), MAX_FRAMES):
         frames = round(length)
@@ -112,15 +112,9 @@ def _parabolas(scaled: Array, sd: Array) -> list[tuple[int, int]]:
         )
         for place in np.flatnonzero(good).tolist():
             start = place * max(1, frames // STARTS_PER_LENGTH)
-            candidates.append((float(fall[place]), start, start + frames))
+            candidates.append(FallWindow(start, start + frames, float(fall[place])))
         length *= LENGTH_RATIO
-    taken: list[tuple[int, int]] = []
-    for _, start, stop in sorted(candidates, reverse=True):
-        if all(stop <= other or start >= end for other, end in taken):
-            taken.append((start, stop))
-        if len(taken) == MAX_FALLS:
-            break
-    return taken
+    return _without_overlaps(candidates)[:MAX_FALLS]
 
 
 def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
@@ -223,7 +217,7 @@ def _continues(
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
     """Windows that do not overlap, chosen in the order of their falls, the longest fall first."""
     taken: list[FallWindow] = []
-    for window in sorted(windows, key=lambda each: -each.fall):
+    for window in sorted(windows, key=lambda each: (each.fall, each.start, each.stop), reverse=True):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):
             taken.append(window)
     return taken

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,22 +111,13 @@ def fit_strike(
         The chosen fit and the rejected ones; `chosen` is None, with the reason in `problem`, if nothing fits.
     """
     curve, rolls = rolling_curve(section, planned)
+    radius = planned.pivot.radius_m
     if curve is None:
-        radius = planned.pivot.radius_m
-        return _fits(
-            motion, course, planned, settings, lambda angle, frames: pivot_fit(angle, frames, radius), radius
-        )
+        return _fits(motion, course, planned, settings, partial(pivot_fit, radius=radius), radius)
     # The moment balance holds on a circle about the pivot as well, but on no other curve.
-    balance_radius = None if curve is section else planned.pivot.radius_m
-    fits = _fits(
-        motion,
-        course,
-        planned,
-        settings,
-        lambda angle, frames: rolling_fit(angle, frames, curve),
-        balance_radius,
-    )
-    return _explain_rolling(fits, motion.angle, rolls, settings.verdict) if fits.chosen is not None else fits
+    balance_radius = None if curve is section else radius
+    fits = _fits(motion, course, planned, settings, partial(rolling_fit, section=curve), balance_radius)
+    return _explain_rolling(fits, motion.angle, rolls, settings.verdict)
 
 
 def _fits(
@@ -258,7 +250,7 @@ def _fits_over(
         return _with_second_impact(edge.motion, window, limits, found.problem, radius or 0.0)
     index, size, gain = largest_jump(angle, hinge)
     if not _is_jump(hinge, size, gain, limits):
-        return StrikeFits(settled_fit(hinge, lambda frames: estimator(angle, frames)), (), edge.motion)
+        return StrikeFits(settled_fit(hinge, partial(estimator, angle)), (), edge.motion)
     clean = longest_clean_fit(angle, window, estimator)
     # The motion after a light touch soon after the first is a free tip, and so is the motion after the table
     # slowed the object, which cannot happen unless the edge moves. Any other jump is a second impact.
@@ -421,7 +413,7 @@ def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit
     twice = fit_two_impacts(angle, window, radius)
     if twice is not None and frame_noise(twice.fit.residual) < frame_noise(balanced.residual):
         return False
-    clean = longest_clean_fit(angle, window, lambda angle, frames: pivot_fit(angle, frames, radius))
+    clean = longest_clean_fit(angle, window, partial(pivot_fit, radius=radius))
     if clean is None:
         return False
     sd = math.sqrt(float(clean.covariance[0, 0] + balanced.covariance[0, 0]))

@@ -45,12 +45,11 @@ def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | N
         planned: the planned strike, with the pivot's rounding and its uncertainty, and the predicted balance
             angle.
     """
-    angles = section.start + section.step * np.arange(len(section.height))
     depth = section.height - planned.pivot.radius_m
     # A curve that touches rolls on; it does not land.
-    flat = np.ones(len(angles), dtype=bool) if section.curved is None else ~section.curved
+    flat = np.ones(len(depth), dtype=bool) if section.curved is None else ~section.curved
     deep = np.flatnonzero(
-        (angles > _LIFTED_RAD)
+        (section.angles > _LIFTED_RAD)
         & (depth > _MIN_DEPTH_M + _SURFACE_SIGMAS * planned.pivot.sd_m)
         & (section.ahead > 0.0)
         & flat
@@ -58,6 +57,6 @@ def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | N
     if not len(deep):
         return None
     reach = math.hypot(float(depth[deep[0]]), float(section.ahead[deep[0]]))
-    lands = float(angles[deep[0]]) - math.atan2(float(depth[deep[0]]), float(section.ahead[deep[0]]))
+    lands = float(section.angles[deep[0]]) - math.atan2(float(depth[deep[0]]), float(section.ahead[deep[0]]))
     lands -= _LANDING_MARGIN_RAD + _FACE_SIGMAS * planned.pivot.sd_m / reach
     return lands if lands > planned.phi_predicted_rad else None

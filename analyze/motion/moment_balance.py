@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -146,35 +147,31 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
     g = np.array([0.0, 0.0, -gravity])
     coefficients: list[list[float]] = []
     wanted: list[float] = []
-    for e in directions:
-        for number in range(_WINDOWS_PER_CONTACT):
-            window = (np.sin(math.pi * phase) ** 2 * np.cos(math.pi * phase) ** number)[:, None]
-            d_direction = np.diff(window * e, axis=0)
-            below = radius * window * np.cross(e, _UP)
-            d_below = np.diff(below, axis=0)
+    for e, number in product(directions, range(_WINDOWS_PER_CONTACT)):
+        window = (np.sin(math.pi * phase) ** 2 * np.cos(math.pi * phase) ** number)[:, None]
+        d_direction = np.diff(window * e, axis=0)
+        below = radius * window * np.cross(e, _UP)
+        d_below = np.diff(below, axis=0)
 
-            def moment_of(
-                arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below
-            ) -> float:
-                """Weak moment of (q'' - g) about the contact, on an arm (3,) in object frame O from q.
+        def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
+            """Weak moment of (q'' - g) about the contact, on an arm (3,) in object frame O from q.
 
-                q is the contact's point on the centre line of the rounding, g the gravity vector.
-                """
-                arms = R @ arm
-                turned = window * np.cross(e, arms)
-                return -float(
-                    np.sum(step * np.diff(turned, axis=0))
-                    + weights @ (turned @ g)
-                    + np.sum(np.diff(arms, axis=0) / dt * d_below)
-                )
-
-            by_spin = [-float(np.sum(d_direction * each[..., 0])) for each in momentum]
-            fixed = moment_of(-centre) + by_spin[9] - float(np.sum(step * d_below) + weights @ (below @ g))
-            coefficients.append(
-                [moment_of(axis) + spin for axis, spin in zip(np.eye(3), by_spin[:3], strict=True)]
-                + by_spin[3:9]
+            q is the contact's point on the centre line of the rounding, g the gravity vector.
+            """
+            arms = R @ arm
+            turned = window * np.cross(e, arms)
+            return -float(
+                np.sum(step * np.diff(turned, axis=0))
+                + weights @ (turned @ g)
+                + np.sum(np.diff(arms, axis=0) / dt * d_below)
             )
-            wanted.append(-fixed)
+
+        by_spin = [-float(np.sum(d_direction * each[..., 0])) for each in momentum]
+        fixed = moment_of(-centre) + by_spin[9] - float(np.sum(step * d_below) + weights @ (below @ g))
+        coefficients.append(
+            [moment_of(axis) + spin for axis, spin in zip(np.eye(3), by_spin[:3], strict=True)] + by_spin[3:9]
+        )
+        wanted.append(-fixed)
     scale = 1.0 / math.sqrt(span)
     return np.array(coefficients) * scale, np.array(wanted) * scale
 

@@ -72,7 +72,9 @@ def find_course(
         if contact_time_ns
         else moved
     )
-    released = min(_after(angle, struck, limits), n - 1)
+    until_ns = int(angle.time_ns[struck]) + round(1e9 * limits.guard_s)
+    guarded = max(struck + limits.guard_frames, int(np.searchsorted(angle.time_ns, until_ns, side="left")))
+    released = min(guarded, n - 1)
     # At high frame rates it may still be below that limit on its way up: it comes back only after it was
     # above.
     up = released + int(np.argmax(theta[released:] >= limits.above_rest))
@@ -82,15 +84,6 @@ def find_course(
     ended = min(ended_back, landed)
     top = released + int(np.argmax(theta[released:ended])) if ended > released else released
     return Course(moved, released, top, ended, came_back=ended_back <= landed and len(back) > 0)
-
-
-def _after(angle: TipAngle, struck: int, limits: WindowLimits) -> int:
-    """First frame past the guard (time and frames in which the striker may touch) after frame `struck`.
-
-    It may be the frame count, if the guard lasts to the end.
-    """
-    until_ns = int(angle.time_ns[struck]) + round(1e9 * limits.guard_s)
-    return max(struck + limits.guard_frames, int(np.searchsorted(angle.time_ns, until_ns, side="left")))
 
 
 def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) -> int:

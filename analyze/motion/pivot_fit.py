@@ -20,7 +20,6 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.least_squares.levenberg_marquardt import (
     Minimum,
-    Observations,
     minimise,
     residual_variance,
     unit_covariance,
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
 MIN_FRAMES = 8
 """least number of frames of a fit"""
-_MAX_LINEAR_PHI_SD = math.radians(0.3)
+MAX_LINEAR_PHI_SD = math.radians(0.3)
 """phi sd [rad] above which a linearised covariance is replaced by the profile likelihood"""
 _SCALE = np.array([0.1, 20.0, 0.02, 0.2, 0.1])
 """typical changes of phi, k, theta0, omega0 and a jump in speed [rad, rad/s^2, rad, rad/s, rad/s], for
@@ -158,7 +157,7 @@ def fit_model(sample: Sample, model: Model, start: Array, radius: float | None =
             5000 rad/s^2.
     """
     scale = _SCALE[: len(start)]
-    minimum = minimise(Observations(sample.theta, sample.sd), model, start, scale)
+    minimum = minimise(sample.theta, sample.sd, model, start, scale)
     phi, k = float(minimum.parameters[0]), float(minimum.parameters[1])
     if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
         raise EstimationError(
@@ -210,7 +209,7 @@ def _covariance(minimum: Minimum, sample: Sample, scale: Array, radius: float | 
     """
     inverse, variance = unit_covariance(minimum, sample.sd, scale), residual_variance(minimum, sample.sd)
     linear_sd = math.sqrt(float(inverse[0, 0]) * variance)
-    if linear_sd <= _MAX_LINEAR_PHI_SD or radius is None:
+    if linear_sd <= MAX_LINEAR_PHI_SD or radius is None:
         return inverse * variance
     weight = np.sqrt(minimum.weight) / sample.sd
     tip = FittedTip(sample.time, sample.theta, weight, minimum.parameters, inverse, radius)

@@ -19,15 +19,23 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.least_squares.levenberg_marquardt import (
-    Observations,
     minimise,
     residual_variance,
     unit_covariance,
     with_differences,
 )
-from analyze.motion.pivot_fit import FittedModel, Sample, cut_sample, fit_model, hinge_model, motion_fit
+from analyze.motion.pendulum import G
+from analyze.motion.pivot_fit import (
+    MAX_LINEAR_PHI_SD,
+    FittedModel,
+    Sample,
+    cut_sample,
+    fit_model,
+    hinge_model,
+    motion_fit,
+)
 from analyze.motion.rolling_guess import ComPrior, first_rolling_guess
-from analyze.motion.rolling_motion import G, balance_angle, balance_parameters, energy_ratio, rolling_theta
+from analyze.motion.rolling_motion import balance_angle, balance_parameters, energy_ratio, rolling_theta
 from analyze.types import RollingContact
 
 if TYPE_CHECKING:
@@ -46,8 +54,6 @@ _SCALE = np.array([20.0, 1.0, 1.0, 0.01, 0.1])
 """typical changes of the parameters 1 / J, a / J, b / J, theta0, omega0 [1/m^2, 1/m, 1/m, rad, rad/s]"""
 _STEPS = 1e-5 * _SCALE
 """differentiation steps of the parameters"""
-_MAX_LINEAR_PHI_SD = math.radians(0.3)
-"""phi sd [rad] above which a linearised covariance is not trusted"""
 
 
 def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFunction) -> MotionFit:
@@ -72,7 +78,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     sample = cut_sample(angle, window, 5)
     expected = _expected(sample, section)
     # The prior of the body enters as three more observations.
-    seen = Observations(np.append(sample.theta, expected.values()), np.append(sample.sd, np.ones(3)))
+    seen, sd = np.append(sample.theta, expected.values()), np.append(sample.sd, np.ones(3))
 
     def expect(sets: Array) -> Array:
         """Tipping angle and rows of the prior (n + 3, c) of c sets of the parameters (c, 5)."""
@@ -80,6 +86,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 
     solution = minimise(
         seen,
+        sd,
         with_differences(expect, _STEPS),
         first_rolling_guess(sample.time, sample.theta, sample.sd, section, expected),
         _SCALE,
@@ -93,7 +100,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     (phi, k), by = at_balance(x)
     if balance is None or np.isnan(by).any() or not 0.5 < k < 5000.0:
         raise EstimationError("the motion is not a tip over a curved section: look at the images")
-    of_fitted = unit_covariance(solution, seen.sd, _SCALE) * residual_variance(solution, seen.sd)
+    of_fitted = unit_covariance(solution, sd, _SCALE) * residual_variance(solution, sd)
     covariance = by @ of_fitted @ by.T
     fitted = FittedModel(np.array([phi, k, *x[3:]]), solution.residual[: len(sample.time)], covariance)
     fit = motion_fit(
@@ -139,7 +146,7 @@ def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
         sample: the fitted part of theta(t).
         fitted: the rolling fit.
     """
-    if math.sqrt(float(fitted.covariance[0, 0])) <= _MAX_LINEAR_PHI_SD:
+    if math.sqrt(float(fitted.covariance[0, 0])) <= MAX_LINEAR_PHI_SD:
         return 1.0
     x = fitted.parameters
     model = hinge_model(sample.time, 0.0)

@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from analyze.motion.rolling_motion import G, columns
+from analyze.motion.pendulum import G
+from analyze.motion.rolling_motion import columns
 
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction

@@ -21,14 +21,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.motion.pendulum import G
 from analyze.motion.runge_kutta import runge_kutta_state
 
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
     from analyze.types import Array
 
-G = 9.81
-"""standard gravity [m/s^2]; a 1 % error changes the small effect of rolling by 1 %"""
 _MAX_STEP_S = 0.01
 """longest integration step [s]"""
 _MIN_INERTIA = 1e-2

@@ -87,9 +87,7 @@ def _rise_time_s(angle: TipAngle) -> float:
     """Time from the first motion to 90 % of the largest tipping angle, by the stated times [s]."""
     theta = angle.theta
     end = int(np.argmax(theta >= 0.9 * float(theta.max())))
-    start = (
-        int(np.flatnonzero(theta[: end + 1] <= MOVED_RAD)[-1]) if np.any(theta[: end + 1] <= MOVED_RAD) else 0
-    )
+    start = np.max(np.flatnonzero(theta[: end + 1] <= MOVED_RAD), initial=0)
     return 1e-9 * float(angle.time_ns[end] - angle.time_ns[start])
 
 

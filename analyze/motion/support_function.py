@@ -116,9 +116,8 @@ class SupportFunction:
         later = np.maximum(theta, _LIFTED_RAD)
         height, ahead, _ = self.evaluate(later)
         height0, ahead0, _ = (float(each) for each in self.evaluate(np.array(_LIFTED_RAD)))
-        angles = self.start + self.step * np.arange(len(self.radius))
         travel: Array = cumulative_trapezoid(self.radius, dx=self.step, initial=0)
-        travelled = np.interp(later, angles, travel) - float(np.interp(_LIFTED_RAD, angles, travel))
+        travelled = np.interp(later, self.angles, travel) - float(np.interp(_LIFTED_RAD, self.angles, travel))
         begun = np.minimum(theta, _LIFTED_RAD)
         return travelled - ahead + ahead0 + height0 * begun, height - height0 + ahead0 * begun
 
@@ -138,8 +137,7 @@ class SupportFunction:
             high: largest tipping angle counted [rad].
             least: radius [m]; the smaller curves count as corners.
         """
-        angles = self.start + self.step * np.arange(len(self.radius))
-        inside = (angles >= low) & (angles <= high) & (self.radius > least)
+        inside = (self.angles >= low) & (self.angles <= high) & (self.radius > least)
         return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
 
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
@@ -156,13 +154,17 @@ class SupportFunction:
             low: first angle [rad].
             high: last angle [rad].
         """
-        angles = self.start + self.step * np.arange(len(self.radius))
-        inside = (angles >= low) & (angles <= high)
+        inside = (self.angles >= low) & (self.angles <= high)
         # A face within a curve has a huge radius over a small part of a step.
         radius = np.lib.stride_tricks.sliding_window_view(np.pad(self.radius, 2, mode="edge"), 5).min(axis=1)
         grows = (radius - self.height)[inside]
         jumps = np.diff(self.ahead[inside]) - 0.5 * (grows[1:] + grows[:-1]) * self.step
         return float(np.max(jumps, initial=0.0))
+
+    @cached_property
+    def angles(self) -> Array:
+        """Tipping angles (n,) of the grid [rad]."""
+        return self.start + self.step * np.arange(len(self.height), dtype=np.float64)
 
     @cached_property
     def _table(self) -> Array:

@@ -203,8 +203,9 @@ def _by_pose(seen: Array, in_camera: Array, p: Array, K: Array) -> Array:
     """
     by_point = (K[:2] - seen[..., None] * K[2]) / in_camera[..., 2, None, None]
     # A turn w moves the point by w x arm.
-    by_turn: Array = np.cross((in_camera - p[:, None])[:, :, None, :], by_point)
-    return np.concatenate([by_turn, by_point], axis=-1).reshape(len(p), 8, 6)
+    by_turn = np.cross((in_camera - p[:, None])[:, :, None, :], by_point)
+    J = np.concatenate([by_turn, by_point], axis=-1).reshape(len(p), 8, 6)
+    return np.asarray(J, dtype=np.float64)
 
 
 def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K: Array) -> Array:

@@ -6,7 +6,6 @@ from scipy.optimize import least_squares
 
 from analyze.least_squares.levenberg_marquardt import (
     HUBER_THRESHOLD,
-    Observations,
     minimise,
     residual_variance,
     unit_covariance,
@@ -25,7 +24,7 @@ def decay(x):
 
 
 def fitted(value, start=(1.0, 2.0)):
-    return minimise(Observations(value, SD), decay, np.array(start), SCALE)
+    return minimise(value, SD, decay, np.array(start), SCALE)
 
 
 def test_exact_observations_give_the_exact_parameters():
