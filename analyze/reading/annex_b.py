@@ -17,7 +17,7 @@ _START_CODE = b"\x00\x00\x01"
 _FOUR_BYTE_START_CODE = 1
 """start code of four bytes, as a big-endian number"""
 _MAX_HEAD_BYTES = 1 << 16
-"""bytes of an access unit within which its first slice begins: parameter sets and SEI messages precede it"""
+"""bytes of an access unit (one coded picture) that are searched for its parameter sets and first slice"""
 
 
 class VideoFormat(Enum):
@@ -28,9 +28,10 @@ class VideoFormat(Enum):
 
 
 def is_keyframe(video: VideoFormat, data: Buffer) -> bool:
-    """True if a decoder can begin with this access unit (one coded picture): its first slice is a key one.
+    """True if a decoder can begin with this access unit (one coded picture), by its first slice's type.
 
-    H.264: a slice of an IDR picture; H.265: a slice of NAL unit type 16 to 23.
+    H.264: a slice of an IDR picture; H.265: a slice of NAL unit type 16 to 23. False if no slice begins in
+    the first 64 KiB.
     """
     for kind in _unit_types(video, data):
         if video is VideoFormat.H264 and kind in {1, 5}:  # a slice; of an IDR picture
@@ -41,7 +42,10 @@ def is_keyframe(video: VideoFormat, data: Buffer) -> bool:
 
 
 def holds_parameter_sets(video: VideoFormat, data: Buffer) -> bool:
-    """True if the access unit's first 64 KiB hold a sequence parameter set, which a decoder needs first."""
+    """True if an access unit's first 64 KiB hold a sequence parameter set, which a decoder needs first.
+
+    An access unit is one coded picture, here with start codes.
+    """
     return (7 if video is VideoFormat.H264 else 33) in _unit_types(video, data)
 
 
@@ -71,7 +75,7 @@ def has_four_byte_lengths(video: VideoFormat, head: Buffer) -> bool:
 
     Args:
         video: codec.
-        head: codec configuration, the stream's extradata.
+        head: codec configuration, the stream's extradata; the result is False if it is too short.
     """
     at = 4 if video is VideoFormat.H264 else 21
     return len(head) > at and head[at] & 3 == 3
@@ -80,20 +84,20 @@ def has_four_byte_lengths(video: VideoFormat, head: Buffer) -> bool:
 def write_start_codes(
     video: VideoFormat, data: bytearray, starts: NDArray[np.int64], ends: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Replace four-byte lengths by start codes in place, in many access units at once.
+    """Replace the four-byte lengths of NAL units by start codes in place, in many access units at once.
 
-    A video may have 100 000 access units.
+    An access unit is one coded picture, made of NAL units; a video may have 100 000 of them.
 
     Args:
         video: codec.
-        data: bytes that contain the access units as in an MP4 or Matroska file; a unit whose result is False
-            is left unusable.
-        starts: (n,) offset of each access unit.
-        ends: (n,) offset after each access unit.
+        data: bytes that contain the access units as in an MP4 or Matroska file; an access unit whose result
+            is False is left unusable.
+        starts: (n,) offset of each access unit in `data` [bytes].
+        ends: (n,) offset after each access unit in `data` [bytes].
 
     Returns:
-        (n,) True if the access unit was converted; False if the lengths do not add up, or if the unit is a
-        key picture, which needs parameter sets before it.
+        (n,) True if the access unit was converted; False if its lengths do not add up to its size, or if it
+        is a key picture, which needs parameter sets before it.
     """
     lengths = np.ndarray(max(0, len(data) - 3), ">u4", data, strides=(1,))  # the four bytes from each byte on
     at = starts.copy()
@@ -109,6 +113,7 @@ def write_start_codes(
 
 
 def _unit_types(video: VideoFormat, data: Buffer) -> Iterator[int]:
+    """Yield the types of the NAL units that begin in the first 64 KiB of a byte stream, in their order."""
     head = bytes(data[:_MAX_HEAD_BYTES])
     at = head.find(_START_CODE)
     while 0 <= at < len(head) - 3:

@@ -33,7 +33,7 @@ _NANOSECONDS = Fraction(1, 10**9)
 def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
     """Grey values (height, width) uint8 of a decoded frame.
 
-    They are a view of the frame's luma plane if it has one of 8 bits, otherwise converted.
+    The result is a view of the frame's luma plane if it has one of 8 bits, otherwise of a converted copy.
     """
     if not _has_luma(frame.format.name):
         frame = frame.reformat(format="gray")
@@ -45,6 +45,7 @@ def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
 
 @cache
 def _has_luma(name: str) -> bool:
+    """True if the first plane of FFmpeg's pixel format `name` holds nothing but luma of 8 bits."""
     import av
 
     pixels = av.VideoFormat(name)
@@ -75,7 +76,7 @@ def video_format(name: str) -> VideoFormat:
     """Codec by its name in foxglove.CompressedVideo, "h264" or "h265".
 
     Raises:
-        ContainerError: the format is unknown.
+        ContainerError: `name` is another one.
     """
     try:
         return VideoFormat(name)
@@ -94,13 +95,15 @@ def is_decoding_start(message: RecordedMessage) -> bool:
 
 
 def decode_video(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
-    """Decode a video; yields its images by time, without those that are damaged.
+    """Decode a video, and yield its images by time, without pictures that the decoder marks as corrupt.
+
+    Each image has the log time and the sequence number of its message.
 
     Args:
         messages: the video's messages in file order, beginning with one where a decoder can begin.
 
     Raises:
-        ContainerError: a message is no video, or cannot be decoded.
+        ContainerError: a message is no video or of an unknown format, or the decoder fails.
     """
     import av
     from av.error import FFmpegError
@@ -143,6 +146,13 @@ def _create_decoder(video: VideoFormat) -> av.VideoCodecContext:
 def _image_frames(
     frames: Iterable[av.VideoFrame], sequences: dict[int, int], base_ns: int
 ) -> Iterator[ImageFrame]:
+    """Yield decoded frames as grey images, except corrupt ones and those whose message is not known.
+
+    Args:
+        frames: decoded frames, with times since `base_ns` [ns].
+        sequences: sequence number of each message by its log time [ns]; those yielded are removed.
+        base_ns: log time of the decoder's first message [ns].
+    """
     for frame in frames:
         if frame.pts is None:
             continue

@@ -43,9 +43,9 @@ def missing_files_text(numbers: Sequence[int]) -> str:
 def find_series_files(path: Path) -> SeriesFiles:
     """Find the files of the recording that `path` belongs to, in the same folder.
 
-    A file without a readable manifest (description of the session) is a series of its own; so is a renamed
-    file, with all lower numbers missing. Of a finished and an unfinished file of one number the finished one
-    counts, unless `path` is one of them.
+    A file without a readable manifest (description of the session), or one that does not exist, is a series
+    of its own; so is a renamed file from number 2 on, with all lower numbers missing. Of a finished and an
+    unfinished file of one number the finished one counts, unless `path` is one of them.
     """
     ours = _manifest(path)
     if ours is None:
@@ -84,6 +84,7 @@ def _candidates(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]:
 
 
 def _manifest(path: Path) -> SessionManifest | None:
+    """Manifest (description of the session) of the file at `path`; None if it cannot be read."""
     if path.suffix == PART_SUFFIX and not path.exists():
         return None  # FollowedRecording would open the finished file of that name
     with contextlib.suppress(RecordingError, ValueError), FollowedRecording(path) as file:

@@ -25,10 +25,13 @@ PART_SUFFIX = ".part"
 
 
 class FollowedRecording:
-    """Reader of a `.part` file that another process is writing.
+    """Reader of a recording (`.part` file) that another process is writing.
 
     The file need not exist yet, and may be finished and renamed meanwhile. Only whole records are read: on a
-    full disk the writer truncates its last, unfinished record.
+    full disk the writer truncates its last, unfinished record. Use it in a `with` statement.
+
+    Args:
+        path: the `.part` file, or a finished file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,6 +44,7 @@ class FollowedRecording:
         self.manifest: SessionManifest | None = None
         """manifest (description of the session); None until `poll` has read it"""
         self.attachments: dict[str, bytes] = {}
+        """contents of the attached files that `poll` has read, by name"""
         self.finished = False
         """True once the writer has ended the recording"""
         self._fd: int | None = None
@@ -68,12 +72,12 @@ class FollowedRecording:
     def poll(self) -> list[RecordedMessage]:
         """Read the messages written since the last call, in the file's order, without ground truth.
 
-        It does not wait; the list is empty if nothing was written or the file does not exist yet. Manifest,
-        attachments and `finished` are updated.
+        The call does not wait; the list is empty if nothing was written or the file does not exist yet.
+        Manifest, attachments and `finished` are updated.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
-            RecordingError: the file is not a recording, or is damaged.
+            RecordingError: the file is not a recording, cannot be read, or is damaged.
         """
         if self.finished or not self._open():
             return []
@@ -99,11 +103,12 @@ class FollowedRecording:
         """Read the manifest (description of the session) only, so that `poll` still returns all messages.
 
         Returns:
-            The manifest; None if the file does not exist, or has none before its first chunk.
+            The manifest; None if the file does not exist, has not been written so far, or has no manifest
+            before its first chunk.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
-            RecordingError: the file is not a recording, or is damaged.
+            RecordingError: the file is not a recording, cannot be read, or is damaged.
         """
         if not self._open():
             return None
@@ -122,10 +127,10 @@ class FollowedRecording:
         return None
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """Decode the image in a message of an image topic to grey values.
+        """Decode the image in a message that `poll` returned to (height, width) uint8 grey values.
 
         Raises:
-            RecordingError: the message holds no image, or is of an imported video.
+            RecordingError: the message holds no image that can be decoded, or is of an imported video.
         """
         if self._schema_of.get(message.topic) == VIDEO:
             raise RecordingError(
@@ -141,10 +146,10 @@ class FollowedRecording:
         return ImageFrame(message.log_time_ns, message.sequence, image)
 
     def refuse_missing(self) -> None:
-        """Check that the file has appeared, after a call of `poll`.
+        """Check, after a call of `poll`, that the file exists.
 
         Raises:
-            RecordingError: the file has not been opened yet.
+            RecordingError: `poll` found no file at the path.
         """
         if self._fd is None and not self.finished:
             raise RecordingError(f"{self.path}: no such recording: check the path")
@@ -162,10 +167,11 @@ class FollowedRecording:
         self.close()
 
     def _open(self) -> bool:
-        """Open the file, under its present or its final name, unless it is open.
+        """Open the file, under its present or its final name (without `.part`), unless it is open.
 
         Returns:
-            False until the file exists and has the first bytes (magic) of an MCAP file.
+            True if the file is open; False while it does not exist or is shorter than the first bytes (magic)
+            of an MCAP file.
 
         Raises:
             RecordingError: the file cannot be read, or does not begin like an MCAP file.
@@ -207,6 +213,12 @@ class FollowedRecording:
         return os.pread(self._file(), size, offset)
 
     def _read_record(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:
+        """Take in one record of the file; its messages, unless ground truth, are appended to `found`.
+
+        Raises:
+            ContainerError: the record is damaged.
+            RecordingError: the record is a manifest that cannot be parsed.
+        """
         if opcode == container.CHUNK:
             chunk = container.parse_chunk(body)
             # The checksum is not verified: that would read every image, and bytes just written come from the

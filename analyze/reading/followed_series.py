@@ -24,22 +24,22 @@ def next_part_path(path: Path) -> Path:
 
 
 class FollowedSeries(FollowedRecording):
-    """A series of files that another process is writing, from `path` on, as one recording.
+    """Reader of a series of files that another process is writing, from `path` on, as one recording.
 
-    Path, manifest, plan, shape and `finished` are those of the present file, and change with it. A file
-    belongs to the series if its manifest (description of the session) has the same `recording_id` and the
-    next `part` number; an older file of that name does not.
+    Its path, manifest, plan, shape and `finished` are those of the current file, the one being read, and
+    change with it. A file belongs to the series if its manifest (description of the session) has the same
+    `recording_id` and the next `part` number; an older file of that name does not.
     """
 
     def poll(self) -> list[RecordedMessage]:
         """Read the messages written since the last call, in the files' order, without ground truth.
 
-        It does not wait; the list is empty if nothing was written. When a file is finished and the next one
-        has its manifest, the next becomes the present file.
+        The call does not wait; the list is empty if nothing was written or the file does not exist yet. When
+        the current file is finished and the next one has its manifest, the next becomes the current file.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
-            RecordingError: the present file is not a recording, or is damaged.
+            RecordingError: the current file is not a recording, cannot be read, or is damaged.
         """
         found = super().poll()
         while self.finished and self._has_next(path := next_part_path(self.path)):

@@ -17,14 +17,15 @@ _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
     """Decode a foxglove.RawImage or CompressedImage to (height, width) uint8 grey values.
 
-    A raw image is a view of `data`.
+    A raw image is returned as a view of `data`. Compressed colour is converted to grey.
 
     Args:
         schema: full name of the message type.
         data: the message.
 
     Raises:
-        ContainerError: the message is of another type, damaged, or of a pixel format other than mono8.
+        ContainerError: the message is of another type or damaged, a raw image has a pixel format other than
+            mono8 (8UC1), or a compressed image cannot be decoded.
     """
     if schema == "foxglove.RawImage":
         return _raw_image(data)
@@ -36,7 +37,7 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
 def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
     """Decode an image file's bytes to (height, width) uint8 grey values; None if they cannot be decoded.
 
-    Any format of OpenCV is read. An orientation tag is ignored.
+    Any format that OpenCV reads is accepted. An orientation tag (EXIF) is ignored.
     """
     import cv2
 

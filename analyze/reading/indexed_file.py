@@ -53,7 +53,10 @@ class TopicIndex:
 
 
 class _ChunkPlace(NamedTuple):
+    """Position of a chunk and of its message indexes, as offsets in the file [bytes]."""
+
     offset: int
+    """offset of the chunk record"""
     index_offsets: dict[int, int] | None
     """offset of the message index record by channel id; None if unknown: the chunk itself is read"""
 
@@ -132,9 +135,9 @@ class IndexedFile:
             return container.parse_message(record_at(messages, int(index.offset[number]), container.MESSAGE))
 
     def chunk_messages(self, number: int) -> memoryview:
-        """Records of one chunk, decompressed; its CRC is checked when it is read, then it is kept.
+        """Records of one chunk, decompressed where needed, after a check of its CRC.
 
-        Of decompressed chunks only the latest is kept.
+        The records are kept for further calls; of compressed chunks only those of the latest.
 
         Args:
             number: number of the chunk in the file.
@@ -155,7 +158,7 @@ class IndexedFile:
         return messages
 
     def release_chunk(self, number: int) -> None:
-        """Drop the kept records of a chunk; the chunk is checked again when it is next read."""
+        """Drop the kept records of chunk `number`; it is checked again when it is next read."""
         self._checked_chunks.pop(number, None)
 
     @contextlib.contextmanager
@@ -192,12 +195,16 @@ class IndexedFile:
     def _chunk_index(
         self, number: int, index_offsets: dict[int, int] | None, channel_id: int
     ) -> NDArray[np.uint64]:
-        """Log time [ns] and offset in the chunk (n, 2) of one channel's messages in one chunk.
+        """Log time [ns] and offset in the chunk [bytes] of one channel's messages in a chunk, (n, 2) uint64.
 
         Args:
             number: number of the chunk.
-            index_offsets: offsets of the chunk's message index records by channel; None to walk the chunk.
-            channel_id: id of the channel.
+            index_offsets: file offset of the chunk's message index record by channel id; None to walk the
+                chunk itself.
+            channel_id: id of the channel; the result is empty if the chunk has none of its messages.
+
+        Raises:
+            ContainerError: the chunk or its message index is damaged.
         """
         if index_offsets is None:
             messages = walk_messages(self.chunk_messages(number))
@@ -245,8 +252,8 @@ def open_finished(path: Path) -> IndexedFile:
     """Map a finished recording file; only its summary, attachments and metadata are read.
 
     Raises:
-        RecordingCut: the file ends early.
-        RecordingError: the file is missing, not MCAP, or damaged.
+        RecordingCut: the file ends early or is empty.
+        RecordingError: the file is missing, cannot be read, is not MCAP (RecordingForeign), or is damaged.
     """
     file = IndexedFile(path, map_recording(path))
     try:
@@ -260,10 +267,11 @@ def open_finished(path: Path) -> IndexedFile:
 
 
 def open_cut(path: Path) -> IndexedFile:
-    """Map a recording file that ends anywhere and walk it; only whole, undamaged chunks are used.
+    """Map a recording file that may end anywhere and walk it; damaged chunks and records are left out.
 
     Raises:
-        RecordingError: the file is missing, empty, or not MCAP.
+        RecordingError: the file is missing, cannot be read, is empty (RecordingCut) or not MCAP
+            (RecordingForeign).
     """
     file = IndexedFile(path, map_recording(path))
     for opcode, at, body in walk(file.data, len(container.MAGIC)):
@@ -295,6 +303,11 @@ _INDEXED = {container.ATTACHMENT_INDEX: container.ATTACHMENT, container.METADATA
 
 
 def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
+    """Add a record, or the record that an index record points at, to `file`; other kinds are ignored.
+
+    Raises:
+        ContainerError: the record is damaged, or an index points at another kind of record.
+    """
     if opcode == container.SCHEMA:
         schema = container.parse_schema(body)
         file.schemas[schema.id] = schema.name

@@ -18,7 +18,7 @@ from analyze.reading.time_range import index_range
 
 @dataclass(frozen=True)
 class SeriesIndex:
-    """Positions of a topic's messages over all files, by time.
+    """Positions of a topic's messages in all files of a recording, by log time.
 
     Messages of equal time keep the order of the files.
     """
@@ -28,7 +28,7 @@ class SeriesIndex:
     file: NDArray[np.int64]
     """(n,) number of the file among the series' files, from 0"""
     number: NDArray[np.int64]
-    """(n,) number of the message in the topic's index of that file"""
+    """(n,) number of the message in the topic's index (`TopicIndex`) of that file"""
 
 
 class IndexedSeries:
@@ -75,7 +75,7 @@ class IndexedSeries:
     def messages(
         self, topic: str, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """Yield a topic's messages by log time.
+        """Yield a topic's messages by log time; none for an unknown topic.
 
         Args:
             topic: name of the topic.
@@ -98,14 +98,15 @@ class IndexedSeries:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages needed to decode a range of a video, in file order.
 
-        Their times need not rise; messages outside the range may be among them.
+        They begin where a decoder can begin: with the last start message, in file order, up to the first
+        message in the range, that is not later than the range's earliest; without one, with the topic's first
+        message. They end with the range's last message in file order. Nothing is yielded for an empty range.
 
         Args:
             topic: topic of the video.
-            start_ns: start of the range; None for the first message.
-            end_ns: end of the range, included; None for the last message.
-            is_start: returns True if a decoder can begin with a message. The first message yielded is the
-                latest such message not after the range's start, else the file's first.
+            start_ns: earliest log time [ns], included; None for no limit.
+            end_ns: latest log time [ns], included; None for no limit.
+            is_start: returns True if a decoder can begin with a message; its errors are passed on.
 
         Raises:
             RecordingError: a file is damaged.
@@ -130,7 +131,7 @@ class IndexedSeries:
         return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
 
     def _file_order(self, topic: str, index: SeriesIndex) -> NDArray[np.intp]:
-        """Positions (n,) in a topic's index of its messages, in the order of files, chunks and offsets."""
+        """Numbers (n,) of a topic's messages in its `index`, sorted by their file, chunk and offset."""
         chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
         for number, file in enumerate(self.files):
             own = index.file == number
@@ -139,7 +140,11 @@ class IndexedSeries:
         return np.lexsort((offset, chunk, index.file))
 
     def first_times(self, topic: str) -> list[int]:
-        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order."""
+        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
         return [int(times[0]) for file in self.files if len(times := file.index(topic).time_ns)]
 
 
@@ -147,13 +152,13 @@ def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], Ind
     """Open every file of a recording.
 
     Args:
-        path: the file that the user named, for messages.
+        path: the file that the user named, for error messages.
         series: files of the recording that `path` belongs to.
         open_file: opens one file; `open_finished` or `open_cut`.
 
     Raises:
-        RecordingCut: a file ends early; the message names the file and how to recover it.
-        RecordingError: a file cannot be opened.
+        RecordingCut: `open_file` found that a file ends early; the message says how to recover it.
+        RecordingError: a file is missing, cannot be read, is not MCAP (RecordingForeign), or is damaged.
     """
     files: list[IndexedFile] = []
     try:

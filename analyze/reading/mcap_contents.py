@@ -32,9 +32,9 @@ class Compression:
     chunks: int = 0
     """number of chunks"""
     stored_bytes: int = 0
-    """size of their records as stored, compressed"""
+    """size of the chunks' records as stored, compressed [bytes]"""
     unpacked_bytes: int = 0
-    """size of their records when decompressed, as the chunks state it"""
+    """size of the chunks' records when decompressed, as the chunks state it [bytes]"""
 
 
 @dataclass
@@ -46,7 +46,7 @@ class McapContents:
     size: int
     """size of the file [bytes]"""
     profile: str = ""
-    """profile that the file's header states"""
+    """MCAP profile that the file's header states, such as "ros2"; often empty"""
     library: str = ""
     """program that wrote the file, by its header"""
     schemas: dict[int, SchemaRecord] = field(default_factory=dict)
@@ -54,7 +54,7 @@ class McapContents:
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
     """channels (topic, type, encoding) by id"""
     attachments: dict[str, int] = field(default_factory=dict)
-    """size in bytes by name"""
+    """size of each attached file [bytes], by its name"""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     """entries of each metadata record, by its name"""
     compression: dict[str, Compression] = field(default_factory=dict)
@@ -70,7 +70,8 @@ class McapContents:
     damage: list[str] = field(default_factory=list)
     """descriptions of the damage found"""
     delays_ns: list[int] = field(default_factory=list)
-    """log time minus publish time of the messages that were parsed: at least those of the first chunk"""
+    """log time minus publish time [ns] of the messages that were parsed: at least those of one chunk, or of
+    all messages outside of chunks"""
     _times: dict[int, list[NDArray[np.uint64]]] = field(default_factory=dict)
 
     def topics(self) -> tuple[str, ...]:
@@ -109,14 +110,14 @@ class McapContents:
 def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
     """Inspect an MCAP file from its beginning up to the last whole record.
 
-    Damage is reported in the result.
+    Damage is no error; it is described in the result's `damage`.
 
     Args:
         path: the file.
-        progress: called with (text, bytes read, bytes in all).
+        progress: called with (text, bytes read, bytes in all); None for no reports.
 
     Raises:
-        RecordingError: the file is missing, empty, or not MCAP.
+        RecordingError: the file is missing, cannot be read, is empty, or is not MCAP.
     """
     data = map_recording(path)
     try:
@@ -140,6 +141,7 @@ class _Inspection:
         """log times of messages outside of chunks, by channel"""
 
     def run(self) -> None:
+        """Inspect the file up to its footer or its last whole record, and fill the `McapContents`."""
         found, data, magic = self._found, self._data, container.MAGIC
         at, ended = len(magic), False
         for opcode, start, body in walk(data, len(magic)):
@@ -194,6 +196,11 @@ class _Inspection:
             self._describe(opcode, body)
 
     def _describe(self, opcode: int, body: memoryview) -> None:
+        """Add a schema or channel record to the contents; other kinds are ignored.
+
+        Raises:
+            ContainerError: the record is damaged.
+        """
         if opcode == container.SCHEMA:
             schema = container.parse_schema(body)
             self._found.schemas[schema.id] = schema
@@ -202,10 +209,12 @@ class _Inspection:
             self._found.channels[channel.id] = channel
 
     def _close_chunk(self, *, trust_indexes: bool) -> None:
-        """Add the last chunk's messages to the contents, from its message indexes or the messages themselves.
+        """Add the log times of the chunk read last to the contents, by its message indexes or its messages.
+
+        Without such a chunk nothing is done. Damage of the chunk is added to the contents' list of damage.
 
         Args:
-            trust_indexes: False to read the messages even if there are indexes.
+            trust_indexes: False to read the messages even if there are message indexes.
         """
         chunk, indexes = self._chunk, self._indexes
         self._chunk, self._indexes = None, {}
@@ -229,7 +238,13 @@ class _Inspection:
             self._found.add(channel_id, np.array(found, dtype=np.uint64))
 
     def _parsed_messages(self, records: memoryview) -> Iterator[MessageRecord]:
-        """Yield the messages of a chunk; its schemas, channels and delays are added to the contents."""
+        """Yield the messages among a chunk's `records`; its schemas and channels are added to the contents.
+
+        So are the messages' delays: log time minus publish time [ns].
+
+        Raises:
+            ContainerError: a record is damaged.
+        """
         for opcode, _, body in walk(records):
             if opcode == container.MESSAGE:
                 message = container.parse_message(body)
@@ -239,7 +254,11 @@ class _Inspection:
                 self._describe(opcode, body)
 
     def _describe_channels(self) -> None:
-        """Parse chunks until delays are known and no message's channel is undescribed, or none is left."""
+        """Parse chunks for message delays and channel descriptions that are not known yet.
+
+        The parsing ends when the delay (log time minus publish time) of any message is known and every
+        message's channel is described, or after the last chunk. Damaged chunks are passed over.
+        """
         for start in self._chunk_offsets:
             if self._found.delays_ns and not self._found.undescribed_messages:
                 return

@@ -17,9 +17,9 @@ class ObjectFiles:
     spec: ObjectSpec
     """object specification: mass, shape, markers"""
     shape_bytes: bytes | None
-    """content of the shape file, None for a primitive"""
+    """content of the shape file; None for a primitive (box, cylinder)"""
     shape_name: str
-    """file name of the shape file, for a primitive that of the specification"""
+    """file name of the shape file; for a primitive that of the specification"""
     sha256: str
     """identity of the object: hash of specification and shape (schemas.object_spec.object_sha256)"""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from schemas.strike_plan import StrikePlan
 
 MAX_NAMED_STRIKES = 12
-"""largest number of missing strikes that a message names"""
+"""largest number of missing strikes whose ids `PlannedStrikes.text` lists"""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,10 @@ class PlannedStrikes:
     """ids of the strikes of the plan that were not struck"""
 
     def text(self) -> str:
-        """Number of planned strikes that were struck, and ids of the missing ones, in one line."""
+        """Numbers and missing ids in one line, as "2 of 3 planned strikes were struck; missing: s2".
+
+        At most `MAX_NAMED_STRIKES` ids are listed, then "and n more".
+        """
         named = ", ".join(self.missing[:MAX_NAMED_STRIKES])
         unnamed = len(self.missing) - MAX_NAMED_STRIKES
         more = f" and {unnamed} more" if unnamed > 0 else ""
@@ -34,11 +37,11 @@ class PlannedStrikes:
 
 
 def planned_strikes(plan: StrikePlan, struck: Iterable[str]) -> PlannedStrikes:
-    """Planned and missing strikes of a recording.
+    """Ids of the planned strikes of a recording, and of those that were not struck.
 
     Args:
         plan: the recording's plan.
-        struck: ids of the planned strikes that were made; any attempt counts, whatever its verdict.
+        struck: planned ids of the strikes that were made; any attempt counts, whatever its verdict.
     """
     made = set(struck)
     planned = tuple(strike.id for strike in plan.strikes)

@@ -65,25 +65,27 @@ class FilePart:
     path: Path
     """path of the file"""
     content_id: str | None
-    """hash of the messages, from the file's seal (checksum record at its end); None if the file is cut"""
+    """hash of the messages, from the file's seal (checksum record at its end); None without a seal, as in a
+    file that was cut short"""
     damaged_chunks: int
-    """number of chunks left out of a cut file because they are damaged"""
+    """number of damaged chunks and other records that `open_partial` left out; 0 after `open_recording`"""
 
 
 class Recording:
-    """An open recording, one file or a series.
+    """An open recording, one file or a series; made by `open_recording` or `open_partial`.
 
-    Times are log times [ns]; ranges include both ends. Use it in a `with` statement.
+    Times are log times [ns since 1970]; ranges include both ends. Use it in a `with` statement.
 
     Args:
         path: the file that was opened.
-        series: all files of the recording, in their order.
-        missing: numbers of the series' files that do not exist.
+        series: all files of the recording that were found, in their order.
+        missing: numbers of the series' files that were not found.
 
     Raises:
         RecordingForeign: a file has no manifest (JSON description of the session).
         RecordingVersion: a file was written by another major schema version.
-        RecordingError: the manifest or an attachment of a file is damaged.
+        RecordingError: a file's manifest cannot be parsed, or it or an attachment differs from its stated
+            hash.
     """
 
     def __init__(self, path: Path, series: IndexedSeries, missing: tuple[int, ...] = ()) -> None:
@@ -96,7 +98,7 @@ class Recording:
         )
         self.missing_parts = missing
         self.content_id: str | None = series_content_id([part.content_id for part in self.parts])
-        """None if a file of the recording is cut"""
+        """hash of the messages of all files (`series_content_id`); None if a file has no seal"""
         self.damaged_chunks = sum(part.damaged_chunks for part in self.parts)
 
     # --- head
@@ -162,13 +164,17 @@ class Recording:
         return self._series.index(topic).time_ns
 
     def first_times(self, topic: str) -> list[int]:
-        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order."""
+        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
         return self._series.first_times(topic)
 
     def messages(
         self, topic: str, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """Yield a topic's messages by log time.
+        """Yield a topic's messages by log time; none for an unknown topic.
 
         Args:
             topic: name of the topic.
@@ -176,7 +182,7 @@ class Recording:
             end_ns: latest log time [ns], included; None for no limit.
 
         Raises:
-            RecordingError: a file is damaged, or the topic is ground truth of a simulation.
+            RecordingError: a file is damaged, or the topic is ground truth of a simulation (/truth/...).
         """
         if topic.startswith(topics.TRUTH_PREFIX):
             raise RecordingError(
@@ -188,23 +194,28 @@ class Recording:
     def decoded(
         self, topic: str, kind: type[M], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[RecordedMessage, M]]:
-        """Yield a topic's messages by log time, each with its parsed content.
+        """Yield a topic's messages by log time, each with its parsed content; none for an unknown topic.
 
         Args:
             topic: name of the topic.
-            kind: class of the topic's messages.
+            kind: protobuf class of the topic's messages.
             start_ns: earliest log time [ns], included; None for no limit.
             end_ns: latest log time [ns], included; None for no limit.
 
         Raises:
-            RecordingError: a file is damaged, the topic is ground truth, or a message is of another type.
+            RecordingError: a file is damaged, the topic is ground truth (/truth/...), or a message cannot be
+                parsed as `kind`.
         """
         for message in self.messages(topic, start_ns, end_ns):
             yield message, decode_message(self.path, message, kind)
 
     @cached_property
     def strikes(self) -> tuple[pb.StrikeRecord, ...]:
-        """Records (time window, id, resting pose) of the strikes that were carried out, by log time."""
+        """Records (time window, id, resting pose) of the strikes that were carried out, by log time.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
         return tuple(record for _, record in self.decoded(topics.SESSION_STRIKE.name, pb.StrikeRecord))
 
     def frame_meta(
@@ -216,6 +227,9 @@ class Recording:
             camera: name of the camera; None for the first.
             start_ns: earliest log time [ns], included; None for no limit.
             end_ns: latest log time [ns], included; None for no limit.
+
+        Raises:
+            RecordingError: a file is damaged.
         """
         for _, meta in self.timed_frame_meta(camera, start_ns, end_ns):
             yield meta
@@ -225,12 +239,15 @@ class Recording:
     ) -> Iterator[tuple[int, pb.FrameMeta]]:
         """Yield log time [ns] and metadata (FrameMeta) of every frame that arrived, by time.
 
-        An imported video stores few FrameMeta; the others are derived from those.
+        An imported video stores FrameMeta of few frames; those of the other frames are derived from them.
 
         Args:
             camera: name of the camera; None for the first.
             start_ns: earliest log time [ns], included; None for no limit.
             end_ns: latest log time [ns], included; None for no limit.
+
+        Raises:
+            RecordingError: a file is damaged.
         """
         name = camera or self.camera
         image_topic, meta_topic = topics.raw_image(name).name, topics.frame_meta(name).name
@@ -304,6 +321,9 @@ class Recording:
     def refuse_unmapped_times(self) -> None:
         """Check that each camera with images has samples of the clock that its frame times are mapped from.
 
+        Only recordings whose manifest has the time source `device_mapped` (camera clock mapped to the host's)
+        are checked.
+
         Raises:
             RecordingError: a camera's clock has no samples, so that its times cannot be trusted.
         """
@@ -321,15 +341,19 @@ class Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """Open a finished recording with all its files.
+    """Open a finished recording with all its files that are in the folder of `path`.
+
+    Missing files of the series are no error; their numbers are in `Recording.missing_parts`.
 
     Args:
         path: any of the recording's files.
 
     Raises:
-        RecordingCut: a file of the recording ends early; `open_partial` reads what is there.
-        RecordingVersion: the recording has another major schema version.
-        RecordingError: a file is missing, not a recording, damaged, or its times cannot be trusted.
+        RecordingCut: a file ends early or is empty; `open_partial` reads what is there.
+        RecordingForeign: a file is not MCAP, or has no manifest (JSON description of the session).
+        RecordingVersion: a file has another major schema version.
+        RecordingError: `path` does not exist, a file cannot be read or is damaged, its manifest or an
+            attachment differs from its stated hash, or a camera's clock has no samples.
     """
     recording = _open(path, indexed_file.open_finished)
     try:
@@ -341,14 +365,20 @@ def open_recording(path: Path) -> Recording:
 
 
 def open_partial(path: Path) -> Recording:
-    """Open a recording that was cut short or is damaged: whole chunks of all its files can be read.
+    """Open a recording that was cut short or is damaged; only whole, undamaged chunks are read.
+
+    All its files in the folder of `path` are opened. Missing files of the series are no error; their numbers
+    are in `Recording.missing_parts`, the number of damaged chunks in `Recording.damaged_chunks`.
 
     Args:
         path: any of the recording's files.
 
     Raises:
-        RecordingVersion: the recording has another major schema version.
-        RecordingError: a file is missing, not a recording, or its manifest is lost or damaged.
+        RecordingCut: a file is empty.
+        RecordingForeign: a file is not MCAP, or has lost its manifest (JSON description of the session).
+        RecordingVersion: a file has another major schema version.
+        RecordingError: `path` does not exist, a file cannot be read, its manifest cannot be parsed, or an
+            attachment differs from its stated hash.
     """
     return _open(path, indexed_file.open_cut)
 
@@ -394,15 +424,15 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
 
 
 def decode_message(path: Path, message: RecordedMessage, kind: type[M]) -> M:
-    """Parse a message's data.
+    """Parse a message's data to an object of its protobuf class.
 
     Args:
         path: path of the recording, for the error's text.
         message: the message.
-        kind: class of the content.
+        kind: protobuf class of the content.
 
     Raises:
-        RecordingError: the data are not of this type.
+        RecordingError: the data cannot be parsed as this class.
     """
     try:
         return kind.FromString(bytes(message.data))

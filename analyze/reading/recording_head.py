@@ -23,7 +23,7 @@ def parse_manifest(text: str, name: str) -> SessionManifest:
 
     Args:
         text: manifest as JSON.
-        name: name of the recording, for messages.
+        name: name of the recording, for error messages.
 
     Raises:
         RecordingVersion: the manifest has another major schema version.
@@ -39,7 +39,7 @@ def parse_plan(text: str, name: str) -> StrikePlan:
 
     Args:
         text: plan as JSON.
-        name: name of the recording, for messages.
+        name: name of the recording, for error messages.
 
     Raises:
         RecordingVersion: the plan has another major schema version.
@@ -49,7 +49,11 @@ def parse_plan(text: str, name: str) -> StrikePlan:
 
 
 def shape_attachment(attachments: Mapping[str, bytes]) -> bytes | None:
-    """Content of the object's shape file among the attachments by name; None if there is none."""
+    """Content of the object's shape file; None if none is attached, as for a primitive (box, cylinder).
+
+    Args:
+        attachments: contents of a recording's attached files, by name.
+    """
     return next(
         (data for name, data in attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)), None
     )
@@ -78,7 +82,7 @@ def _parse(model: type[T], text: str, name: str, kind: str) -> T:
 
 
 def _without_unknown(model: type[BaseModel], data: Any) -> Any:
-    """Remove keys that the model does not know from `data`, in place, and return `data`.
+    """Remove keys that `model` does not know from the parsed JSON `data`, in place, and return `data`.
 
     A newer minor version may add keys; by definition a reader may ignore them.
     """

@@ -21,23 +21,27 @@ class Truth:
     """Ground truth of a virtual recording: poses, contacts and the body's parameters."""
 
     pose_time_ns: np.ndarray
-    """(n,) int64 log times of the poses"""
+    """(n,) int64 log times of the poses [ns]"""
     poses: tuple[pb.TruthPose, ...]
-    """n true poses of the object, by log time"""
+    """n true poses of the object in the world frame, by log time"""
     contacts: tuple[pb.TruthContact, ...]
     """m true contacts of striker and object, by log time"""
     contact_time_ns: np.ndarray
-    """(m,) int64 log times of the contacts"""
+    """(m,) int64 log times of the contacts [ns]"""
     body: pb.TruthBody
     """true mass properties of the object, friction, table tilt and camera pose"""
 
 
 def read_truth(path: Path) -> Truth:
-    """Read the ground truth of a finished virtual recording, from all its files.
+    """Read the ground truth of a finished virtual recording, from all its files in the folder.
+
+    Args:
+        path: any of the recording's files.
 
     Raises:
         RecordingCut: a file ends early.
-        RecordingError: the recording holds no ground truth, is missing or damaged.
+        RecordingError: `path` does not exist, a file is not MCAP or is damaged, or the recording holds no
+            ground truth of the body.
     """
     series = open_series(path, find_series_files(path), indexed_file.open_finished)
     try:

@@ -14,11 +14,15 @@ from schemas.session_manifest import SEAL_NAME
 def refuse_changed_content(path: Path) -> None:
     """Read all messages of a recording's files, and compare their hashes with the files' seals.
 
-    Ground truth (topics under /truth/) does not enter the hash.
+    Ground truth (topics under /truth/) does not enter the hash. Missing files of a series are no error.
+
+    Args:
+        path: any of the recording's files.
 
     Raises:
         RecordingCut: a file ends early.
-        RecordingError: a file has no seal, is damaged, or its content differs from what was sealed.
+        RecordingError: `path` does not exist, or a file is not MCAP, has no seal (checksum record), is
+            damaged, or has a content other than its seal states.
     """
     for name in find_series_files(path).files:
         file = indexed_file.open_finished(name)
@@ -35,6 +39,11 @@ def refuse_changed_content(path: Path) -> None:
 
 
 def _content_id(file: indexed_file.IndexedFile) -> str:
+    """Hash of a file's messages outside /truth/, in hexadecimal digits.
+
+    Raises:
+        RecordingError: the file is damaged.
+    """
     digest = ContentHash()
     topics = {number: channel.topic for number, channel in file.channels.items()}
     with file.damage_as_error():

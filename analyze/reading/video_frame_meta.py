@@ -1,6 +1,7 @@
 """Expands the few FrameMeta (frame metadata) stored with an imported video to one per frame.
 
-A frame without a stored FrameMeta continues the last stored one before it: number and times advance.
+A frame without a stored FrameMeta has a copy of the last stored one before it, with the number advanced by
+the frames and the times by the log time between the two.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ def expand_frame_meta(
     Args:
         written: FrameMeta in the file with their log times [ns], by time.
         image_times_ns: (n,) log times of the video's images [ns], sorted.
-        start_ns: start of the range; None for the first image.
-        end_ns: end of the range; None for the last image.
+        start_ns: earliest log time of the range [ns]; None for the first image.
+        end_ns: latest log time of the range [ns]; None for the last image.
     """
     times = np.array([time_ns for time_ns, _ in written], dtype=np.int64)
     places = np.searchsorted(image_times_ns, times)
