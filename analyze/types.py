@@ -216,15 +216,15 @@ class TipMotion:
     """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
     reason: str
     """explanation of the verdict, one sentence with its numbers"""
-    angle: TipAngle | None
+    angle: TipAngle | None = None
     """theta(t); None if no marker was followed"""
-    phases: Phases | None
+    phases: Phases | None = None
     """phases of theta(t); None if there is no theta(t)"""
-    fit: MotionFit | None
+    fit: MotionFit | None = None
     """the fit that the estimate uses; None if nothing fits"""
-    alternatives: tuple[MotionFit, ...]
+    alternatives: tuple[MotionFit, ...] = ()
     """fits by other estimators, for comparison"""
-    energy_ratio: float | None
+    energy_ratio: float | None = None
     """kinetic energy after the strike over the energy needed to reach the balance; None if nothing fits"""
     frame_rate_ratio: float | None = None
     """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the

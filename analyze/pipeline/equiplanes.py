@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from analyze.estimation.equiplane import equiplane, equiplane_from_fit
+from analyze.estimation.equiplane import equiplane
 from analyze.estimation.priors import SystematicErrors, TiltPrior
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
@@ -46,7 +46,7 @@ def equiplanes(
     levels = levelling_indices(evidence.recordings)
     found: list[EquiPlane] = []
     for motion in motions:
-        plane = _equiplane(evidence.planned(motion), motion, estimator)
+        plane = equiplane_by(evidence.planned(motion), motion, estimator)
         index = evidence.recorded_in.get(motion.strike_id, 0)
         gravity_ratio = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
         k = None if plane.k is None else plane.k * gravity_ratio
@@ -86,17 +86,12 @@ def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
     return TiltPrior((read.towards_x_rad, read.towards_y_rad), (read.towards_x_sd_rad, sideways))
 
 
-def _equiplane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
+def equiplane_by(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
     """Equi-plane of a motion by the named estimator; by the motion's own fit if it has none by that name.
 
     Raises:
         EstimationError: the motion has no fit, or the planned pivot does not lie along the world's y.
     """
-    if estimator is None or (motion.fit is not None and motion.fit.estimator == estimator):
-        return equiplane(motion.strike_id, planned, motion)
-    chosen = next((fit for fit in motion.alternatives if fit.estimator == estimator), None)
-    return (
-        equiplane(motion.strike_id, planned, motion)
-        if chosen is None
-        else equiplane_from_fit(motion.strike_id, planned, chosen)
-    )
+    fits = (motion.fit, *motion.alternatives)
+    chosen = next((fit for fit in fits if fit is not None and fit.estimator == estimator), motion.fit)
+    return equiplane(motion.strike_id, planned, replace(motion, fit=chosen))

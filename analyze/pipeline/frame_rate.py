@@ -115,17 +115,13 @@ def drop_untimed_k(
         return tuple(planes), scale
     if len(evidence.recordings) == 1:
         return tuple(planes), replace(scale, gravity_sd=OPEN_LOG_GRAVITY_SD * scale.gravity)
-    return (
-        tuple(
-            (
-                replace(plane, k=None, sd_k=None, cov_phi_k=0.0)
-                if evidence.recorded_in.get(plane.strike_id, 0) in wrong
-                else plane
-            )
-            for plane in planes
-        ),
-        scale,
-    )
+    kept = [
+        replace(plane, k=None, sd_k=None, cov_phi_k=0.0)
+        if evidence.recorded_in.get(plane.strike_id, 0) in wrong
+        else plane
+        for plane in planes
+    ]
+    return tuple(kept), scale
 
 
 def with_estimated_gravity(scale: Scale, solution: JointSolution) -> Scale:

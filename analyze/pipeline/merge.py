@@ -5,9 +5,10 @@ Recordings are numbered by start time, whatever the order given: `2:s3.1` is str
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.types import TipMotion
 from schemas.session_manifest import LevelReading, SessionManifest
 from schemas.strike_plan import PlannedStrike, StrikePlan
+
+V = TypeVar("V")
 
 
 def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
@@ -135,6 +138,14 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
     ordered = sorted(evidence, key=lambda each: _start_key(each.recordings[0]))
     heads = [each.recordings[0] for each in ordered]
     refuse_unmergeable(heads, all(each.object_path_used for each in ordered))
+
+    def merged(tables: Sequence[Mapping[str, V]]) -> dict[str, V]:
+        return {
+            merged_id(heads, i, name): value
+            for i, table in enumerate(tables)
+            for name, value in table.items()
+        }
+
     first = ordered[0]
     strikes: list[PlannedStrike] = []
     motions: list[TipMotion] = []
@@ -157,21 +168,9 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
             object_name=first.plan.object_name, object_sha256=first.object_sha256, strikes=strikes
         ),
         motions=tuple(motions),
-        tracking={
-            merged_id(heads, i, name): value
-            for i, each in enumerate(ordered)
-            for name, value in each.tracking.items()
-        },
-        frames_lost={
-            merged_id(heads, i, name): value
-            for i, each in enumerate(ordered)
-            for name, value in each.frames_lost.items()
-        },
-        impacts={
-            merged_id(heads, i, name): value
-            for i, each in enumerate(ordered)
-            for name, value in each.impacts.items()
-        },
+        tracking=merged([each.tracking for each in ordered]),
+        frames_lost=merged([each.frames_lost for each in ordered]),
+        impacts=merged([each.impacts for each in ordered]),
         recorded_in=recorded_in,
     )
 

@@ -7,12 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.estimation.cells import Cells
-from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.paper import (
     PaperCentre,
     PaperRegions,
@@ -21,19 +19,13 @@ from analyze.estimation.paper import (
     paper_regions,
 )
 from analyze.estimation.priors import Scale
+from analyze.pipeline.equiplanes import equiplane_by
 from analyze.pipeline.evidence import Evidence
-from analyze.types import (
-    Array,
-    EquiPlane,
-    MotionFit,
-    TipMotion,
-)
+from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 from schemas.strike_result import Verdict
 
-if TYPE_CHECKING:
-    from schemas.strike_plan import PlannedStrike
-
-
+SIGN_CHANGE = "sign_change"
+"""name of the paper's estimator: the sign change of the angular acceleration"""
 MIN_TIPS = 3
 """strikes over the balance below which strikes that rocked back count too"""
 
@@ -69,27 +61,14 @@ def paper_estimate(
     # too few others exist.
     tipped_over = [motion for motion in used if motion.verdict is Verdict.GOOD]
     chosen = tipped_over if len(tipped_over) >= MIN_TIPS else list(used)
-    planes = tuple(_paper_equiplane(evidence.planned(motion), motion) for motion in chosen)
+    planes = tuple(equiplane_by(evidence.planned(motion), motion, SIGN_CHANGE) for motion in chosen)
     com = paper_centre_of_mass(planes, cells)
     return PaperEstimate(com, _paper_regions(planes, chosen, com.position, scale, cells)), planes
 
 
-def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane (through pivot line and centre of mass) by the paper's sign change of the acceleration.
-
-    By the motion's own fit where no sign change was found.
-    """
-    found = _sign_change(motion)
-    return (
-        equiplane(motion.strike_id, planned, motion)
-        if found is None
-        else equiplane_from_fit(motion.strike_id, planned, found)
-    )
-
-
 def _sign_change(motion: TipMotion) -> MotionFit | None:
     """Fit of a motion by the paper's estimator, the sign change of the acceleration; None if it has none."""
-    return next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
+    return next((fit for fit in motion.alternatives if fit.estimator == SIGN_CHANGE), None)
 
 
 def _paper_regions(

@@ -138,11 +138,8 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
         ShapeError: the object's shape cannot be used.
         PlanError: the plan is of another object, or its edges do not lie on the shape given.
     """
-    spec, shape_bytes, shape_name = (
-        recording.object_spec,
-        recording.shape_bytes,
-        recording.object_spec.shape.file or str(recording.path),
-    )
+    spec, shape_bytes = recording.object_spec, recording.shape_bytes
+    shape_name = spec.shape.file or str(recording.path)
     _refuse_other_plan(recording)
     if object_path is not None:
         files = read_object_files(object_path)
@@ -184,17 +181,7 @@ def read_strike(
         motion, report = _strike(recording, struck, markers, record)
     except TrackingError as error:
         problem = error
-        motion = TipMotion(
-            record.strike_id,
-            record.plan_strike_id,
-            Verdict.UNREADABLE,
-            str(error),
-            None,
-            None,
-            None,
-            (),
-            None,
-        )
+        motion = TipMotion(record.strike_id, record.plan_strike_id, Verdict.UNREADABLE, str(error))
     return StrikeReading(record, motion, report, problem, _frames_lost(recording, record))
 
 
@@ -213,9 +200,8 @@ def evidence_from_readings(
     Raises:
         TrackingError: no marker of any strike can be tracked.
     """
-    problems = [reading.problem for reading in readings if reading.problem is not None]
-    if problems and len(problems) == len(readings):
-        raise TrackingError(f"{head.path}: {problems[0]}")
+    if readings and all(reading.problem is not None for reading in readings):
+        raise TrackingError(f"{head.path}: {readings[0].problem}")
     records = [reading.record for reading in readings]
     return Evidence(
         (head,),
@@ -307,17 +293,13 @@ def _strike(
     camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
-    section, landing_angle_rad = (
-        rolling_outline(struck.model, planned),
-        next_face_angle(struck.model, planned),
-    )
     task = StrikeTask(
         record.strike_id,
         planned,
         record.contact_time_ns,
         report.images_end_ns,
-        section,
-        landing_angle_rad,
+        rolling_outline(struck.model, planned),
+        next_face_angle(struck.model, planned),
         report.unmarked_ns,
     )
     motion = analyse_strike(report.tracks, markers, camera, task)
@@ -330,17 +312,8 @@ def _strike(
     if rate_ratio is None:
         return motion, report
     text = slow_motion_text(rate_ratio, manifest.cameras[0].frame_rate_hz)
-    return (
-        replace(
-            motion,
-            verdict=Verdict.UNREADABLE,
-            reason=text,
-            fit=None,
-            alternatives=(),
-            frame_rate_ratio=rate_ratio,
-        ),
-        report,
-    )
+    changes = {"verdict": Verdict.UNREADABLE, "reason": text, "frame_rate_ratio": rate_ratio}
+    return replace(motion, fit=None, alternatives=(), **changes), report
 
 
 def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:

@@ -31,14 +31,12 @@ def too_few_text(
     """
     left_out = [motion for motion in motions if motion.strike_id in excluded]
     bad = [motion for motion in motions if motion.strike_id not in usable and motion not in left_out]
-    reasons = (
-        [f"excluded on request: {', '.join(motion.strike_id for motion in left_out)}"] if left_out else []
-    )
-    reasons += (
-        [f"not usable: {', '.join(f'{motion.strike_id} {_verdict(motion)}' for motion in bad)}"]
-        if bad
-        else []
-    )
+    reasons: list[str] = []
+    if left_out:
+        reasons.append(f"excluded on request: {', '.join(motion.strike_id for motion in left_out)}")
+    if bad:
+        verdicts = (f"{motion.strike_id} {motion.verdict.value.replace('_', ' ')}" for motion in bad)
+        reasons.append(f"not usable: {', '.join(verdicts)}")
     done = planned_strikes(plan, (motion.plan_strike_id for motion in motions))
     reasons += [done.text()] if done.missing else []
     slow = [motion for motion in bad if motion.frame_rate_ratio is not None]
@@ -57,8 +55,3 @@ def too_few_text(
         f"{left} good {'strike' if left == 1 else 'strikes'} of {len(motions)}, {needed} are needed{why}:"
         f" {remedy}"
     )
-
-
-def _verdict(motion: TipMotion) -> str:
-    """Verdict of a motion in words, for messages."""
-    return motion.verdict.value.replace("_", " ")

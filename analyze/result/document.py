@@ -62,19 +62,12 @@ def result_document(estimate: Estimate) -> Result:
     filling = (
         None if estimate.filling is None or label is None else filling_document(label.name, estimate.filling)
     )
-    mass = inertial.mass
     return rounded(
         Result(
             inputs=_inputs(evidence, estimate.options),
             warnings=[*result_warnings(estimate, frame_times), *filling_warnings(filling)],
             strikes=_strike_rows(estimate),
-            mass=Quantity(
-                value=mass,
-                sd=inertial.mass_sd,
-                unit="kg",
-                interval95=[mass - SIGMAS_95 * inertial.mass_sd, mass + SIGMAS_95 * inertial.mass_sd],
-                source="given",
-            ),
+            mass=quantity(inertial.mass, inertial.mass_sd, "kg").model_copy(update={"source": "given"}),
             centre_of_mass=com_quantity(inertial.com),
             centre_of_mass_paper=Quantity(value=estimate.paper.com.position.tolist(), unit="m", frame="O"),
             moments=axis_moments(inertial),
@@ -342,7 +335,7 @@ def strike_result(
         values["phi"] = quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad")
         values["cov_phi_k"] = fit.covariance.tolist()
         values["k"] = _k_quantity(fit)
-        values["residual_rms_rad"] = float(np.sqrt(np.mean(fit.residual**2))) if len(fit.residual) else None
+        values["residual_rms_rad"] = float(np.sqrt(np.mean(fit.residual**2)))
         if motion.angle is not None:
             start, stop = fit.window
             values["window_ns"] = [int(motion.angle.time_ns[start]), int(motion.angle.time_ns[stop - 1])]

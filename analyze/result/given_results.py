@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -173,7 +172,7 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
         np.array(com.covariance),
         unit_inertia,
         tuple(strikes),
-        _directions(result),
+        {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments},
     )
 
 
@@ -213,11 +212,6 @@ def _recordings(result: Result) -> set[str]:
         if inputs.recordings is None
         else {each.recording_id for each in inputs.recordings}
     )
-
-
-def _directions(result: Result) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Unit direction (3,) of each axis with moments, in the object frame O, by axis id."""
-    return {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments}
 
 
 def _scalar_or(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:

@@ -179,12 +179,8 @@ def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             text = f"strike {plane.strike_id} disagrees with the others; its robust weight is {robust:.0%}"
             yield _warning(WarningCode.POOR_FIT, text)
     used = {plane.strike_id for plane in estimate.fitted_planes}
-    motions = estimate.evidence.motions
-    fitted = [
-        (each, each.fit)
-        for each in motions
-        if each.strike_id in used and each.fit is not None and len(each.fit.residual)
-    ]
+    motions = [each for each in estimate.evidence.motions if each.strike_id in used]
+    fitted = [(each, each.fit) for each in motions if each.fit is not None]
     for motion, fit in fitted:
         rms = float(np.sqrt(np.mean(fit.residual**2)))
         if rms > MAX_FIT_RESIDUAL:
