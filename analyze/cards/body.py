@@ -179,22 +179,12 @@ def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) 
     across, down = (upper_right - upper_left) / many, (lower_left - upper_left) / many
     runs: list[Array] = []
     for row in range(many):
-        column = 0
-        while column < many:
-            start = column
-            while column < many and not code[row][column]:
-                column += 1
-            if column > start:
-                runs.append(
-                    np.array(
-                        [
-                            upper_left + i * across + j * down
-                            for i, j in ((start, row), (column, row), (column, row + 1), (start, row + 1))
-                        ]
-                    )
-                )
-            column += 1
-    flat = view.project(np.concatenate(runs)).reshape(-1, 4, 2)
+        # Where the colour changes between white margins: the start and the end of each black run.
+        changes = np.flatnonzero(np.diff(code[row], prepend=True, append=True))
+        for start, end in changes.reshape(-1, 2):
+            corners = ((start, row), (end, row), (end, row + 1), (start, row + 1))
+            runs += [upper_left + i * across + j * down for i, j in corners]
+    flat = view.project(np.array(runs)).reshape(-1, 4, 2)
     return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in run) + "Z" for run in flat)
 
 

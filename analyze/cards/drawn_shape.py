@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from analyze.geometry.distance import largest_height
+from analyze.geometry.even_samples import bisected
 from analyze.geometry.object_model import ObjectModel
-from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.polyhedron import BoolArray, area_vectors, hull_faces, without_degenerate
 from analyze.types import Array, IntArray
 
 MAX_FACES = 4000
@@ -21,8 +23,6 @@ HOLLOW_PIECES = 8
 """Longest extent of a body that is not convex, over the longest side of its triangles as drawn."""
 MAX_CUTS = 12
 """Greatest number of times that triangles are halved."""
-CONVEX_VOLUME_TOLERANCE = 1e-3
-"""Relative excess of the hull's volume up to which a body counts as convex."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ def drawn_shape(model: ObjectModel) -> DrawnShape:
     vertices, faces = model.vertices, model.faces
     hull = ConvexHull(model.hull_vertices)
     # A fine convex mesh is drawn as its hull: the same body, with few triangles per flat face.
-    if len(hull.simplices) < len(faces) and hull.volume < model.volume * (1 + CONVEX_VOLUME_TOLERANCE):
-        vertices, faces = model.hull_vertices, _outward(hull)
+    if len(hull.simplices) < len(faces) and model.is_convex:
+        vertices, faces = model.hull_vertices, hull_faces(hull)
     if len(faces) > MAX_FACES:
         vertices, faces = simplify_mesh(vertices, faces, float(model.extent.max()) / GRID_CELLS)
     normals, keep = _normals(vertices, faces)
@@ -69,7 +69,9 @@ def drawn_shape(model: ObjectModel) -> DrawnShape:
     convex = _convex(vertices, faces, normals, size)
     triangles = vertices[faces]
     if not convex:
-        triangles, normals = _cut(triangles, normals, size / HOLLOW_PIECES)
+        # Only small triangles can be sorted by depth.
+        triangles, owner = bisected(triangles, size / HOLLOW_PIECES, MAX_CUTS)
+        normals = normals[owner]
     return DrawnShape(
         triangles,
         normals,
@@ -80,15 +82,6 @@ def drawn_shape(model: ObjectModel) -> DrawnShape:
         convex,
         size,
     )
-
-
-def _outward(hull: ConvexHull) -> IntArray:
-    """Triangles (f, 3) of the hull, as indices of its points, counter-clockwise seen from outside."""
-    faces = hull.simplices.astype(np.int64)
-    a, b, c = np.moveaxis(hull.points[faces], 1, 0)
-    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return faces
 
 
 def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:
@@ -116,22 +109,19 @@ def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array,
         np.stack([np.bincount(group, weights=vertices[:, i], minlength=many) for i in range(3)], axis=1)
         / count[:, None]
     )
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    area = np.cross(b - a, c - a)
+    area = area_vectors(vertices[faces])
     length = np.linalg.norm(area, axis=1)
     unit = area / np.maximum(length, 1e-30)[:, None]
     matrix, right = np.zeros((many, 3, 3)), np.zeros((many, 3))
     for corner in range(3):
         owner = group[faces[:, corner]]
-        level = np.einsum("fi,fi->f", unit, a - mean[owner])
+        level = np.einsum("fi,fi->f", unit, vertices[faces[:, 0]] - mean[owner])
         np.add.at(matrix, owner, length[:, None, None] * unit[:, :, None] * unit[:, None, :])
         np.add.at(right, owner, (length * level)[:, None] * unit)
     total = np.maximum(np.trace(matrix, axis1=1, axis2=2), 1e-30)
     shift = np.linalg.solve(matrix + 0.01 * total[:, None, None] * np.eye(3), right[:, :, None])[:, :, 0]
     placed = mean + np.clip(shift, -cell / 2, cell / 2)
-    merged = group[faces]
-    whole = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
-    return placed, merged[whole]
+    return placed, without_degenerate(group[faces])
 
 
 def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
@@ -141,8 +131,7 @@ def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces, counter-clockwise seen from outside.
     """
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    area = np.cross(b - a, c - a)
+    area = area_vectors(vertices[faces])
     length = np.linalg.norm(area, axis=1)
     keep = length > 1e-14
     return area[keep] / length[keep, None], keep
@@ -172,41 +161,6 @@ def _convex(vertices: Array, faces: IntArray, normals: Array, size: float) -> bo
         normals: (f, 3) unit normals of the faces.
         size: Longest extent [m]; 1e-4 of it is tolerated.
     """
-    used = vertices[np.unique(faces)]
-    tolerance = 1e-4 * size
-    step = max(1, 2_000_000 // max(len(used), 1))
-    corners = vertices[faces[:, 0]]
-    for start in range(0, len(faces), step):
-        level = np.einsum("fi,fi->f", normals[start : start + step], corners[start : start + step])
-        if np.any((normals[start : start + step] @ used.T).max(axis=1) - level > tolerance):
-            return False
-    return True
-
-
-def _cut(triangles: Array, normals: Array, longest: float) -> tuple[Array, Array]:
-    """Halve triangles across their longest edge until none is longer than `longest` [m].
-
-    Only small triangles can be sorted by depth. After `MAX_CUTS` rounds longer ones stay.
-
-    Args:
-        triangles: (t, 3, 3) corners [m]; the second index is the corner.
-        normals: (t, 3) unit normals.
-        longest: Largest length of an edge [m].
-
-    Returns:
-        Triangles (k, 3, 3) and their normals (k, 3).
-    """
-    for _ in range(MAX_CUTS):
-        lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-        long = lengths.max(axis=1) > longest
-        if not long.any():
-            break
-        worst = np.argmax(lengths[long], axis=1)
-        rows = np.arange(len(worst))
-        a, b, c = (triangles[long][rows, (worst + i) % 3] for i in range(3))
-        middle = (a + b) / 2
-        triangles = np.concatenate(
-            [triangles[~long], np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
-        )
-        normals = np.concatenate([normals[~long], normals[long], normals[long]])
-    return triangles, normals
+    level = np.einsum("fi,fi->f", normals, vertices[faces[:, 0]])
+    heights = largest_height(np.column_stack([normals, -level]), vertices[np.unique(faces)])
+    return bool(heights.max() <= 1e-4 * size)

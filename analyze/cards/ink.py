@@ -15,7 +15,7 @@ ARROW_HEAD = (4.2, 1.9)
 """Length and half width of an arrow's head, in widths of its shaft."""
 
 
-def polygon(points: Array, fill: str, stroke: str = "none", width: float = 0.0, extra: str = "") -> str:
+def polygon(points: Array, fill: str, stroke: str = "none", width: float = 0.0) -> str:
     """SVG element of a filled polygon.
 
     Args:
@@ -23,10 +23,9 @@ def polygon(points: Array, fill: str, stroke: str = "none", width: float = 0.0, 
         fill: Colour of the area.
         stroke: Colour of the outline.
         width: Width of the outline; 0 for none.
-        extra: Further attributes, with a leading blank.
     """
     line = f' stroke="{stroke}" stroke-width="{width:g}" stroke-linejoin="round"' if width else ""
-    return f'<path d="M{_path(points)}Z" fill="{fill}"{line}{extra}/>'
+    return f'<path d="M{_path(points)}Z" fill="{fill}"{line}/>'
 
 
 def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: float = 1.0) -> str:
@@ -47,34 +46,22 @@ def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: 
     )
 
 
-def disc(centre: Array, radius: float, fill: str, stroke: str = "none", width: float = 0.0) -> str:
+def disc(
+    centre: Array, radius: float, fill: str, stroke: str = "none", width: float = 0.0, dash: str = ""
+) -> str:
     """SVG element of a filled circle.
 
     Args:
         centre: (2,) centre.
         radius: Radius.
-        fill: Colour of the area.
+        fill: Colour of the area; none for a ring.
         stroke: Colour of the outline.
         width: Width of the outline; 0 for none.
+        dash: Lengths of the outline's dashes and gaps; empty for a continuous one.
     """
-    line = f' stroke="{stroke}" stroke-width="{width:g}"' if width else ""
+    dashes = f' stroke-dasharray="{dash}"' if dash else ""
+    line = f' stroke="{stroke}" stroke-width="{width:g}"{dashes}' if width else ""
     return f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:g}" fill="{fill}"{line}/>'
-
-
-def ring(centre: Array, radius: float, colour: str, width: float, dash: str) -> str:
-    """SVG element of a dashed circle.
-
-    Args:
-        centre: (2,) centre.
-        radius: Radius.
-        colour: Colour of the line.
-        width: Width of the line.
-        dash: Lengths of dashes and gaps.
-    """
-    return (
-        f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:g}" fill="none" stroke="{colour}" '
-        f'stroke-width="{width:g}" stroke-dasharray="{dash}"/>'
-    )
 
 
 def arrow(points: Array, colour: str, width: float) -> list[str]:
@@ -107,9 +94,8 @@ def text(
     size: float,
     colour: str = INK,
     anchor: str = "middle",
-    bold: bool = False,
 ) -> str:
-    """SVG element of one line of text, with a white outline that keeps it legible on any background.
+    """SVG element of one line of bold text, with a white outline that keeps it legible on any background.
 
     Args:
         where: (2,) position of the anchor on the base line.
@@ -117,12 +103,10 @@ def text(
         size: Font size.
         colour: Colour.
         anchor: SVG text-anchor: start, middle or end.
-        bold: True for bold type.
     """
-    weight = ' font-weight="700"' if bold else ""
     return (
         f'<text x="{where[0]:.1f}" y="{where[1]:.1f}" font-size="{size:g}" fill="{colour}" '
-        f'text-anchor="{anchor}"{weight} stroke="#fff" stroke-width="{0.26 * size:.1f}" '
+        f'text-anchor="{anchor}" font-weight="700" stroke="#fff" stroke-width="{0.26 * size:.1f}" '
         f'stroke-linejoin="round" paint-order="stroke">{escape(words)}</text>'
     )
 
@@ -168,7 +152,7 @@ def measure(
     return [
         polyline(np.array([start, end]), colour, 2),
         *ticks,
-        text(middle, words, size, colour, anchor, bold=True),
+        text(middle, words, size, colour, anchor),
     ]
 
 

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 from analyze.cards import ink
 from analyze.cards.body import draw_body
 from analyze.cards.setting import Setting
-from analyze.cards.view import Frame, View, from_above, from_the_camera
+from analyze.cards.view import View, from_above, from_the_camera
 from analyze.types import Array
 
 WIDTH, HEIGHT = 400.0, 390.0
@@ -28,11 +28,9 @@ def side_picture(place: Setting) -> str:
     ground = tail * np.array([1.0, 1.0, 0.0])
     tipped = place.body.tipped(place.tip_angle).corners
     below = np.array([[place.low[0], 0.0, -0.1 * size]])
-    view = from_the_camera().fitted(
-        np.vstack([place.body.corners, tipped, [tail, ground], below]), Frame(76, 46, WIDTH - 30, HEIGHT - 30)
-    )
-    flat = view.project(np.vstack([[tail, ground, place.hit], np.zeros((1, 3))]))
-    start, floor, hit, pivot = flat
+    seen = np.vstack([place.body.corners, tipped, [tail, ground], below])
+    view = from_the_camera().fitted(seen, (76, 46), (WIDTH - 30, HEIGHT - 30))
+    start, floor, hit, pivot = view.project(np.array([tail, ground, place.hit, np.zeros(3)]))
     outline = view.project(tipped)
     outline = outline[ConvexHull(outline).vertices]
     parts = [
@@ -47,11 +45,10 @@ def side_picture(place: Setting) -> str:
             f"{np.degrees(place.tip_angle):.0f}°",
             NUMBER_PX,
             ink.PIVOT,
-            bold=True,
         ),
         ink.disc(pivot, 9, ink.PIVOT, "#fff", 2),
-        ink.text((pivot[0], floor[1] + 26), "line", NAME_PX, ink.PIVOT, "middle", bold=True),
-        ink.text((start[0] + 4, start[1] - 14), "striker", NAME_PX, ink.STRIKER, "start", bold=True),
+        ink.text((pivot[0], floor[1] + 26), "line", NAME_PX, ink.PIVOT, "middle"),
+        ink.text((start[0] + 4, start[1] - 14), "striker", NAME_PX, ink.STRIKER, "start"),
     ]
     return ink.picture(WIDTH, HEIGHT, parts, "as seen by the camera")
 
@@ -84,10 +81,9 @@ def plan_picture(place: Setting) -> str:
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
     left, right = place.low[0] - 0.7 * place.reach, max(place.high[0], 0.0) + 0.55 * size
     reach = np.array([[left, front, 0.0], [right, back, 0.0]])
-    view = from_above().fitted(reach, Frame(20, 14, WIDTH - 20, HEIGHT - 14))
-    edge_front = -place.front_to_mark
+    view = from_above().fitted(reach, (20, 14), (WIDTH - 20, HEIGHT - 14))
     shift = np.array([max(place.high[0], 0.0) + 0.14 * size, 0.0, 0.0])
-    near = np.array([0.0, edge_front, 0.0])
+    near = np.array([0.0, -place.front_to_mark, 0.0])
     flat = view.project(
         np.array(
             [
@@ -113,9 +109,9 @@ def plan_picture(place: Setting) -> str:
         *ink.measure(from_, to, f"{1000 * place.front_to_mark:.0f}", NUMBER_PX, ink.INK, 14, "start"),
         *ink.arrow(np.array([tail, hit]), ink.STRIKER, 8),
         ink.disc(mark, 5, "#fff", ink.PIVOT, 3),
-        ink.text((tail[0], tail[1] - 16), "striker", NAME_PX, ink.STRIKER, "start", bold=True),
+        ink.text((tail[0], tail[1] - 16), "striker", NAME_PX, ink.STRIKER, "start"),
         *([] if place.turned else _camera_from_above(view, place, front)),
-        ink.text((far[0] - 2, far[1] - 8), "mark", NAME_PX, ink.MUTED, "end", bold=True),
+        ink.text((far[0] - 2, far[1] - 8), "mark", NAME_PX, ink.MUTED, "end"),
     ]
     return ink.picture(WIDTH, HEIGHT, parts, "from above")
 
@@ -143,5 +139,5 @@ def _camera_from_above(view: View, place: Setting, front: float) -> list[str]:
     return [
         ink.polygon(body, ink.CAMERA),
         ink.polygon(lens, "#7cc0ac", ink.CAMERA, 1.5),
-        ink.text((beside, float(at[1]) - 4.0), "camera", NAME_PX, ink.CAMERA, "end", bold=True),
+        ink.text((beside, float(at[1]) - 4.0), "camera", NAME_PX, ink.CAMERA, "end"),
     ]

@@ -102,11 +102,8 @@ def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
         rest = change @ Turn(first).matrix().T @ tilt.matrix().T
         last = float(np.arctan2(rest[1, 0], rest[0, 0]))
         turns = [each for each in (first, last) if abs(each) > MIN_ROTATION]
-        steps: list[Move] = [tilt]
-        if abs(first) > MIN_ROTATION:
-            steps.insert(0, Turn(first))
-        if abs(last) > MIN_ROTATION:
-            steps.append(Turn(last))
+        moves: list[Move] = [Turn(first), tilt, Turn(last)]
+        steps = [move for move in moves if move is tilt or abs(move.angle) > MIN_ROTATION]
         choices.append((len(turns), round(sum(map(abs, turns)), 6), rank, steps))
     return min(choices, key=lambda choice: choice[:3])[3]
 

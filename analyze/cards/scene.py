@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 from analyze.cards import ink
 from analyze.cards.body import LAMP, draw_body
 from analyze.cards.setting import Setting, tip_arc
-from analyze.cards.view import Frame, View, from_the_front_right
+from analyze.cards.view import View, from_the_front_right
 from analyze.types import Array
 
 WIDTH, HEIGHT = 1000.0, 800.0
@@ -47,9 +47,9 @@ def scene_picture(place: Setting) -> str:
     view = from_the_front_right(middle, EYE_DISTANCE * size, float(AZIMUTH), float(ELEVATION))
     ground = tail * np.array([1.0, 1.0, 0.0])
     seen = np.vstack([place.body.corners, [tail, ground], camera.reshape(-1, 3), line_ends, arc])
-    view = view.fitted(seen, Frame(165, 60, WIDTH - 100, HEIGHT - 84))
+    view = view.fitted(seen, (165, 60), (WIDTH - 100, HEIGHT - 84))
     parts = [*_table(view, place), *_line(view, place, line_ends)]
-    parts += _striker_far(view, tail, place.hit)
+    parts += ink.arrow(view.project(np.array([tail, place.hit])), ink.STRIKER, 10)
     parts += draw_body(view, place.body, () if place.tag is None else (place.tag,), ink.CAMERA)
     parts += _pivot(view, place)
     parts += ink.arrow(view.project(arc), ink.PIVOT, 6)
@@ -98,10 +98,6 @@ def _pivot(view: View, place: Setting) -> list[str]:
     return [ink.polyline(ends, "#fff", 13), ink.polyline(ends, ink.PIVOT, 9)]
 
 
-def _striker_far(view: View, tail: Array, hit: Array) -> list[str]:
-    return ink.arrow(view.project(np.array([tail, hit])), ink.STRIKER, 10)
-
-
 def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
     """SVG elements of the strike that are drawn over the object.
 
@@ -120,7 +116,7 @@ def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
     under = np.array([tail, place.hit]) * np.array([1.0, 1.0, 0.0])
     return [
         ink.polyline(np.array([start, hit]), ink.STRIKER, 3, "3 8", 0.8),
-        ink.ring(hit, 12, ink.STRIKER, 3.5, "5 4"),
+        ink.disc(hit, 12, "none", ink.STRIKER, 3.5, "5 4"),
         ink.polyline(view.project(under), ink.STRIKER, 1.5, "2 6", 0.7),
         *ink.measure(ground, start, height, 34, ink.STRIKER, -16, "end"),
     ]
@@ -160,61 +156,35 @@ def _camera_symbol(place: Setting) -> Array:
 
 def _camera(view: View, place: Setting, camera: Array) -> list[str]:
     flat = view.project(camera)
-    parts: list[str] = []
     centre = camera[4:8].mean(axis=0)
     target = centre * np.array([1.0, 0.0, 1.0]) + np.array([0.0, place.low[1] - 0.1 * place.size, 0.0])
-    parts.append(ink.polyline(view.project(np.array([centre, target])), ink.CAMERA, 3, "9 8"))
-    for quad, tone in HOOD:
-        parts.append(ink.polygon(flat[list(quad)], tone, ink.CAMERA, 1.5))
-    for quad, tone in BOX:
-        parts.append(ink.polygon(flat[list(quad)], tone, "#fff", 1.2))
-    return parts
+    return [
+        ink.polyline(view.project(np.array([centre, target])), ink.CAMERA, 3, "9 8"),
+        *(ink.polygon(flat[list(quad)], tone, ink.CAMERA, 1.5) for quad, tone in HOOD),
+        *(ink.polygon(flat[list(quad)], tone, "#fff", 1.2) for quad, tone in BOX),
+    ]
 
 
 def _labels(
     view: View, place: Setting, tail: Array, camera: Array, line_ends: Array, arc: Array
 ) -> list[str]:
-    parts: list[str] = []
-    start = view.project(tail)[0]
-    parts.append(ink.text((start[0] + 8, start[1] - 26), "striker", 26, ink.STRIKER, "start", bold=True))
+    start, end, tip = view.project(tail)[0], view.project(line_ends)[0], view.project(arc)[-1]
     flat = view.project(camera)
-    low = float(flat[:, 1].max())
-    left = float(flat[:, 0].min())
-    if place.turned:
-        parts.append(
-            ink.text((left, low + 30), "seen from opposite the camera", 26, ink.CAMERA, "start", bold=True)
-        )
-    else:
-        parts.append(ink.text((left, low + 30), "camera", 26, ink.CAMERA, "start", bold=True))
-        parts.append(
-            ink.text(
-                (left, low + 58),
-                f"{-1000 * place.camera[1]:.0f} mm from the mark",
-                22,
-                ink.CAMERA,
-                "start",
-                bold=True,
-            )
-        )
-    end = view.project(line_ends)[0]
-    edge_text = "rim on the line" if place.rolls else "this edge on the line"
-    parts.append(ink.text((end[0] + 26, end[1] + 6), edge_text, 26, ink.PIVOT, "start", bold=True))
-    tip = view.project(arc)[-1]
-    parts.append(
-        ink.text(
-            (min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start", bold=True
-        )
-    )
+    left, low = float(flat[:, 0].min()), float(flat[:, 1].max())
+    side = "seen from opposite the camera" if place.turned else "camera"
+    distance = f"{-1000 * place.camera[1]:.0f} mm from the mark"
+    edge = "rim on the line" if place.rolls else "this edge on the line"
+    parts = [
+        ink.text((start[0] + 8, start[1] - 26), "striker", 26, ink.STRIKER, "start"),
+        ink.text((left, low + 30), side, 26, ink.CAMERA, "start"),
+        *([] if place.turned else [ink.text((left, low + 58), distance, 22, ink.CAMERA, "start")]),
+        ink.text((end[0] + 26, end[1] + 6), edge, 26, ink.PIVOT, "start"),
+        ink.text((min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start"),
+    ]
     if place.tag is not None:
         marker = next(each for each in place.body.spec.marker if each.name == place.tag)
         if marker.T_object_marker is not None:
             corners = view.project(place.body.tag_corners(marker, 0.66 * marker.size_m))
-            parts.append(
-                ink.pill(
-                    (float(corners[:, 0].mean()), float(corners[:, 1].max()) + 22),
-                    f"tag {place.tag}",
-                    24,
-                    ink.CAMERA,
-                )
-            )
+            below = (float(corners[:, 0].mean()), float(corners[:, 1].max()) + 22)
+            parts.append(ink.pill(below, f"tag {place.tag}", 24, ink.CAMERA))
     return parts

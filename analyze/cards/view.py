@@ -10,16 +10,6 @@ from analyze.types import Array
 
 
 @dataclass(frozen=True)
-class Frame:
-    """Drawing area of a picture: its left, top, right and bottom limits [px], y down."""
-
-    left: float
-    top: float
-    right: float
-    bottom: float
-
-
-@dataclass(frozen=True)
 class View:
     """Projection of the world frame W to a picture."""
 
@@ -31,8 +21,8 @@ class View:
     """Distance [m] from the eye to the target; None for a parallel projection."""
     scale: float = 1.0
     """Scale [px/m] at the target."""
-    centre: tuple[float, float] = (0.0, 0.0)
-    """Pixel of the target."""
+    centre: Array | tuple[float, float] = (0.0, 0.0)
+    """(2,) pixel of the target, x right and y down."""
 
     def project(self, points: Array) -> Array:
         """Pixels (n, 2), x right and y down, of `points` (n, 3) [m] in the world frame."""
@@ -42,13 +32,7 @@ class View:
             if self.distance is None
             else self.distance / np.maximum(self.distance - seen[:, 2], 1e-3)
         )
-        return np.stack(
-            [
-                self.centre[0] + self.scale * near * seen[:, 0],
-                self.centre[1] - self.scale * near * seen[:, 1],
-            ],
-            axis=1,
-        )
+        return self.centre + (self.scale * near)[:, None] * seen[:, :2] * [1.0, -1.0]
 
     def nearness(self, points: Array) -> Array:
         """Nearness (n,) [m] of `points` (n, 3) [m] in the world frame: greater is nearer to the eye.
@@ -67,30 +51,21 @@ class View:
             return np.broadcast_to(self.axes[2], points.shape)
         return self.target + self.distance * self.axes[2] - points
 
-    def fitted(self, points: Array, frame: Frame) -> View:
+    def fitted(
+        self, points: Array, upper_left: tuple[float, float], lower_right: tuple[float, float]
+    ) -> View:
         """Copy of the view, scaled and shifted so that points fill a frame in width or height, centred.
 
         Args:
             points: (n, 3) points [m] in the world frame, not all in one row or column of the picture.
-            frame: Area to fill.
+            upper_left: Upper left corner of the frame [px].
+            lower_right: Lower right corner of the frame [px].
         """
         bare = replace(self, scale=1.0, centre=(0.0, 0.0)).project(points)
         low, high = bare.min(axis=0), bare.max(axis=0)
-        scale = float(
-            min(
-                (frame.right - frame.left) / (high[0] - low[0]),
-                (frame.bottom - frame.top) / (high[1] - low[1]),
-            )
-        )
-        middle = scale * (low + high) / 2
-        return replace(
-            self,
-            scale=scale,
-            centre=(
-                (frame.left + frame.right) / 2 - float(middle[0]),
-                (frame.top + frame.bottom) / 2 - float(middle[1]),
-            ),
-        )
+        start, end = np.array(upper_left), np.array(lower_right)
+        scale = float(np.min((end - start) / (high - low)))
+        return replace(self, scale=scale, centre=(start + end) / 2 - scale * (low + high) / 2)
 
 
 def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from analyze.cards.drawn_shape import MAX_FACES, drawn_shape, simplify_mesh
 from analyze.cards.page import placement_cards, render_cards
-from analyze.cards.view import Frame, from_above, from_the_camera, from_the_front_right
+from analyze.cards.view import from_above, from_the_camera, from_the_front_right
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
@@ -141,12 +141,12 @@ def test_object_name_is_escaped():
 
 
 def test_parallel_views_are_to_scale_and_not_mirrored():
-    frame = Frame(0, 0, 100, 100)
+    frame = (0, 0), (100, 100)
     box = np.array([[0, 0, 0], [0.1, 0.2, 0.05]])
-    side = from_the_camera().fitted(box, frame)
+    side = from_the_camera().fitted(box, *frame)
     assert side.project(np.array([0.1, 0, 0]))[0] - side.project(np.zeros(3))[0] == pytest.approx([100, 0])
     assert side.project(np.array([0, 0, 0.05]))[0] - side.project(np.zeros(3))[0] == pytest.approx([0, -50])
-    above = from_above().fitted(box, frame)
+    above = from_above().fitted(box, *frame)
     assert above.project(np.array([0, 0.2, 0]))[0] - above.project(np.zeros(3))[0] == pytest.approx([0, -100])
     scene = from_the_front_right(np.zeros(3), 1.0, 0.5, 0.4)
     assert np.linalg.det(scene.axes) == pytest.approx(1.0)
