@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,9 +16,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array
 from schemas.result import Result
 
-AXIS_ORDERS = np.stack(
-    [np.eye(3)[list(order)] for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))]
-)
+AXIS_ORDERS = np.stack([np.eye(3)[list(order)] for order in permutations(range(3))])
 """permutation matrices of the three principal axes"""
 RESERVED_NAMES = {"world", "base", "root", "default", "main"}
 """names that SDF, MJCF or their users reserve"""
@@ -34,14 +33,12 @@ class Inertial:
     inertia: Array
     """(3, 3) inertia tensor [kg m^2], about the centre of mass, axes of O"""
 
-    def principal(self) -> tuple[Array, Array]:
-        """Principal moments and axes of inertia, with I = R diag(moments) R^T.
+    def principal_quaternion(self) -> tuple[Array, Array]:
+        """Principal moments (3,) [kg m^2], and the orientation of their axes in O as quaternion (4,).
 
-        The axes are ordered and signed so that R is close to the identity: a diagonal tensor stays as it is.
-
-        Returns:
-            Moments (3,) [kg m^2], in the order of the axes; and the rotation R (3, 3), det 1, with the unit
-            axes in O as columns.
+        The unit quaternion, in the order w, x, y, z with w at least 0, rotates the axes of O into the
+        principal ones. These are ordered and signed so that the rotation is close to the identity: a diagonal
+        tensor stays as it is.
         """
         values, axes = np.linalg.eigh(self.inertia)
         order = max(AXIS_ORDERS, key=lambda each: float(np.abs(np.diag(axes @ each)).sum()))
@@ -50,14 +47,6 @@ class Inertial:
         if np.linalg.det(axes) < 0:
             least = int(np.argmin(np.abs(np.diag(axes))))
             axes[:, least] *= -1
-        return values, axes
-
-    def principal_quaternion(self) -> tuple[Array, Array]:
-        """Principal moments (3,) [kg m^2], and the orientation of their axes in O as quaternion (4,).
-
-        The unit quaternion, in the order w, x, y, z with w at least 0, rotates the axes of O into them.
-        """
-        values, axes = self.principal()
         wxyz = Rotation.from_matrix(axes).as_quat(canonical=True, scalar_first=True)
         return values, np.asarray(wxyz, dtype=np.float64)
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
-from schemas.quantity import Quantity
 from schemas.result import Result
 
 UNPRINTABLE = re.compile(
@@ -48,7 +47,7 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
     inputs = result.inputs
     prior = prior_entries(result)
     value = np.array(result.inertia.value, dtype=np.float64)
-    sd = _sd_matrix(result.inertia)
+    sd = None if result.inertia.sd is None else np.array(result.inertia.sd, dtype=np.float64).reshape(3, 3)
     tensor = {
         tensor_entry_name(entry): {
             "value": float(value[entry]),
@@ -102,9 +101,3 @@ def _json(value: object) -> str:
     text = printable(json.dumps(value, ensure_ascii=False, allow_nan=False))
     # Two hyphens in a row occur in strings only, not in JSON's numbers or brackets.
     return re.sub("-(?=-)", r"\\u002d", text)
-
-
-def _sd_matrix(quantity: Quantity) -> np.ndarray | None:
-    if quantity.sd is None:
-        return None
-    return np.array(quantity.sd, dtype=np.float64).reshape(3, 3)

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody
 from analyze.export.mesh import MeshFile, numbers
-from analyze.export.xml_text import child, document
+from analyze.export.xml_text import child, document, tensor_entries
 from schemas.object_spec import Box, Cylinder
 
 VERSION = "1.7"
@@ -26,16 +26,15 @@ def sdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
         body: exported body.
         mesh: mesh in the same folder, to which the text refers; None for a box or cylinder.
     """
-    inertial, tensor = body.inertial, body.inertial.inertia
+    inertial = body.inertial
     root = ET.Element("sdf", version=VERSION)
     link = child(child(root, "model", name=body.identifier), "link", name=body.identifier)
     own = child(link, "inertial")
     child(own, "pose", f"{numbers(inertial.com)} 0 0 0")
     child(own, "mass", numbers([inertial.mass]))
     entries = child(own, "inertia")
-    for i in range(3):
-        for j in range(i, 3):
-            child(entries, f"i{'xyz'[i]}{'xyz'[j]}", numbers([tensor[i, j]]))
+    for name, value in tensor_entries(inertial.inertia).items():
+        child(entries, name, value)
     for role in ("visual", "collision"):
         element = child(link, role, name=f"{body.identifier}_{role}")
         _geometry(child(element, "geometry"), body, mesh)

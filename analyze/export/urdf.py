@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from analyze.export.body import ExportBody, Inertial
 from analyze.export.mesh import MeshFile, numbers
-from analyze.export.xml_text import child, document
+from analyze.export.xml_text import child, document, tensor_entries
 from schemas.object_spec import Box, Cylinder
 
 
@@ -36,10 +36,7 @@ def inertial_element(inertial: Inertial) -> ET.Element:
     own = ET.Element("inertial")
     child(own, "origin", xyz=numbers(inertial.com), rpy="0 0 0")
     child(own, "mass", value=numbers([inertial.mass]))
-    entries = {
-        f"i{'xyz'[i]}{'xyz'[j]}": numbers([inertial.inertia[i, j]]) for i in range(3) for j in range(i, 3)
-    }
-    child(own, "inertia", **entries)
+    child(own, "inertia", **tensor_entries(inertial.inertia))
     return own
 
 

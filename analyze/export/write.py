@@ -85,15 +85,11 @@ def refuse_changed_parameters(written: Inertial, found: Inertial, where: Format)
 def _write(body: ExportBody, wanted: Format, path: Path, mesh: MeshFile | None) -> None:
     if mesh is not None:
         (path.parent / mesh.name).write_bytes(mesh.data)
-    match wanted:
-        case Format.URDF:
-            path.write_text(urdf_text(body, mesh), encoding="utf-8")
-        case Format.SDF:
-            path.write_text(sdf_text(body, mesh), encoding="utf-8")
-        case Format.MJCF:
-            path.write_text(mjcf_text(body, mesh), encoding="utf-8")
-        case Format.USD:
-            write_usd(body, path)
+    if wanted is Format.USD:
+        write_usd(body, path)
+    else:
+        texts = {Format.URDF: urdf_text, Format.SDF: sdf_text, Format.MJCF: mjcf_text}
+        path.write_text(texts[wanted](body, mesh), encoding="utf-8")
 
 
 def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Path]:
