@@ -179,13 +179,17 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
         size = np.array(shape.box.size_m)
         _refuse_implausible(f"{spec.name}: box", size, float(np.prod(size)), spec.mass_kg, None)
         vertices, faces = box_mesh(size)
-        return _model(spec, vertices, faces, shape.box, ())
+        return _model(spec, vertices, faces, polyhedron.mass_properties(vertices, faces), shape.box)
     if shape.cylinder is not None:
         radius, height = shape.cylinder.radius_m, shape.cylinder.height_m
         size = np.array([2 * radius, 2 * radius, height])
-        _refuse_implausible(f"{spec.name}: cylinder", size, np.pi * radius**2 * height, spec.mass_kg, None)
+        across = (3 * radius**2 + height**2) / 12
+        properties = polyhedron.MassProperties(
+            np.pi * radius**2 * height, np.zeros(3), np.diag([across, across, radius**2 / 2])
+        )
+        _refuse_implausible(f"{spec.name}: cylinder", size, properties.volume, spec.mass_kg, None)
         vertices, faces = cylinder_mesh(radius, height)
-        return _model(spec, vertices, faces, shape.cylinder, ())
+        return _model(spec, vertices, faces, properties, shape.cylinder)
     if shape_bytes is None or shape.unit is None:
         raise ShapeError(
             f"{shape_name}: the shape file's content is missing: it belongs beside the object file"
@@ -300,27 +304,20 @@ def _checked(
             "the solid's exterior"
         )
     _refuse_implausible(name, extent, properties.volume, spec.mass_kg, unit)
-    return _model(spec, vertices, faces, None, notes, cloud, scanned)
+    return _model(spec, vertices, faces, properties, None, notes, cloud, scanned)
 
 
 def _model(
     spec: ObjectSpec,
     vertices: Array,
     faces: IntArray,
+    properties: polyhedron.MassProperties,
     primitive: Box | Cylinder | None,
-    warnings: tuple[str, ...],
+    warnings: tuple[str, ...] = (),
     cloud: CloudSurface | None = None,
     scanned: ScannedSurface | None = None,
 ) -> ObjectModel:
     hull = ConvexHull(vertices)
-    if isinstance(primitive, Cylinder):
-        r, h = primitive.radius_m, primitive.height_m
-        across = (3 * r**2 + h**2) / 12
-        properties = polyhedron.MassProperties(
-            np.pi * r**2 * h, np.zeros(3), np.diag([across, across, r**2 / 2])
-        )
-    else:
-        properties = polyhedron.mass_properties(vertices, faces)
     return ObjectModel(
         name=spec.name,
         vertices=vertices,
@@ -343,36 +340,29 @@ def _refuse_implausible(
     name: str, extent: Array, volume: float, mass: float, unit: LengthUnit | None
 ) -> None:
     _refuse_size(name, extent, unit)
-    longest = float(extent.max())
-    size, given = _size(extent, unit)
     density = mass / volume
     if not DENSITIES[0] <= density <= DENSITIES[1]:
-        remedy = f"{_other_unit(longest, unit)}, or correct mass_kg (in kilograms)"
+        remedy = f"{_other_unit(float(extent.max()), unit)}, or correct mass_kg (in kilograms)"
         raise ShapeError(
-            f"{name}: {size}{given} at {mass:g} kg means {density:.3g} kg/m3, not {DENSITIES[0]:g} to "
-            f"{DENSITIES[1]:g}: {remedy}"
+            f"{name}: {_size(extent, unit)} at {mass:g} kg means {density:.3g} kg/m3, not "
+            f"{DENSITIES[0]:g} to {DENSITIES[1]:g}: {remedy}"
         )
 
 
 def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
     longest = float(extent.max())
     if not MIN_EXTENT <= longest <= MAX_EXTENT:
-        size, given = _size(extent, unit)
         raise ShapeError(
-            f"{name}: {size}{given} is no object to strike (its longest edge must be {MIN_EXTENT:g} to "
-            f"{MAX_EXTENT:g} m): {_other_unit(longest, unit)}"
+            f"{name}: {_size(extent, unit)} is no object to strike (its longest edge must be "
+            f"{MIN_EXTENT:g} to {MAX_EXTENT:g} m): {_other_unit(longest, unit)}"
         )
 
 
-def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
-    """Text of the edges `extent` (3,) [m] with their unit, and text of the declared unit, for messages.
-
-    The second is empty for primitives (`unit` None).
-    """
+def _size(extent: Array, unit: LengthUnit | None) -> str:
+    """Text of the edges `extent` (3,) [m], and of the declared unit, if there is one, for messages."""
     scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
-    return " x ".join(
-        f"{edge * scale:.4g}" for edge in extent
-    ) + f" {word}", f' with unit = "{unit.value}"' if unit is not None else ""
+    given = "" if unit is None else f' with unit = "{unit.value}"'
+    return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}{given}"
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:

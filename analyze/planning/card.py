@@ -19,7 +19,6 @@ TURNED_CARD = (
     "side too and tips the other way. Leave the camera where it is. "
 )
 """Text that precedes the card of a turned strike."""
-AXIS_NAMES = ("x", "y", "z")
 
 
 def placement_card(
@@ -78,4 +77,4 @@ def _side(direction: Array, spec: ObjectSpec) -> str:
 
 def _axis_name(direction: Array) -> str:
     best = int(np.argmax(np.abs(direction)))
-    return f"{'+' if direction[best] > 0 else '-'}{AXIS_NAMES[best]}"
+    return f"{'+' if direction[best] > 0 else '-'}{'xyz'[best]}"

@@ -90,14 +90,9 @@ def examine(
     Returns:
         Usable axes in the order given, and one rejection for each of the others.
     """
-    rejected: list[Rejection] = []
-    reached: list[_Reached] = []
-    for axis in axes:
-        outcome = _reach(model, spec, axis, believed, bench)
-        if isinstance(outcome, Rejection):
-            rejected.append(outcome)
-        else:
-            reached.append(outcome)
+    outcomes = [_reach(model, spec, axis, believed, bench) for axis in axes]
+    rejected = [each for each in outcomes if isinstance(each, Rejection)]
+    reached = [each for each in outcomes if isinstance(each, _Reached)]
     held = _friction_checks(reached, believed, bench)
     passed: list[tuple[_Reached, TrackedSwing, float]] = []
     for each, outcome in zip(reached, held, strict=True):
@@ -206,18 +201,11 @@ def _friction_checks(
             result.append((ENERGIES[k], float(min(needed[i], bench.friction))))
         elif slip[i, k] > feasibility.SLIP_LIMIT:
             slides = f"the edge would slide {min(1000 * float(slip[i, k]), 999):.1f} mm"
-            wanted = float(needed[i])
-            if np.isfinite(wanted):
-                result.append(
-                    _reject(
-                        each.axis,
-                        "slips",
-                        wanted,
-                        f"{slides}: it needs friction {wanted:.2f}, there is {bench.friction:.2f}",
-                    )
-                )
-            else:
-                result.append(_reject(each.axis, "slips", None, f"{slides} at any friction"))
+            number, why = None, " at any friction"
+            if np.isfinite(needed[i]):
+                number = float(needed[i])
+                why = f": it needs friction {number:.2f}, there is {bench.friction:.2f}"
+            result.append(_reject(each.axis, "slips", number, slides + why))
         else:
             result.append(
                 _reject(

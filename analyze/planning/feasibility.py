@@ -267,11 +267,9 @@ class _Bodies:
         load = m * (g + s * turning - c * square)
         shear = m * (z * turning + s * square) - push
         flat = (self.theta <= 0) & (turning <= 0) & (self._rate <= 0)
-        turning, load, shear = (
-            np.where(flat, 0.0, turning),
-            np.where(flat, m * g, load),
-            np.where(flat, -push, shear),
-        )
+        turning = np.where(flat, 0.0, turning)
+        load = np.where(flat, m * g, load)
+        shear = np.where(flat, -push, shear)
         self._turn(dt, turning, load, shear, flat, s, z)
         moving = np.abs(self._u) > STICTION_SPEED
         slides = moving | (np.abs(shear) > mu * load)

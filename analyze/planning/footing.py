@@ -40,9 +40,10 @@ def footing(
 ) -> tuple[RestingPlane, ...]:
     """Planes over whose support polygon region Q lies when scaled about its centre, in their order.
 
-    Q is the region that is believed to hold the centre of mass. A share of 1 gives `stable_planes`. With
-    less, planes that hold only part of Q must not be facets of round flanks, on which the object rolls, nor
-    have less than `STRIP_AREA_FRACTION` of the hull's area.
+    Q is the region that is believed to hold the centre of mass. A share of 1 gives the planes whose support
+    polygon holds the projection of all of Q (method 1.2). With less, planes that hold only part of Q must not
+    be facets of round flanks, on which the object rolls, nor have less than `STRIP_AREA_FRACTION` of the
+    hull's area.
 
     Args:
         model: Shape of the object.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from analyze.geometry.even_samples import bisected, even_samples
+from analyze.geometry.even_samples import bisected
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import area_vectors
 from analyze.types import Array
@@ -230,11 +230,6 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
         points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
         areas.append(np.repeat(area[mine] / len(weights), len(weights)))
     return np.vstack(points), np.concatenate(areas)
-
-
-def even_cloud(model: ObjectModel, count: int) -> Array:
-    """Points (count, 3) [m, in the object frame] at equal steps of the surface's area; no random numbers."""
-    return even_samples(model.vertices, model.faces, count)[0]
 
 
 def _subtriangles(many: int) -> Array:

@@ -23,8 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.errors import PlanError
+from analyze.geometry.even_samples import even_samples
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.hypothesis import even_cloud, paper_hypothesis, principal_axes
+from analyze.planning.hypothesis import paper_hypothesis, principal_axes
 from analyze.planning.stable_planes import RestingPlane, paper_stable_planes, resting_planes
 from analyze.types import Array
 
@@ -108,7 +109,7 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
     """
-    cloud = even_cloud(model, CLOUD_POINTS)
+    cloud, _ = even_samples(model.vertices, model.faces, CLOUD_POINTS)
     planes = resting_planes(model)
     found = [paper_stable_planes(planes, paper_hypothesis(cloud, weight)) for weight in (1.0, 1 / len(cloud))]
     as_printed = len(found[0]) >= 2

@@ -192,14 +192,6 @@ def _coplanar(
     return np.concatenate(members).astype(np.int64)
 
 
-def stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
-    """Planes whose support polygon holds the projection of all of `region`, in their order (method 1.2).
-
-    The region is that of the centre of mass; parallel planes are kept.
-    """
-    return tuple(plane for plane in planes if plane.margin_of(region) > 0)
-
-
 def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
     """The two largest stable planes that are not parallel, by the paper (VISAPP 2013, 3.1.2).
 
@@ -212,8 +204,9 @@ def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tup
         region: Region of the centre of mass.
     """
     kept: list[RestingPlane] = []
-    for plane in stable_planes(planes, region):
-        if all(abs(plane.up @ other.up) < np.cos(PARALLEL_ANGLE) for other in kept):
+    for plane in planes:
+        turned = all(abs(plane.up @ other.up) < np.cos(PARALLEL_ANGLE) for other in kept)
+        if turned and plane.margin_of(region) > 0:
             kept.append(plane)
     return tuple(kept[:2])
 

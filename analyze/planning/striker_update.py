@@ -71,16 +71,12 @@ def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerM
     if not touches:
         return striker
     axes = sorted({touch.axis_id for touch in touches})
-    mass_sd, bounce_sd = (
-        striker.effective_mass_sd_kg / striker.effective_mass_kg,
-        striker.restitution_sd / (1 + striker.restitution),
-    )
+    mass_sd = striker.effective_mass_sd_kg / striker.effective_mass_kg
+    bounce_sd = striker.restitution_sd / (1 + striker.restitution)
     measured = np.log([touch.momentum for touch in touches])
     given = np.log([touch.tip_speed * touch.height for touch in touches])
-    heights, i_edges = (
-        np.array([touch.height for touch in touches]),
-        np.array([touch.i_edge for touch in touches]),
-    )
+    heights = np.array([touch.height for touch in touches])
+    i_edges = np.array([touch.i_edge for touch in touches])
     slope = np.zeros((len(touches), 2 + len(axes)))
     slope[:, 1] = bounce_sd
     slope[np.arange(len(touches)), [2 + axes.index(touch.axis_id) for touch in touches]] = AXIS_SD

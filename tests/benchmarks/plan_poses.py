@@ -17,13 +17,9 @@ from scipy.spatial import ConvexHull
 from analyze.errors import ShapeError
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.hypothesis import Region
-from analyze.planning.stable_planes import (
-    COPLANAR_FRACTION,
-    MIN_AREA_FRACTION,
-    resting_planes,
-    stable_planes,
-)
+from analyze.planning.stable_planes import COPLANAR_FRACTION, MIN_AREA_FRACTION, resting_planes
 from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.planned import stable_planes
 from tests.benchmarks.plan_noise import model_of_mesh
 
 SAME_POSE = np.radians(1.0)

@@ -27,9 +27,10 @@ from analyze.planning.information import (
 )
 from analyze.planning.pivots import pivot_axes, swing
 from analyze.planning.prepared import prepare_object
-from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.planning.stable_planes import resting_planes
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare
+from tests.analyze.planning.planned import stable_planes
 from tests.analyze.planning.random_bodies import random_body
 
 SIZE = np.array([0.08, 0.06, 0.15])

@@ -18,11 +18,12 @@ from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import PreparedObject, prepare_object
-from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.planning.stable_planes import resting_planes
 from analyze.verbs.plan.table import render_plan
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare
+from tests.analyze.planning.planned import stable_planes
 from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, random_body, spec_for
 
 BENCH = Bench(StrikerModel(fastest_m_s=5.0), view.default_camera(), 0.6)

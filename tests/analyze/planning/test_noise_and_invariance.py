@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import pivot_axes
-from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.planning.stable_planes import resting_planes
 from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.planned import stable_planes
 from tests.benchmarks.plan_noise import BODIES, edge_errors, model_of_cloud, model_of_mesh, noisy_cloud
 from tests.benchmarks.plan_poses import compare_poses, generated_bodies
 

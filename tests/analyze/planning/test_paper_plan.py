@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from analyze.errors import PlanError
+from analyze.geometry.even_samples import even_samples
 from analyze.geometry.object_model import load_object_model
 from analyze.planning import view
 from analyze.planning.examine import Bench
-from analyze.planning.hypothesis import even_cloud, paper_hypothesis
+from analyze.planning.hypothesis import paper_hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_plan import CONTACT_ANGLE, impact_force, paper_plan, rotation_points
 from analyze.planning.paper_strikes import paper_strike_plan
@@ -56,7 +57,7 @@ def test_eq_1_grows_with_the_number_of_points_and_means_do_not():
 
 def test_cloud_is_uniform_over_the_surface():
     model, _ = model_of({"box": {"size_m": TALL}})
-    cloud = even_cloud(model, 4000)
+    cloud, _ = even_samples(model.vertices, model.faces, 4000)
     share = np.mean(np.abs(np.abs(cloud[:, 2]) - 0.1) < 1e-9)
     ends = 2 * 0.06 * 0.05
     assert np.isclose(share, ends / (ends + 2 * 0.2 * (0.06 + 0.05)), atol=2e-3)

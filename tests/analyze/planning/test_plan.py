@@ -14,11 +14,11 @@ from analyze.geometry.object_model import load_object_model
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, impact_points
 from analyze.planning.pivots import pivot_axes, swing
-from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.planning.stable_planes import resting_planes
 from analyze.reading.object_file import read_object_files
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
-from tests.analyze.planning.planned import make_plan
+from tests.analyze.planning.planned import make_plan, stable_planes
 from tests.places import OBJECTS
 
 STRIKER = StrikerModel()

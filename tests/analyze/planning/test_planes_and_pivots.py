@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from analyze.geometry.even_samples import even_samples
 from analyze.geometry.object_model import load_object_model
-from analyze.planning.hypothesis import even_cloud, hypothesis, paper_hypothesis
+from analyze.planning.hypothesis import hypothesis, paper_hypothesis
 from analyze.planning.pivots import pivot_axes, swing
-from analyze.planning.stable_planes import paper_stable_planes, resting_planes, stable_planes
+from analyze.planning.stable_planes import paper_stable_planes, resting_planes
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+from tests.analyze.planning.planned import stable_planes
 
 SIZE = np.array([0.06, 0.05, 0.2])
 MICROMETRE = 1e-6
@@ -161,7 +163,7 @@ def test_paper_drops_one_of_two_parallel_planes():
 def test_papers_region_grows_with_the_number_of_points_and_ours_does_not():
     spec = spec_of({"file": "f.stl", "unit": "mm"})
     model = load_object_model(spec, stl(frustum(30, 20, 120)), "f.stl")
-    few, many = even_cloud(model, 12), even_cloud(model, 3000)
+    few, many = (even_samples(model.vertices, model.faces, count)[0] for count in (12, 3000))
     extent = np.ptp(model.hull_vertices, axis=0).max()
     assert paper_hypothesis(few).half.max() < paper_hypothesis(many).half.max() <= extent
     assert hypothesis(model).region.half.max() < extent / 3

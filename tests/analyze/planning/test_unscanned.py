@@ -13,13 +13,13 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.pivots import pivot_axes
-from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.planning.stable_planes import resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
 from analyze.planning.view import refuse_off_surface
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import StrikePlan
 from tests.analyze.geometry.shapes import spec_of
-from tests.analyze.planning.planned import make_plan
+from tests.analyze.planning.planned import make_plan, stable_planes
 from tests.analyze.planning.random_bodies import FAR_TAG
 
 SIZE = np.array([75.0, 65.0, 130.0])
