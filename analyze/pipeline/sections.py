@@ -113,11 +113,7 @@ class MeshSections:
         """The object's exterior from its mesh file; None without a file, for a point cloud or a bad shape."""
         name, data = self._spec.shape.file or "", self._shape_bytes()
         suffix = PurePath(name).suffix.lower().removeprefix(".")
-        if (
-            data is None
-            or suffix not in mesh_files.FORMATS
-            or (suffix == "ply" and not mesh_files.ply_has_faces(data))
-        ):
+        if data is None or not mesh_files.is_mesh(data, suffix):
             return None
         try:
             return load_object_model(self._spec, data, name)
