@@ -44,7 +44,7 @@ def connect(socket: Path | str | None = None) -> DaemonClient:
     """
     from pathlib import Path
 
-    from acquire.config import DaemonConfig
     from acquire.daemon.client import DaemonClient
+    from schemas.rig import DaemonConfig
 
     return DaemonClient(Path(socket) if socket is not None else DaemonConfig().socket_path())

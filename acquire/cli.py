@@ -341,7 +341,8 @@ def _end_as_on_ctrl_c() -> None:
 
 
 def _socket(rig: Path | None) -> Path:
-    from acquire.config import DaemonConfig, read_rig
+    from acquire.config import read_rig
+    from schemas.rig import DaemonConfig
 
     return read_rig(rig).daemon.socket_path() if rig is not None else DaemonConfig().socket_path()
 

@@ -13,18 +13,8 @@ from typing import Any
 
 from acquire.errors import ConfigError
 from schemas.document import DocumentError, validate
-from schemas.rig import CameraConfig, DaemonConfig, RecorderConfig, RigConfig, StrikerConfig
+from schemas.rig import RigConfig
 from schemas.rig_limits import TipSpeeds
-
-__all__ = [
-    "CameraConfig",
-    "DaemonConfig",
-    "RecorderConfig",
-    "RigConfig",
-    "RigLimits",
-    "StrikerConfig",
-    "read_rig",
-]
 
 
 def read_rig(path: Path) -> RigConfig:

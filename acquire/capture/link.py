@@ -17,10 +17,10 @@ from acquire import errors
 from acquire.camera.base import CameraInfo
 from acquire.capture import wire
 from acquire.capture.heartbeat import SILENCE_S, HeartbeatListener
-from acquire.config import RigConfig
 from acquire.errors import AcquireError, CaptureGone, RecorderError
 from acquire.recorder.frame_recorder import WindowReport
 from schemas.document import canonical_json
+from schemas.rig import RigConfig
 from schemas.session_manifest import SessionManifest
 
 BATCH_S: Final = 0.05

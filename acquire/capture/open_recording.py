@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from acquire.capture import wire
-from acquire.config import RigConfig
 from acquire.errors import RecorderError
 from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct.backlog import backlog_frames, backlog_memory
@@ -20,6 +19,7 @@ from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.messages import SmallMessage
 from acquire.recorder.writer import McapWriter
 from schemas.document import canonical_json
+from schemas.rig import RigConfig
 from schemas.session_manifest import MANIFEST_NAME, SessionManifest
 
 Attachments = list[tuple[str, str, bytes]]

@@ -29,11 +29,11 @@ from acquire.capture.heartbeat import Heartbeat
 from acquire.capture.open_recording import Attachments, OpenRecording, borrowable_frames
 from acquire.clock.clock import Clock, SystemClock
 from acquire.clock.reading import ClockReading
-from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
 from acquire.frames.frame import Frame
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import CameraConfig, RigConfig
 from schemas.session_manifest import SessionManifest
 
 COMMAND_S = 180.0

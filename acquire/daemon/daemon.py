@@ -21,7 +21,7 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import SystemClock
-from acquire.config import RigConfig, RigLimits
+from acquire.config import RigLimits
 from acquire.daemon.live_recording import LiveRecording
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.server import ApiServer, Connection
@@ -33,6 +33,7 @@ from acquire.striker.dynamixel import DynamixelStriker
 from acquire.striker.manual import ManualStriker
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RigConfig
 from schemas.watch_lines import JudgeRequest, WatchEvent
 
 TICK_S = 0.1
@@ -108,19 +109,21 @@ class Daemon:
     # --- composition ---
 
     def _make_striker(self) -> Striker:
-        arguments = (self._config.striker, self._on_sample, self._on_event, self._on_clock, self._clock)
-        return (
-            ManualStriker(*arguments)
-            if self._config.striker.kind == "manual"
-            else DynamixelStriker(*arguments)
+        striker = ManualStriker if self._config.striker.kind == "manual" else DynamixelStriker
+        return striker(
+            self._config.striker,
+            lambda sample: self._write_timed(topics.STRIKER_SAMPLE, sample),
+            self._on_event,
+            lambda sample: self._write_timed(topics.CLOCK_SAMPLE, sample),
+            self._clock,
         )
 
     def _handlers(self) -> dict[str, Any]:
         owned = {
             "recording.state": self._write_state,
             "recording.strike": self._write_strike,
-            "window.open": self._open_window,
-            "window.close": self._close_window,
+            "window.open": lambda *_: {"start_ns": self._recording.open_window()},
+            "window.close": lambda _, params: self._recording.close_window(int(params.get("end_ns", 0))),
             "striker.home": lambda _, params: self._control.home(params),
             "striker.arm": lambda *_: self._control.arm(),
             "striker.cock": lambda *_: self._control.cock(),
@@ -134,7 +137,7 @@ class Daemon:
             "rig": lambda *_: RigLimits.from_config(self._config).as_dict(),
             "shutdown": self._shutdown,
             "recording.open": self._open_recording,
-            "recording.close": self._close_recording,
+            "recording.close": lambda *_: self._recording.close(),
             "striker.stop": self._stop_striker,
             "watch.latest": self._latest,
             "prompt.answer": self._prompts.answer,
@@ -168,9 +171,6 @@ class Daemon:
         connection.on_close.append(lambda: self._owner_left(connection))
         return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 
-    def _close_recording(self, *_: object) -> dict[str, Any]:
-        return self._recording.close()
-
     def _end_recording(self) -> None:
         if self._recording.owner is not None:
             with contextlib.suppress(SessionError):  # its client closed it first
@@ -185,12 +185,6 @@ class Daemon:
             self._control.striker.stop()
             with contextlib.suppress(AcquireError):
                 self._recording.close()
-
-    def _open_window(self, *_: object) -> dict[str, Any]:
-        return {"start_ns": self._recording.open_window()}
-
-    def _close_window(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        return self._recording.close_window(int(params.get("end_ns", 0)))
 
     def _write_state(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         self._recording.wait_until_recording()
@@ -220,10 +214,8 @@ class Daemon:
         self._ending = True
         self._control.release()
 
-    def _on_sample(self, message: pb.StrikerSample) -> None:
-        self._recording.write(
-            topics.STRIKER_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2
-        )
+    def _write_timed(self, topic: topics.Topic, message: pb.StrikerSample | pb.ClockSample) -> None:
+        self._recording.write(topic, message, (message.host_before_ns + message.host_after_ns) // 2)
 
     def _on_event(self, message: pb.StrikerEvent) -> None:
         self._recording.write(topics.STRIKER_EVENT, message, message.host_time_ns)
@@ -231,11 +223,6 @@ class Daemon:
         if message.kind == pb.StrikerEvent.FAULT:
             self._control.note_fault(message.text)
             self._complain(f"the striker is in a fault: {message.text}")
-
-    def _on_clock(self, message: pb.ClockSample) -> None:
-        self._recording.write(
-            topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2
-        )
 
     # --- watch ---
 
@@ -335,11 +322,7 @@ class Daemon:
             "servo": asdict(health) if (health := self._control.striker.health) is not None else None,
             **{name: capture.get(name, 0) for name in numbers},
             "recording": str(capture["recording"]) if capture.get("recording") else None,
-            "camera": {
-                "vendor": self._camera.vendor,
-                "model": self._camera.model,
-                "serial": self._camera.serial,
-            },
+            "camera": {name: getattr(self._camera, name) for name in ("vendor", "model", "serial")},
             "connected": capture.get("connected", False),
             "trouble": capture["error"],
             "warnings": list(capture.get("warnings", ())),

@@ -22,7 +22,6 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from acquire.camera.base import CameraInfo
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import Clock
-from acquire.config import RigConfig
 from acquire.daemon.manifest import OpenCamera, calibration_message, session_files, session_manifest
 from acquire.daemon.recording_state import RecordingState
 from acquire.daemon.salvage import Salvage
@@ -31,6 +30,7 @@ from acquire.daemon.watcher import Watcher
 from acquire.errors import AcquireError, CaptureGone, DaemonBusy, RecorderError, RecordingBroken, SessionError
 from acquire.recorder.file_series import newest_part, part_path
 from schemas import topics
+from schemas.rig import RigConfig
 from schemas.session_manifest import SessionManifest
 from schemas.watch_lines import WatchEvent
 

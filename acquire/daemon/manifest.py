@@ -13,10 +13,10 @@ from typing import Any
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
 from acquire.camera.base import CameraInfo
-from acquire.config import RigConfig
 from acquire.errors import SessionError
 from schemas.document import DocumentError, sha256_text
 from schemas.object_spec import ObjectSpec, object_sha256, parse_object_spec
+from schemas.rig import RigConfig
 from schemas.session_manifest import (
     OBJECT_ATTACHMENT,
     PLAN_ATTACHMENT,

@@ -21,8 +21,8 @@ from acquire.preflight.check import (
 from schemas.rig_limits import MIN_TAG_EDGE_PX
 
 if TYPE_CHECKING:
-    from acquire.config import CameraConfig
     from acquire.preflight.video import CheckVideo, VideoSource
+    from schemas.rig import CameraConfig
     from schemas.watch_lines import WatchEvent
 
 CAMERA_LINES = ("camera", "camera settings", "frames", "camera clock", "light", "marker", "object at rest")

@@ -13,7 +13,7 @@ from acquire.preflight.check import Check, Measured, failed_check, passed_check,
 from acquire.recorder.atomic import write_all
 
 if TYPE_CHECKING:
-    from acquire.config import RigConfig
+    from schemas.rig import RigConfig
 
 SPEED_MARGIN = 1.3
 """required write speed over the camera's data rate: a disk that is only as fast as the camera cannot catch up

@@ -21,7 +21,7 @@ from acquire.preflight.check import (
 
 if TYPE_CHECKING:
     from acquire.clock.clock import Clock
-    from acquire.config import StrikerConfig
+    from schemas.rig import StrikerConfig
 
 MIN_SUPPLY_V, MAX_SUPPLY_V = 10.0, 14.8
 """range of the supply voltage (the vendor's, for XM430)"""

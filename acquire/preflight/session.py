@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from acquire.clock.clock import Clock, SystemClock
-from acquire.config import RigConfig, read_rig
+from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.preflight.camera import CAMERA_LINES, check_camera
@@ -28,6 +28,7 @@ from acquire.preflight.computer import (
 from acquire.preflight.disk import Disk, check_disk
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 from acquire.preflight.video import DaemonCapture, OwnCapture, VideoSource
+from schemas.rig import RigConfig
 
 LINES = (
     "rig file",

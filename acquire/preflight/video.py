@@ -21,7 +21,6 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from acquire.capture.link import CaptureProcess
-from acquire.config import RecorderConfig
 from acquire.daemon.client import DaemonClient
 from acquire.daemon.manifest import OpenCamera, session_files, session_manifest
 from acquire.daemon.watcher import Watcher
@@ -33,6 +32,7 @@ from schemas.document import canonical_json
 from schemas.mcap.walk import walk_chunks, walk_messages
 from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RecorderConfig
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
 from schemas.watch_lines import WatchEvent
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from acquire.clock.clock import Clock
-    from acquire.config import RigConfig
+    from schemas.rig import RigConfig
 
 CLIP_S = 1.0
 """duration of the test video"""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from acquire.config import RecorderConfig
 from acquire.recorder.direct.backlog import BACKLOG_S
 from acquire.recorder.direct.borrowed_queue import BorrowedQueue
 from acquire.recorder.file_series import FileSeries
@@ -13,6 +12,7 @@ from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.frame_recorder import ContinuousRecorder, FrameRecorder
 from acquire.recorder.paged.copied_queue import CopiedQueue
 from acquire.recorder.window_recorder import WindowRecorder
+from schemas.rig import RecorderConfig
 
 
 def choose_recorder(

@@ -15,12 +15,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
 from acquire.frames.frame import Frame
 from acquire.recorder.frame_file import FrameFile
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.frame_path import FramePath
+from schemas.rig import RecorderConfig
 
 LATE_FRAME_S: Final = 0.25
 """longest wait of a closing window for frames that were exposed before it closed [s]"""

@@ -17,12 +17,12 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
-from acquire.config import RecorderConfig
 from acquire.frames.frame import Frame
 from acquire.recorder.frame_file import FrameFile
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.frame_recorder import DelayedFrame, FrameRecorder
 from acquire.recorder.paged.copied_queue import CopiedQueue
+from schemas.rig import RecorderConfig
 
 META_WAIT_S: Final = 0.25
 """longest wait of a frame's meta for a trigger [s]"""

@@ -34,18 +34,22 @@ good strike is not repeated"""
 # --- events
 
 
+class Event:
+    """Base of the events that a session reacts to."""
+
+
 @dataclass(frozen=True)
-class Started:
+class Started(Event):
     """Event: the recording is open."""
 
 
 @dataclass(frozen=True)
-class Placed:
+class Placed(Event):
     """Event: the operator has placed the object."""
 
 
 @dataclass(frozen=True)
-class PoseChecked:
+class PoseChecked(Event):
     """Event: the object's pose has been compared with the planned placement."""
 
     good: bool
@@ -55,12 +59,12 @@ class PoseChecked:
 
 
 @dataclass(frozen=True)
-class Ready:
+class Ready(Event):
     """Event: the striker is armed, cocked and settled."""
 
 
 @dataclass(frozen=True)
-class Struck:
+class Struck(Event):
     """Event: the striker has completed the strike. Times are host monotonic."""
 
     contact_time_ns: int | None
@@ -74,7 +78,7 @@ class Struck:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recorded(Event):
     """Event: the recording window of a strike is closed. Times are log times [ns].
 
     Usually the object is at rest again; at a time limit the window is closed although the object moves.
@@ -91,7 +95,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judged(Event):
     """Event: `analyze watch` has judged the strike, or did not answer in time."""
 
     verdict: StrikeVerdict | None
@@ -99,7 +103,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class StopRequested:
+class StopRequested(Event):
     """Event: the operator, or an error that cannot be cleared, ends the session."""
 
     text: str = "stopped by the operator"
@@ -107,7 +111,7 @@ class StopRequested:
 
 
 @dataclass(frozen=True)
-class StrikerFailed:
+class StrikerFailed(Event):
     """Event: the striker reported a fault, or stopped answering, while arming, cocking or swinging."""
 
     text: str
@@ -115,25 +119,12 @@ class StrikerFailed:
 
 
 @dataclass(frozen=True)
-class FileCutShort:
+class FileCutShort(Event):
     """Event: the file with this strike's images was cut short; the recording continues in the next file."""
 
     text: str
     """description of the loss"""
 
-
-Event = (
-    FileCutShort
-    | StrikerFailed
-    | Started
-    | Placed
-    | PoseChecked
-    | Ready
-    | Struck
-    | Recorded
-    | Judged
-    | StopRequested
-)
 
 # --- actions
 

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquire.config import RigConfig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
 from acquire.striker.calibration import MeasuredSwing, StrikerParameters
 from schemas.output_file import OutputError, write_text
+from schemas.rig import RigConfig
 from schemas.rig_limits import MIN_ARM_SPEED_RAD_S, tip_speeds
 from schemas.toml_table import with_entry
 

@@ -35,8 +35,8 @@ from schemas.proto import percuss_pb2 as pb
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from acquire.config import StrikerConfig
     from acquire.striker.bus import MonotonicClock
+    from schemas.rig import StrikerConfig
 
 IDLE_S = 0.1
 """interval at which the idle thread reads the servo"""

@@ -13,8 +13,8 @@ from schemas.proto import percuss_pb2 as pb
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from acquire.config import StrikerConfig
     from acquire.striker.bus import MonotonicClock
+    from schemas.rig import StrikerConfig
 
 HAND_S = 5.0
 """time that `strike` waits for the person to strike [s]"""

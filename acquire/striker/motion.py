@@ -13,8 +13,8 @@ from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample, Servo
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from acquire.config import StrikerConfig
     from acquire.striker.bus import MonotonicClock
+    from schemas.rig import StrikerConfig
 
 SLOW_RAD_S, SLOW_RAD_S2 = 0.8, 8.0
 """velocity and acceleration of a slow motion"""

@@ -11,9 +11,9 @@ from acquire.striker.detector import count_contacts
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from acquire.config import StrikerConfig
     from acquire.striker.contact import ImpactMeasurement
     from acquire.striker.servo import Sample
+    from schemas.rig import StrikerConfig
 
 
 def strike_outcome(

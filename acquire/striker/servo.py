@@ -20,7 +20,7 @@ from acquire.striker.deadman import DeadManSwitch
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from acquire.config import StrikerConfig
+    from schemas.rig import StrikerConfig
 
 TICK_RAD = 2 * math.pi / 4096
 """unit of the position registers"""

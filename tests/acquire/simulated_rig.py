@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from acquire.config import StrikerConfig
 from acquire.session import machine as s
 from acquire.striker.detector import ContactDetector
 from acquire.striker.servo import (
@@ -48,6 +47,7 @@ from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import prepare_object
 from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
+from schemas.rig import StrikerConfig
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.watch_lines import StrikeVerdict
 

@@ -22,10 +22,10 @@ import numpy as np
 from acquire.camera.base import Camera, CameraInfo
 from acquire.clock.clock import Clock
 from acquire.clock.reading import ClockReading
-from acquire.config import CameraConfig
 from acquire.errors import CameraLost, CameraNotFound
 from acquire.frames.buffer_pool import BufferPool, PooledBuffer
 from acquire.frames.frame import Frame
+from schemas.rig import CameraConfig
 
 ORIGIN_NS = 77_000_000_000
 DRIFT = 50e-6

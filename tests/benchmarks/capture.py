@@ -39,7 +39,6 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from acquire.config import RecorderConfig
 from acquire.frames.frame import Frame
 from acquire.frames.page_memory import page_memory, whole_pages
 from acquire.recorder.choose_recorder import choose_recorder
@@ -52,6 +51,7 @@ from acquire.recorder.messages import ImageMessage
 from acquire.recorder.paged.copied_queue import BATCH_BYTES
 from acquire.recorder.writer import SYNC_BYTES
 from schemas import topics
+from schemas.rig import RecorderConfig
 from tests.mcap_writer import McapWriter
 
 WIDTH, HEIGHT, RATE_HZ = 656, 492, 365

@@ -29,9 +29,9 @@ from rich.table import Table
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.clock.reading import ClockReading
-from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import CameraConfig, RecorderConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
 from tests.acquire.virtual.pattern_source import read_stamp

@@ -26,13 +26,13 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from acquire.camera.frame_loss import FrameLoss
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import SystemClock
-from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import RecorderError
 from acquire.recorder.recover.rewrite import mapped, read_layout
 from schemas.mcap import records as container
 from schemas.mcap.chunks import chunk_messages
 from schemas.mcap.walk import walk
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import CameraConfig, RecorderConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
 from tests.acquire.virtual.pattern_source import noise, read_stamp, stamped

@@ -24,13 +24,13 @@ from rich.table import Table
 from scipy.spatial import ConvexHull
 
 from acquire.clock.clock import SystemClock
-from acquire.config import StrikerConfig
 from acquire.striker.dynamixel import DynamixelStriker
 from acquire.virtual.objects import VirtualObject, load_object
-from acquire.virtual.operator_link import OperatorLink
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M
 from acquire.virtual.truth_file import read_truth_file
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import StrikerConfig
+from tests.acquire.virtual.world_link import WorldLink
 
 STAND_SD_M = 0.0003
 IMPACT_HEIGHT = 0.75
@@ -86,7 +86,7 @@ class Rig:
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
         self._process.stdout.readline()
-        self.link = OperatorLink(folder / "world.sock")
+        self.link = WorldLink(folder / "world.sock")
         self.samples: list[pb.StrikerSample] = []
         config = StrikerConfig.model_validate(
             {

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from acquire.config import RigConfig, read_rig
+from acquire.config import read_rig
 from acquire.errors import ConfigError
+from schemas.rig import RigConfig
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ import pytest
 from acquire.camera.aravis import AravisCamera
 from acquire.camera.base import Camera
 from acquire.clock.clock import SystemClock
-from acquire.config import CameraConfig, RigConfig
 from acquire.errors import CameraError
 from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
+from schemas.rig import CameraConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 from tests.acquire.virtual.pattern_source import PatternSource
 from tests.loopback import loopback

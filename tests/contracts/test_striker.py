@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 
 from acquire.clock.clock import SystemClock
-from acquire.config import RigConfig, StrikerConfig
 from acquire.errors import StrikerNotFound, StrikerRefused, StrikerStopped
 from acquire.striker.base import Striker, StrikerState
 from acquire.striker.dynamixel import DynamixelStriker
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RigConfig, StrikerConfig
 from tests.acquire.striker.plant import Plant
 
 SLOW_M_S = 0.12

@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 
 from acquire.capture.heartbeat import SILENCE_S
-from acquire.config import RecorderConfig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import DaemonSilent, RecordingBroken
 from acquire.recorder.recover.edit import read_manifest
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RecorderConfig
 from tests.system.fault_rig import (
     FAST_M_S,
     RATE_HZ,

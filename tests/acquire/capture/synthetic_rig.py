@@ -11,8 +11,8 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.reader import make_reader
 
 from acquire.clock.clock import SystemClock
-from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import CameraConfig, RecorderConfig, RigConfig
 from schemas.session_manifest import CameraCalibrationSpec, ManifestCamera, SessionManifest
 from tests import small_recording
 

@@ -17,9 +17,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.reader import make_reader
 
 from acquire.capture.link import CaptureProcess
-from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import CameraNotFound, RecorderError
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import CameraConfig, RecorderConfig, RigConfig
 from schemas.session_manifest import SessionManifest
 from tests.acquire.capture.synthetic_rig import (
     CALIBRATION,

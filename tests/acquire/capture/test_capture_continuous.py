@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from acquire.capture.link import CaptureProcess
-from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.recorder.recover.recover import recover
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import CameraConfig, RecorderConfig, RigConfig
 from tests.acquire.capture.synthetic_rig import CALIBRATION, manifest_of_a_box, read
 from tests.acquire.virtual.pattern_source import noise, read_stamp, stamped
 from tests.loopback import loopback

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.config import RigConfig
 from acquire.preflight.check import Check, Outcome
 from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
 from acquire.preflight.servo import ServoState
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
 from acquire.preflight.video import CheckVideo, VideoContent
+from schemas.rig import RigConfig
 from schemas.watch_lines import SeenMarker, WatchEvent
 from tests.rig_text import CALIBRATION
 

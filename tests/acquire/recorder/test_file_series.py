@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
 from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct.block_memory import BlockMemory
@@ -26,6 +25,7 @@ from acquire.recorder.frame_recorder import FrameRecorder
 from acquire.recorder.messages import SmallMessage
 from acquire.recorder.writer import McapWriter
 from schemas import topics
+from schemas.rig import RecorderConfig
 from tests.acquire.recorder.direct.counting_buffer import CountingBuffer, frame_in
 from tests.places import ROOT
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
 from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.window_recorder import META_WAIT_S
 from acquire.recorder.writer import McapWriter
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RecorderConfig
 from tests.acquire.recorder.direct.counting_buffer import CountingBuffer, frame_in
 
 ANCHOR_NS = 1_700_000_000_000_000_000

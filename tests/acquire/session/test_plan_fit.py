@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from acquire.config import RigConfig, RigLimits
+from acquire.config import RigLimits
 from acquire.errors import SessionError
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.runner import SessionRunner
 from acquire.session.session_input import SessionInput
-from schemas.rig import StrikerConfig
+from schemas.rig import RigConfig, StrikerConfig
 from schemas.strike_plan import Range
 from tests.acquire.session.test_machine import plan, planned
 from tests.system.complaints import spec_and_plan

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from acquire.clock.clock import SystemClock
-from acquire.config import StrikerConfig
 from acquire.striker.dynamixel import DynamixelStriker
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import StrikerConfig
 from tests.acquire.striker.plant import Plant
 
 

@@ -15,9 +15,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquire.config import StrikerConfig
 from acquire.virtual.dynamixel_protocol import HEADER
 from acquire.virtual.dynamixel_servo import DynamixelServo, WireTime
+from schemas.rig import StrikerConfig
 
 ARM_INERTIA = 0.0025
 ARM_LENGTH = 0.12

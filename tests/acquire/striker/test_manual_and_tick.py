@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 
 from acquire.clock.clock import SystemClock
-from acquire.config import StrikerConfig
 from acquire.errors import StrikerRefused
 from acquire.striker import manual
 from acquire.striker.base import StrikerState
 from acquire.striker.servo import Sample
 from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import StrikerConfig
 
 
 def test_manual_striker_follows_the_same_states_without_a_contact(

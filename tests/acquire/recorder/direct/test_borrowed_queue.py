@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
 from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct import direct_file
@@ -28,6 +27,7 @@ from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.window_recorder import META_WAIT_S
 from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RecorderConfig
 from tests.acquire.recorder.direct.counting_buffer import T0, CountingBuffer, frame_in, image_of
 from tests.mcap_writer import McapWriter
 
