@@ -2,8 +2,8 @@
 
     T_world_camera = T_world_object T_object_marker T_camera_marker^-1
 
-A hand places an object to a degree and a few millimetres; the mean over the strikes is better, and their
-scatter measures its accuracy.
+(T_a_b is the pose of b in a.) A hand places an object to a degree and a few millimetres; the mean over the
+strikes is better, and the strikes' scatter measures its accuracy.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from analyze.types import Array, CameraModel, ImageFrame, Marker
 from schemas.strike_plan import PlannedStrike
 
 MAX_DEVIATION_RAD, MAX_DEVIATION_M = math.radians(6.0), 0.04
-"""largest deviation of a strike from the others; above it the object or the camera was moved"""
+"""largest deviation of a strike's camera pose from the strikes' median, rotation [rad] and position [m];
+above it the object was not placed as planned, or the camera was moved"""
 
 
 @dataclass(frozen=True)
@@ -57,23 +58,24 @@ def camera_pose_from_strike(
     planned: PlannedStrike,
     strike_id: str,
 ) -> StrikeCameraPose | None:
-    """Estimate the camera's pose from the resting object of one strike.
+    """Estimate the camera's pose in the world frame from the resting object of one strike.
 
     The marker of known pose on the object that is seen in most images is used.
 
     Args:
         frames: images from rest into the motion, which resolves a tag's pose ambiguity.
-        rest_until_ns: time of the last frame at rest [ns].
+        rest_until_ns: time of the last frame at rest [ns], on the clock of `frames`.
         camera: lens of the camera; its pose is not used.
         markers: markers of the object.
         planned: planned strike with the object's resting pose and its heading on the table.
-        strike_id: id of the strike, for messages.
+        strike_id: id of the strike in the recording, copied to the result.
 
     Returns:
         The pose; None if no marker of known pose on the object is at rest in view.
 
     Raises:
-        TrackingError: the images are of another camera or another object.
+        TrackingError: a marker of the object is in view twice, only markers of other objects are, the images
+            have another size than the lens, or its row delay is too long for the frame rate.
     """
     tracks = track_markers(frames, camera, markers, planned.visible_markers).tracks
     placed = {marker.id: marker.T_object_marker for marker in markers if marker.T_object_marker is not None}
@@ -96,10 +98,10 @@ def camera_pose_from_strike(
 
 
 def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
-    """Mean of the camera's poses that the strikes give.
+    """Mean of the camera's poses that were estimated from the strikes, with their scatter.
 
     Raises:
-        ImportRefused: there is no pose, or one differs from the median by more than a placing error
+        ImportRefused: `views` is empty, or one pose differs from the median by more than a placing error
             (`MAX_DEVIATION_RAD`, `MAX_DEVIATION_M`).
     """
     if not views:

@@ -25,11 +25,12 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 SLOW_MOTION_INTERVAL_NS = 1e9 / 61
-"""interval between images above which a clip may be slow motion, which plays at most 60 a second"""
+"""interval between images [ns] above which a clip may be slow motion, which plays at most 60 a second"""
 SLOW_MOTION_CAPTURE_NS = 1e9 / 240
-"""longest capture interval of slow motion; the waits below are scaled by the ratio of the intervals"""
+"""longest capture interval of slow motion [ns]; for such clips the times below are multiplied by the interval
+between images over this one"""
 SEARCH_INTERVAL_NS, WATCH_INTERVAL_NS = 50_000_000, 20_000_000
-"""interval between two searches for a marker, and for a marker that has begun to move"""
+"""interval between two searches for a marker, and for a marker that has begun to move [ns]"""
 SEARCHES_AT_REST = 3
 """consecutive searches that must find a marker in one place for it to be at rest"""
 MAX_REST_SHIFT = 0.03
@@ -37,23 +38,23 @@ MAX_REST_SHIFT = 0.03
 MIN_CHANGE = 0.05
 """1 - correlation of a region with itself at rest above which it has changed; brightness has no effect"""
 TIPPING_ANGLE = math.radians(5.0)
-"""rotation above which a marker tips [rad]"""
+"""rotation in the image above which a marker tips [rad]"""
 CUT_ANGLE = math.radians(45.0)
 """rotation between two images above which the recording was interrupted or cut [rad]"""
 MOVED_FRACTION = 0.3
 """shift, relative to the marker's side, above which it has moved"""
 MAX_PIVOT_DISTANCE = 6.0
-"""largest distance from a marker to its pivot, in sides; beyond it the object is carried"""
+"""largest distance from a marker to its pivot, in sides of the marker; beyond it the object is carried"""
 MARKER_LOST_NS = 1_500_000_000
-"""time after which a marker that is not seen is given up"""
+"""time after which a marker that is not seen at rest is given up [ns]"""
 MAX_UNSEEN_NS = 100_000_000
-"""longest time without an image before a strike; in a longer one the object may have been put down anew"""
+"""longest time without an image before a strike [ns]; after a longer one the object may lie elsewhere"""
 PAUSE_AFTER_STRIKE_NS = 1_000_000_000
-"""time after a strike, while the object falls, without a search"""
+"""time after a strike, while the object falls, without a search [ns]"""
 SEARCH_IMAGE_PX = 900
-"""longer side of the images that markers are searched in"""
+"""largest side of the images that markers are searched in [px]; larger images are thinned"""
 REGION_PX = 40
-"""side of the region that is compared"""
+"""least number of pixels along the longer side of a large region that is thinned to be compared"""
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class _Rest:
     region: tuple[slice, slice]
     """rows and columns of the image that are compared"""
     appearance: Array
-    """(n,) grey values of the region, normalised"""
+    """(n,) grey values of the region, normalised to mean 0 and norm 1"""
 
 
 class OnsetFinder:
@@ -91,8 +92,9 @@ class OnsetFinder:
 
     Args:
         markers: names of the object's markers.
-        frame_ns: interval between two images [ns]. If it is long the clip may be undeclared slow motion: all
-            waits are then longer, so that slow movement is not mistaken for rest.
+        frame_ns: interval between two images [ns]; 0 if unknown. Above `SLOW_MOTION_INTERVAL_NS` the clip may
+            be undeclared slow motion: all waits are then longer, so that slow movement is not mistaken for
+            rest.
         directions: directions in which strikes turn a marker in the image, True for clockwise; an object
             that is set up again turns the other way.
     """
@@ -161,6 +163,11 @@ class OnsetFinder:
         self._moving, self._seen, self.ever_rested = False, [], True
 
     def _watch(self, frame: TimedImage, rest: _Rest) -> Onset | None:
+        """Search an image for the markers that rested, after a change of the region around them.
+
+        Returns:
+            Onset of the strike if a marker has tipped as in a strike; None otherwise.
+        """
         self._next_ns = frame.time_ns + self._wait(WATCH_INTERVAL_NS)
         found = self._find(frame.image)
         for name in rest.corners.keys() & found.keys():
@@ -189,12 +196,15 @@ class OnsetFinder:
         return None
 
     def _wait(self, usual_ns: int) -> int:
+        """Time to wait [ns]: `usual_ns`, longer in a clip that may be slow motion."""
         return round(usual_ns * self._time_scale)
 
     def _forget(self, next_ns: int) -> None:
+        """Forget the resting markers; markers are searched for again from the time `next_ns` [ns] on."""
         self._rest, self._moving, self._seen, self._next_ns = None, False, [], next_ns
 
     def _find(self, image: NDArray[np.uint8]) -> dict[int | str, Array]:
+        """Corners (4, 2) of the object's markers in an image [px], by marker name; empty if none is seen."""
         coarser = max(1, math.ceil(max(image.shape) / SEARCH_IMAGE_PX))
         seen = detect(image[::coarser, ::coarser], self._families)
         found = {
@@ -207,11 +217,12 @@ class OnsetFinder:
 
 
 def _side(corners: Array) -> float:
+    """Mean side length of a marker [px] with corners (4, 2) [px]."""
     return float(np.mean(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)))
 
 
 def _shift(before: Array, now: Array) -> float:
-    """Largest shift of a marker's corners (4, 2) between two images, over the marker's side."""
+    """Largest shift of a marker's corners (4, 2) [px] between two images, over the marker's side before."""
     return float(np.max(np.linalg.norm(now - before, axis=1))) / _side(before)
 
 
@@ -230,7 +241,9 @@ def _motion(before: Array, now: Array) -> tuple[float, float, float]:
 
 
 def _marker_region(corners: dict[int | str, Array], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns around the largest marker, with a step that leaves 40 to 79 of a large region's.
+    """Rows and columns of the image region around the largest marker, as slices.
+
+    A large region is thinned by the slices' step, so that 40 to 79 rows or columns of its longer side remain.
 
     Args:
         corners: corners (4, 2) of each marker [px], by its name.

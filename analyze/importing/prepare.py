@@ -39,11 +39,12 @@ from schemas.strike_plan import StrikePlan, parse_strike_plan
 MAX_RATE_RATIO = 1.2
 """ratio of two frame rates above which they differ; the light changes a phone's rate by less"""
 MAX_SLOW_MOTION_HZ = 61.0
-"""frame rate below which a video may be slow motion"""
+"""frame rate below which a video may be slow motion [Hz]"""
 PROGRESS_EVERY_FRAMES = 50
 """frames between two updates of the progress bar"""
 MOTION_AFTER_ONSET_NS = 600_000_000
-"""part of a strike used for the camera's pose: the motion resolves a tag's pose ambiguity"""
+"""time after the onset of which images are used for the camera's pose [ns]: the motion resolves a tag's pose
+ambiguity"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class ImportOptions:
     """ids of planned strikes, or "-" to leave one out, in the order of the sources, or of the strikes in a
     single source"""
     whole: bool = False
-    """True if each source is one strike's window, and no onset is searched for"""
+    """True if each source shows one strike and is used whole; no onset (begin of a tip) is searched for"""
     source: SourceOptions = field(default_factory=SourceOptions)
     """options for reading the sources, common to all"""
     rate_sd_hz: float | None = None
@@ -73,7 +74,10 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class PreparedImport:
-    """An import before anything is written, to be used in a `with` statement."""
+    """An import before the recording is written.
+
+    Use it in a `with` statement: leaving it deletes the images that were stored during the search.
+    """
 
     options: ImportOptions
     """options of the import"""
@@ -88,11 +92,11 @@ class PreparedImport:
     camera: CameraFile
     """lens and, if the file has it, pose of the camera"""
     sources: tuple[FrameSource, ...]
-    """open sources, in the order given"""
+    """sources of images, in the order given"""
     images: tuple[Frames, ...]
-    """images of each source, stored ones without decoding again"""
+    """images of each source; those stored during the search are not decoded again"""
     clips: tuple[Clip, ...]
-    """result of the search in each source"""
+    """each source with the onsets of strikes found in it; without any if it was not searched"""
     windows: tuple[StrikeWindow, ...]
     """parts of the sources that show the planned strikes"""
     was_split: bool
@@ -127,12 +131,12 @@ class PreparedImport:
         return f"{' and '.join(sorted(kinds))}, stored unchanged"
 
     def remarks(self) -> list[str]:
-        """Remarks for the user on lens, frame rates and sources, complete once all sources were read."""
+        """Remarks for the user on lens, frame rates and sources; complete once all sources were read."""
         lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
         return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
 
     def _slow_motion(self) -> Iterator[str]:
-        """Yield a remark if the sources are videos at a low rate, which may be undeclared slow motion."""
+        """Yield one remark if all sources are videos at a low rate, which may be undeclared slow motion."""
         if (
             all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
             and self.rate_hz < MAX_SLOW_MOTION_HZ
@@ -143,9 +147,10 @@ class PreparedImport:
             )
 
     def _other_rates(self) -> Iterator[str]:
-        """Yield remarks on sources whose frame rate differs from the first one's by `MAX_RATE_RATIO`.
+        """Yield remarks on sources whose frame rate differs from the first one's.
 
-        If a capture rate was given, the playing rates of videos are compared, too.
+        The factor must be `MAX_RATE_RATIO` or more. If a capture rate was given, the videos' playing rates
+        are compared, too.
         """
         capture_hz = self.options.source.capture_hz
         videos = [
@@ -182,8 +187,7 @@ class PreparedImport:
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
     """Search the sources for strikes, and assign their images to the planned strikes.
 
-    If the camera file has no pose, the camera's pose is estimated from the resting object. The returned
-    import keeps the sources open.
+    If the camera file has no pose, the camera's pose is estimated from the resting object.
 
     Args:
         options: files, and the assignment of sources to planned strikes.
@@ -195,7 +199,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         OutputError: the disk has no room for the videos that will be stored.
         ShapeError, DocumentError, CalibrationError: the object's, the plan's or the camera's file cannot be
             used.
-        TrackingError: the images show another object.
+        TrackingError: the images for the camera's pose show another object, or one of its markers twice.
     """
     files, object_text = read_object_files(options.object_path), read_text(options.object_path)
     plan_text = read_text(options.plan_path)
@@ -263,7 +267,10 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
 
 
 def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
-    """Yield the sources' remarks with the source's name; a remark that n share once, "NAME and n-1 more"."""
+    """Yield the sources' remarks, each after the source's name.
+
+    A remark that n sources share is yielded once, after "NAME and n-1 more".
+    """
     sources_of: dict[str, list[str]] = {}
     for source in sources:
         for remark in source.remarks:
@@ -291,6 +298,11 @@ def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
 
 
 def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
+    """Check that a source's images have the size for which the lens was calibrated.
+
+    Raises:
+        ImportRefused: they have another size.
+    """
     spec = camera.calibration
     if (source.width, source.height) == (spec.width, spec.height):
         return
@@ -305,6 +317,7 @@ def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
 
 
 def _storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
+    """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
     videos = tuple(
         source for source in sources if isinstance(source, VideoSource) and source.storable_format is not None
     )
@@ -312,12 +325,15 @@ def _storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] 
 
 
 def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
-    """Create an image store (spool) for each source that would otherwise be decoded twice, else None.
+    """Create an image store (spool) for each source that would otherwise be decoded twice.
 
     Args:
-        options: options of the import, with the folder for the images.
-        sources: open sources.
-        stack: closes the stores.
+        options: options of the import, with the folder for the images; without one there are no stores.
+        sources: all sources.
+        stack: stack that closes the stores.
+
+    Returns:
+        Per source its store, or None if it has none.
     """
     kept = _storable_videos(sources) is not None or all(source.holds_files for source in sources)
     if options.aside is None or options.whole or kept:
@@ -341,7 +357,7 @@ def _search(
 
     Args:
         path: path of the source.
-        source: the open source.
+        source: source of the images at that path.
         spool: store that keeps the images of the strikes; None to keep none.
         markers: names of the object's markers.
         every_strike: True to store the images of all strikes of a source, False for those of its first only.
@@ -349,7 +365,7 @@ def _search(
         progress: called with a text, the number of images searched and of all.
 
     Returns:
-        The source with its onsets.
+        The source with its onsets and the time of its last image.
 
     Raises:
         ImportRefused: no tag of the object is seen, the source cannot be read, or the rate of a slow-motion
@@ -387,6 +403,20 @@ def _estimate_camera_pose(
     windows: Sequence[StrikeWindow],
     progress: Progress,
 ) -> EstimatedCameraPose:
+    """Estimate the camera's pose in the world frame, as the mean over the strikes with an onset.
+
+    Args:
+        files: the object, with its markers.
+        plan: strike plan with the object's resting poses.
+        camera: lens of the camera.
+        images: images of each source.
+        windows: windows of the strikes.
+        progress: called with a text, the number of finished strikes and of all.
+
+    Raises:
+        ImportRefused: no strike gives a pose, or the poses differ too much.
+        TrackingError: the images show another object, or one of its markers twice.
+    """
     lens, markers = camera_from_spec(camera.calibration), placed_markers(files.spec)
     views: list[StrikeCameraPose] = []
     for number, window in enumerate(windows):

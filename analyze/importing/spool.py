@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from analyze.sources.source import FrameSource, TimedImage
 
 HELD_DURATION_S = 1.5
-"""time span of the images held: a window before its onset, and a second to recognise the strike"""
+"""time span [s] of the latest images, which are held in memory: a window before its onset, and a second to
+recognise the strike"""
 MAX_HELD_BYTES = 256 << 20
-"""largest size of the images held"""
+"""largest size of the images held in memory [bytes]"""
 
 
 @dataclass
@@ -39,7 +40,7 @@ class _Interval:
 
 
 class Spool:
-    """Store of some images of one source while it is searched, to be used in a `with` statement.
+    """Store of some images of one source while it is searched; call `close` at the end.
 
     Args:
         source: the source that is searched.
@@ -58,7 +59,7 @@ class Spool:
         self._fd = -1
 
     def add(self, frame: TimedImage) -> None:
-        """Take the source's next image, copied; it is stored on disk if an interval to keep contains it."""
+        """Hold a copy of the source's next image, and store it on disk if an interval to keep contains it."""
         slot = self._slots[self._added % len(self._slots)]
         self._added += 1
         slot[:] = frame.image
@@ -69,7 +70,8 @@ class Spool:
     def keep(self, start_ns: int, end_ns: int) -> None:
         """Store the images of an interval on disk, both those still held in memory and those to come.
 
-        Nothing is stored if no image of it is held or the disk has no room: they are decoded again later.
+        Nothing is stored if no image of the interval is held or the disk has no room: `frames` then decodes
+        its images again.
 
         Args:
             start_ns: first time on the source's clock [ns], included.
@@ -90,7 +92,9 @@ class Spool:
                 break
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Yield the images from `start_ns` to `end_ns`: stored ones if there are, others decoded again.
+        """Yield the images from `start_ns` to `end_ns`: stored ones if `end_ns` was kept, else decoded again.
+
+        Images before the stored interval that contains `end_ns` are decoded again, too.
 
         Args:
             start_ns: first time on the source's clock [ns], included; None for the first image.
@@ -120,6 +124,7 @@ class Spool:
     # --- the file
 
     def _interval_ending_at(self, end_ns: int | None) -> _Interval | None:
+        """Stored interval that contains `end_ns`, a time on the source's clock [ns]; None without one."""
         if end_ns is None:
             return None
         return next((each for each in self._intervals if each.start_ns <= end_ns <= each.end_ns), None)
@@ -137,7 +142,8 @@ class Spool:
         """Append an image (height, width) to the file.
 
         Returns:
-            False if it cannot be written; the latest interval is then forgotten, to be decoded again.
+            True if it was written. If False, the latest interval is forgotten, and its images will be decoded
+            again.
         """
         try:
             if self._fd < 0:
@@ -152,6 +158,13 @@ class Spool:
 
 
 def _unnamed_file(folder: Path) -> int:
-    """Open a file without a name in `folder`, which the system removes when its descriptor is closed."""
+    """Open a file without a name in `folder`, which the system removes when it is closed.
+
+    Returns:
+        The file's descriptor.
+
+    Raises:
+        OSError: the file cannot be created.
+    """
     with tempfile.TemporaryFile(dir=folder) as file:
         return os.dup(file.fileno())

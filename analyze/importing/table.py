@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 
 def render_import(prepared: PreparedImport) -> list[str]:
-    """Print a table of the strikes with sources and times, frame rate and formats, and remarks.
+    """Print a table of the strikes with sources and times [s], frame rate, format, and remarks.
 
-    Remarks go to standard error.
+    If the camera's pose was estimated from the object, its scatter is printed, too. Remarks go to standard
+    error.
 
     Returns:
         The remarks that were printed.
@@ -56,7 +57,12 @@ def render_import(prepared: PreparedImport) -> list[str]:
 
 
 def render_written(written: Written, shown: list[str]) -> None:
-    """Print the recording written, after remarks that are not in `shown` (printed before)."""
+    """Print path and size of the recording written and the next command, after its remarks.
+
+    Args:
+        written: the recording.
+        shown: remarks that were printed before and are not repeated.
+    """
     _remark([remark for remark in written.remarks if remark not in shown])
     size = f"{written.size / 1e6:.1f} MB"
     click.echo(
@@ -66,12 +72,14 @@ def render_written(written: Written, shown: list[str]) -> None:
 
 
 def _remark(lines: list[str]) -> list[str]:
+    """Print the lines to standard error, and return them."""
     for line in lines:
         click.echo(line, err=True)
     return lines
 
 
 def _note(prepared: PreparedImport, clip: Clip, window: StrikeWindow) -> str:
+    """Note on a strike for the last column: no or several tips seen, planned tag not seen; "" if none."""
     if window.onset is None:
         why = f"no tip is seen, the whole source is used: {clip.why_no_strike}"
         return why if clip.last_ns is not None else ""

@@ -18,14 +18,17 @@ from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, HashedMessage
 from schemas.mcap.records import Buffer
 
 FULL_CHUNK_BYTES: Final = 1 << 20
-"""Size above which the next key picture begins a new chunk; a chunk costs as much time as ten pictures."""
-_SMALL_PICTURE_BYTES: Final = 1024
-"""Mean picture size below which chunks are compressed.
+"""Size [bytes] from which on the next key picture begins a new chunk.
 
-The 100 bytes around each picture are mostly those around the previous one.
+Writing a chunk takes as much time as writing ten pictures.
+"""
+_SMALL_PICTURE_BYTES: Final = 1024
+"""Mean size of a picture with its message record [bytes] below which a chunk is compressed.
+
+The 100 bytes of record around each picture are mostly those around the previous one.
 """
 _MAX_COMPRESSED_BYTES: Final = 4 << 20
-"""Size above which a chunk is not compressed, since it would be in memory twice."""
+"""Size [bytes] from which on a chunk is not compressed, since it would be in memory twice."""
 _COMPRESSION: Final = "zstd"
 _COMPRESSION_LEVEL: Final = 3
 
@@ -47,9 +50,10 @@ class PreparedChunk(NamedTuple):
     size: ChunkSize
     """sizes, checksum and kind of compression of the chunk"""
     index_entries: bytes
-    """packed entries of its message index, by time"""
+    """entries of its message index by time: log time [ns] and offset in the chunk, 16 bytes per message"""
     hashed: list[HashedMessage]
-    """time, size and data, or checksum of large data, of each message for the recording's content hash"""
+    """log time [ns], size, data and CRC-32 of each message, for the recording's content hash; data are empty
+    for a large message, the CRC is 0 for a small one"""
 
 
 @dataclass
@@ -62,7 +66,12 @@ class OpenChunk:
     """size of its pictures [bytes]"""
 
     def add(self, messages: VideoMessages, records: list[memoryview]) -> None:
-        """Append pictures: their messages' times, numbers and sizes, and their whole records."""
+        """Append n pictures.
+
+        Args:
+            messages: times, sequence numbers and sizes of the pictures' messages.
+            records: whole MCAP message record of each picture.
+        """
         self._messages.append(messages)
         self._records += records
         self.size += int(messages.sizes.sum())
@@ -74,7 +83,10 @@ class OpenChunk:
 
 
 def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
-    """Compute a chunk's checksums and message index; compress it if its pictures are small and it shrinks."""
+    """Compute a chunk's checksums and message index, and compress it if its pictures are small.
+
+    A chunk that compression would not make smaller stays as it is.
+    """
     crc = 0
     hashed: list[HashedMessage] = []
     for time_ns, record in zip(chunk.messages.times_ns.tolist(), chunk.records, strict=True):

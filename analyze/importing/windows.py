@@ -11,7 +11,7 @@ from analyze.errors import ImportRefused
 from analyze.importing.onsets import Onset
 
 SKIPPED = "-"
-"""given to --strike in place of an id, to leave a strike out"""
+"""value of the option --strike, in place of an id, that leaves a strike out"""
 BEFORE_ONSET_NS = 500_000_000
 """length of a window before the onset [ns]"""
 AFTER_ONSET_NS = 3_000_000_000
@@ -91,6 +91,8 @@ def one_window_per_clip(
 ) -> tuple[StrikeWindow, ...]:
     """Windows of clips that show one strike each: around the first onset, or the whole clip without one.
 
+    The windows are in the order of the clips.
+
     Args:
         clips: clips in the order in which they were given.
         planned: ids of the plan's strikes, in its order.
@@ -119,7 +121,7 @@ def one_window_per_clip(
 
 
 def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) -> tuple[StrikeWindow, ...]:
-    """Windows of a clip in which each onset is a strike.
+    """Windows of a clip in which each onset is a strike, in the order of their times, without overlap.
 
     Args:
         clip: clip that was searched for onsets.
@@ -158,6 +160,13 @@ def _refuse_unknown(ids: Iterable[str], planned: Sequence[str]) -> None:
 def _windows(
     clips: Sequence[Clip], found: Sequence[tuple[int, Onset | None]], ids: Sequence[str]
 ) -> tuple[StrikeWindow, ...]:
+    """Windows of strikes, each ended by the next strike's rest in the same clip and by the clip's end.
+
+    Args:
+        clips: the sources.
+        found: index of the source and onset of each strike; without an onset the window is the whole source.
+        ids: planned id of each strike; those with `SKIPPED` get no window.
+    """
     attempts: Counter[str] = Counter()
     windows: list[StrikeWindow] = []
     for at, ((number, onset), strike) in enumerate(zip(found, ids, strict=False)):

@@ -53,8 +53,9 @@ CAMERA_ATTACHMENT_PREFIX = "camera/"
 DEFAULT_START_NS = 946_684_800 * 10**9
 """2000-01-01 [ns since 1970], for sources without a date: the same source always gives the same content id"""
 SOURCE_GAP_NS = 1_000_000_000
-"""time between a source's last image and the next one's first"""
+"""log time between a source's last image and the start of the next source [ns]"""
 PROGRESS_EVERY_IMAGES = 100
+"""images between two updates of the progress bar"""
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,10 @@ class _LogTimes:
     first_ns: int | None = None
     """earliest log time [ns]; None without images"""
     last_ns: int = 0
-    """latest log time [ns]"""
+    """latest log time [ns]; 0 without images"""
 
     def add_range(self, at_ns: int, times_ns: NDArray[np.int64], window: StrikeWindow) -> None:
-        """Add the images of a source that lie in a strike's window.
+        """Add the log times of those images of a source that lie in a strike's window.
 
         Args:
             at_ns: log time of the source's start [ns].
@@ -104,7 +105,7 @@ class _LogTimes:
 
 
 class _Session:
-    """Writer of an import's messages: the sources' images, then the strikes.
+    """Writer of an import's messages to a recording: the sources' images, then the strikes.
 
     Images are numbered over all sources, and the sources follow each other on one clock, `SOURCE_GAP_NS`
     apart. Sources without a strike are left out.
@@ -113,6 +114,7 @@ class _Session:
     def __init__(self, prepared: PreparedImport, writer: RecordingWriter, progress: Progress) -> None:
         self._prepared, self._writer, self._progress = prepared, writer, progress
         self.anchor_ns = prepared.sources[0].wall_start_ns or DEFAULT_START_NS
+        """log time of the first source's start [ns since 1970]"""
         self._at_ns = self.anchor_ns
         """log time of the present source's start [ns]"""
         self._end_ns = self.anchor_ns
@@ -157,6 +159,13 @@ class _Session:
     def _images(
         self, source: FrameSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
+        """Write the images in a source's strike windows, each with its FrameMeta.
+
+        Args:
+            source: the source.
+            windows: the source's windows, each with the log times that are updated.
+            missing: counter of the source's missing frames, which is updated.
+        """
         for seen, window in windows:
             missing.restart()
             for time_ns, parts in self._messages(source, window):
@@ -184,6 +193,13 @@ class _Session:
     def _video(
         self, video: VideoSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
+        """Write a whole video as coded, in chunks, with FrameMeta of some frames.
+
+        Args:
+            video: the video; without a `storable_format` nothing is written.
+            windows: the video's windows, each with the log times that are updated.
+            missing: counter of the video's missing frames, which is updated.
+        """
         if video.storable_format is None:
             return
         channel, chunk = self._writer.channel_id(self._image_topic), OpenChunk()
@@ -233,6 +249,7 @@ class _Session:
         self._end_ns = max(self._end_ns, int(closed.messages.times_ns.max()))
 
     def _meta(self, sequence: int, log_time_ns: int, lost: int) -> None:
+        """Write FrameMeta of image number `sequence` at a log time [ns]; `lost` frames are missing before."""
         camera = self._prepared.calibration
         meta = pb.FrameMeta(
             sequence=sequence,
@@ -255,6 +272,7 @@ class _Session:
         self._progress(f"writing {source.name}", self.images, max(total, self.images))
 
     def _strike(self, seen: _LogTimes, window: StrikeWindow) -> None:
+        """Write a strike's record and a line of log; of a strike without images add a remark only."""
         planned = next(strike for strike in self._prepared.plan.strikes if strike.id == window.plan_strike_id)
         if seen.first_ns is None:
             self.remarks.append(f"strike {window.strike_id}: has no images and is left out")
@@ -275,7 +293,10 @@ class _Session:
         )
 
     def _origin(self, window: StrikeWindow) -> str:
-        """Text for the recording's log that names the source of a strike and the time of its onset."""
+        """Text for the recording's log: source of a strike, and time at which its tag began to move.
+
+        The time is on the source's clock; it is left out if no onset was found.
+        """
         clip = self._prepared.clips[window.clip]
         text = f"strike {window.strike_id}: of {clip.path.name}; the contact was not measured"
         if window.onset is None:
@@ -312,6 +333,9 @@ def write_recording(prepared: PreparedImport, output: Path, progress: Progress =
         prepared: the import.
         output: path of the recording.
         progress: called with a text, the number of images written and of all.
+
+    Returns:
+        The recording with its counts, content hash and remarks.
 
     Raises:
         OutputError: the file exists already, or cannot be written.
@@ -359,6 +383,7 @@ def _camera(prepared: PreparedImport) -> ManifestCamera:
 
 
 def _attachments(prepared: PreparedImport) -> list[tuple[str, str, bytes]]:
+    """Name, media type and content of the files attached: object, plan, camera and, if any, shape."""
     files = prepared.object
     found = [
         (OBJECT_ATTACHMENT, "application/toml", prepared.object_text.encode()),

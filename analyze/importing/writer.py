@@ -38,9 +38,9 @@ _MAX_BUFFERS: Final = 1024
 
 
 def refuse_taken(path: Path) -> None:
-    """Check that neither this path nor its `.part` file exists; call it before a long video is read, too.
+    """Check that neither this path nor its `.part` file (an unfinished recording) exists.
 
-    A folder at this path is not refused.
+    It is also called before a long video is read. A folder at this path is not refused.
 
     Raises:
         OutputError: a recording, finished or begun, has this path.
@@ -107,7 +107,11 @@ class RecordingWriter:
             self._records.write_attachment(AttachmentRecord(name, media_type, 0, data))
 
     def add_topics(self, *topics: Topic) -> None:
-        """Declare the recording's topics, after the head and before messages."""
+        """Declare the recording's topics, after the head and before messages.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         for topic in topics:
             number = len(self._channels) + 1
             self._records.add_topic(topic, number)
@@ -143,7 +147,7 @@ class RecordingWriter:
         self._records.write_chunk([head, *parts], len(head) + size, crc, {channel_id: [(log_time_ns, 0)]})
 
     def write_video(self, topic: Topic, chunk: VideoChunk) -> None:
-        """Write coded pictures as one chunk; the records are written later and must stay unchanged.
+        """Write coded pictures as one chunk; their records are written later and must stay unchanged.
 
         Raises:
             OutputError: an earlier chunk could not be written.
@@ -155,7 +159,13 @@ class RecordingWriter:
         self._records.write_packed_chunk(packed, ready.buffers, channel_id, len(times))
 
     def write_small(self, topic: Topic, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
-        """Add one message of a small topic, which is gathered with others to a chunk of 64 KiB.
+        """Add one small message; it is gathered with others to a chunk of 64 KiB.
+
+        Args:
+            topic: topic of the message.
+            log_time_ns: log time [ns].
+            data: the encoded message.
+            sequence: sequence number.
 
         Raises:
             OutputError: an earlier chunk could not be written.
@@ -169,7 +179,7 @@ class RecordingWriter:
         """Write pending messages, seal (record with the checksums) and summary, and rename the file.
 
         Returns:
-            Content id: hash of the messages.
+            Content id: hash of the messages, in hexadecimal digits.
 
         Raises:
             OutputError: the file cannot be written, or the name was taken meanwhile.
@@ -214,11 +224,19 @@ class RecordingWriter:
             self._pending = PendingMessages()
 
     def _append(self, buffers: Sequence[Buffer]) -> None:
+        """Queue buffers for the writing thread; wait while `_QUEUED_WRITES` writes are queued.
+
+        Raises:
+            OutputError: an earlier write failed.
+        """
         self._raise_failure()
         self._queue.put(buffers)
 
     def _write_queued(self) -> None:
-        """Write queued buffers until None comes; the writing thread's body. The first error is kept."""
+        """Write queued buffers until None comes (body of the writing thread).
+
+        The first error is kept in `_failure`; nothing is written after it.
+        """
         while (buffers := self._queue.get()) is not None:
             try:
                 if self._failure is None:
@@ -237,6 +255,7 @@ class RecordingWriter:
                     left[0] = left[0][written:]
 
     def _join(self) -> None:
+        """End the writing thread once all queued buffers are written."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
