@@ -279,7 +279,7 @@ def test_ctrl_c_keeps_finished_rows_and_leaves_no_process(archive, finished, tmp
     process.send_signal(signal.SIGINT)
     printed, _ = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert "interrupted: what was finished stays" in printed
+    assert "interrupted: finished results stay" in printed
     assert not subprocess.run(
         ["pgrep", "-f", f"analyze.batch.worker_main {output}"], capture_output=True, check=False
     ).stdout
