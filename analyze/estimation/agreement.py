@@ -151,11 +151,9 @@ def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> Estimator
             return EstimatorDisagreement(
                 strike_id, fit.estimator, other.estimator, off, abs(other.k - fit.k) / sd, other.k / fit.k - 1
             )
-    return (
-        EstimatorDisagreement(strike_id, fit.estimator, other.estimator, off, sigmas)
-        if sigmas > MAX_SIGMAS
-        else None
-    )
+    if sigmas > MAX_SIGMAS:
+        return EstimatorDisagreement(strike_id, fit.estimator, other.estimator, off, sigmas)
+    return None
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
     found: list[LeaveOneOut] = []
     for i, plane in enumerate(model.planes):
         uses_k = bool(solution.data.uses_k[i])
-        parts = 2 if uses_k else 1
+        parts, as_one_error = (2, TWO_ERRORS_AS_ONE) if uses_k else (1, 1.0)
         precision = solution.data.precisions[i, :parts, :parts] / solution.spread
         both = np.stack([by_phi[i], by_k[i]])
         rows = both[:parts]
@@ -105,9 +105,7 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
         own[:parts, :parts] = np.linalg.inv(precision)
         by_others = np.asarray(both @ others @ both.T, dtype=np.float64)
         expected = (by_others + own)[:parts, :parts]
-        sigmas = math.sqrt(float(off @ np.linalg.solve(expected, off))) * (
-            TWO_ERRORS_AS_ONE if uses_k else 1.0
-        )
+        sigmas = as_one_error * math.sqrt(float(off @ np.linalg.solve(expected, off)))
         sd = np.sqrt(np.diag(expected))
         found.append(
             LeaveOneOut(
@@ -150,10 +148,9 @@ def estimated_gravity(
     """
     open_scale = replace(moments.scale, gravity_sd=OPEN_GRAVITY_RELATIVE_SD * moments.scale.gravity)
     found = solve_joint(planes, systematic, prior, replace(moments, scale=open_scale), initial)
-    sd = float(np.sqrt(found.covariance[GRAVITY, GRAVITY]))
-    return GravityEstimate(
-        float(np.expm1(OPEN_GRAVITY_RELATIVE_SD * found.x[GRAVITY])), OPEN_GRAVITY_RELATIVE_SD * sd
-    )
+    relative = float(np.expm1(OPEN_GRAVITY_RELATIVE_SD * found.x[GRAVITY]))
+    sd = OPEN_GRAVITY_RELATIVE_SD * float(np.sqrt(found.covariance[GRAVITY, GRAVITY]))
+    return GravityEstimate(relative, sd)
 
 
 def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> float:

@@ -260,12 +260,10 @@ class _Grid:
         """Lowest and highest of this grid's levels [m] for a finer grid to cover."""
         least = np.min(self.chi2, axis=0)
         padded = np.concatenate([[np.inf], least, [np.inf]])
-        valley = np.isfinite(least) & (least <= padded[:-2]) & (least <= padded[2:])
+        sides = np.stack([padded[:-2], padded[2:]])
+        valley = np.isfinite(least) & np.all(least <= sides, axis=0)
         # Between two grid points chi^2 may be lower by half of its change from one to the next.
-        change = np.maximum(
-            np.where(np.isfinite(padded[:-2]), padded[:-2], least),
-            np.where(np.isfinite(padded[2:]), padded[2:], least),
-        )
+        change = np.max(np.where(np.isfinite(sides), sides, least), axis=0)
         lowest = least.copy()
         lowest[valley] -= 0.5 * (change[valley] - least[valley])
         kept = np.flatnonzero(lowest < float(np.min(least)) + _MAX_CHI2_EXCESS)

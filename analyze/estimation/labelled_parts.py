@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import ShapeError
-from analyze.estimation.cells import moments_about
 from analyze.geometry.polyhedron import MassProperties
 
 if TYPE_CHECKING:
@@ -134,4 +133,8 @@ def _solid(cells: Cells, volumes: Array) -> MassProperties:
     """
     volume = float(volumes.sum())
     centroid = volumes @ cells.points / volume
-    return MassProperties(volume, centroid, moments_about(cells, volumes / volume, centroid))
+    arm = cells.points - centroid
+    second = (arm * volumes[:, None]).T @ arm / volume
+    return MassProperties(
+        volume, centroid, (np.trace(second) + volumes @ cells.own_inertia / volume) * np.eye(3) - second
+    )

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
-from analyze.types import Array, AxisInertia, InertialParameters
+from analyze.types import Array, AxisInertia, EquiPlane, InertialParameters
 from schemas.object_spec import MarkerSpec
 
 CARD_OVER_TAG_SIZE = 10 / 8
@@ -48,19 +48,12 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
         return np.concatenate([[m], c, symmetric_entries(origin - m * _point_inertia(c))])
 
     found = bare(ten)
-    sizes = (
-        np.concatenate([[whole.mass], np.full(3, 0.1), np.full(6, float(np.trace(whole.inertia)))])
-        * RELATIVE_STEP
-    )
+    sizes = RELATIVE_STEP * np.array([whole.mass, *[0.1] * 3, *[np.trace(whole.inertia)] * 6])
     by = np.array([(bare(ten + step) - bare(ten - step)) / (2 * step.sum()) for step in np.diag(sizes)]).T
     covariance = by @ whole.covariance @ by.T
     inertia = symmetric_matrix(found[4:])
-    lines = np.array(
-        [
-            symmetric_entries(np.outer(axis.direction, axis.direction)) * [1, 1, 1, 2, 2, 2]
-            for axis in whole.axes
-        ]
-    ).reshape(-1, 6)
+    directions = np.array([axis.direction for axis in whole.axes]).reshape(-1, 3)
+    lines = symmetric_entries(directions[:, :, None] * directions[:, None, :]) * [1, 1, 1, 2, 2, 2]
     to_joint = np.zeros((4 + len(lines), 10))
     to_joint[:4, :4] = np.eye(4)
     to_joint[4:, 4:] = lines
@@ -71,11 +64,8 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
         whole.axes, (lines @ found[4:]).tolist(), np.sqrt(np.diag(joint)[4:]).tolist(), strict=True
     ):
         plane = planes[axis.axis_id]
-        before = (
-            axis.i_com
-            + whole.mass * _lever(whole.com.position, plane.point, axis.direction, plane.edge_radius) ** 2
-        )
-        after = i_com + found[0] * _lever(found[1:4], plane.point, axis.direction, plane.edge_radius) ** 2
+        before = axis.i_com + whole.mass * _lever(whole.com.position, plane, axis.direction) ** 2
+        after = i_com + found[0] * _lever(found[1:4], plane, axis.direction) ** 2
         axes.append(replace(axis, i_edge=axis.i_edge + after - before, i_com=i_com, i_com_sd=sd))
     return replace(
         whole,
@@ -114,13 +104,13 @@ def _point_inertia(place: Array) -> Array:
     return float(place @ place) * np.eye(3) - np.outer(place, place)
 
 
-def _lever(com: Array, point: Array, direction: Array, radius: float) -> float:
+def _lever(com: Array, plane: EquiPlane, direction: Array) -> float:
     """Distance R + rho [m] of the centre of mass from the contact line at balance.
 
     Args:
         com: (3,) centre of mass [m], in the object frame O; R is its distance from the line below.
-        point: (3,) point on the centre line of the edge's rounding [m], in O.
-        direction: (3,) unit direction of that line.
-        radius: Radius rho of the rounding [m].
+        plane: Equi-plane of a strike, for a point on the centre line of the edge's rounding and its radius
+            rho.
+        direction: (3,) unit direction of that line, in O.
     """
-    return float(np.linalg.norm(np.cross(com - point, direction))) + radius
+    return float(np.linalg.norm(np.cross(com - plane.point, direction))) + plane.edge_radius

@@ -239,8 +239,7 @@ def paper_regions(
         weights.sum(axis=0), 1e-12
     )
     closest = min(found, key=lambda solution: solution.error)
-    corrected = {solution.axis_id: solution.i_edge for solution in found}
-    return PaperRegions(masses, closest.normal, closest.offset, corrected)
+    return PaperRegions(masses, closest.normal, closest.offset, {each.axis_id: each.i_edge for each in found})
 
 
 @dataclass(frozen=True)

@@ -89,8 +89,8 @@ class MeasuredMoments:
         through `about` (3,) [m], in the object frame O.
         """
         arm = cells.points - about
-        square = np.sum(arm**2, axis=1) + cells.own_inertia
-        across = square[:, None] - (arm @ self.directions.T) ** 2
+        off_axes = np.sum(arm**2, axis=1)[:, None] - (arm @ self.directions.T) ** 2
+        across = off_axes + cells.own_inertia[:, None]
         return np.column_stack([np.ones(len(arm)), cells.points - self.com, across])
 
 

@@ -163,10 +163,8 @@ class RegionProblem:
 
         It is 1 if there are not more measurements than fitted parameters.
         """
-        freedom = (
-            int(np.linalg.matrix_rank(self._rows, tol=1e-6 * float(np.linalg.norm(self._rows))))
-            - _FITTED_PARAMETERS
-        )
+        rank = np.linalg.matrix_rank(self._rows, tol=1e-6 * float(np.linalg.norm(self._rows)))
+        freedom = int(rank) - _FITTED_PARAMETERS
         return 1.0 if freedom < 1 else float(chdtrc(freedom, max(misfit, 0.0)))
 
     def pieces(self, normal: Array, height: float) -> BodyPieces:
@@ -177,15 +175,13 @@ class RegionProblem:
             height: Height of the plane over the body's middle [m].
         """
         above = self._points @ normal > height
-        contents, region = [self._shell[None]], [0]
-        for part, mine in enumerate((above, ~above), 1):
-            clumps = _clumped(self._points[mine], self._contents[mine], _PIECE_CLUMP * self._pitch)[1]
-            contents.append(clumps)
-            region += [part] * len(clumps)
-        together = np.vstack(contents)
-        return BodyPieces(
-            np.array(region), self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass
+        upper, lower = (
+            _clumped(self._points[mine], self._contents[mine], _PIECE_CLUMP * self._pitch)[1]
+            for mine in (above, ~above)
         )
+        together = np.vstack([self._shell, upper, lower])
+        region = np.repeat([0, 1, 2], [1, len(upper), len(lower)])
+        return BodyPieces(region, self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass)
 
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
         """Naive masses (3,) [kg] of shell, upper and lower part, by the name of the naive answer.
@@ -202,10 +198,8 @@ class RegionProblem:
         volumes = np.array([self._shell[0], above, self._interior[0] - above])
         inside = self._explaining(self._interior)
         across = self._explaining(self._shell) - inside
-        on_surface = (
-            float(np.clip(across @ (self.target - inside) / max(float(across @ across), 1e-30), 0.0, 1.0))
-            * mass
-        )
+        share = across @ (self.target - inside) / max(float(across @ across), 1e-30)
+        on_surface = mass * float(np.clip(share, 0.0, 1.0))
         return {
             "shell": np.array([mass, 0.0, 0.0]),
             "uniform": mass * volumes / volumes.sum(),
@@ -290,8 +284,7 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
         [np.asarray(np.bincount(clump, column), dtype=np.float64) for column in weights.T], axis=1
     )
     together, moments = sums[:, : contents.shape[1]], sums[:, contents.shape[1] :]
-    centroids = moments / together[:, :1]
-    return centroids, together
+    return moments / together[:, :1], together
 
 
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:

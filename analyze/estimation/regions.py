@@ -162,15 +162,14 @@ def _distribution(
         ]
     )
     limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
-    intervals, covariance = np.stack(shortest_intervals(masses, 0.0), axis=1), np.cov(masses.T)
     misfit = min(each.misfit for each, _ in counted)
     if problem.probability(misfit) < MIN_PROBABILITY:
         return _unexplained_distribution(problem, [each.problem for each, _ in counted], parameters, misfit)
     return MassDistribution(
         names=REGION_NAMES,
         masses=masses.mean(axis=0),
-        covariance=covariance,
-        intervals=intervals,
+        covariance=np.cov(masses.T),
+        intervals=np.stack(shortest_intervals(masses, 0.0), axis=1),
         limits=limits,
         misfit=misfit,
         explained=True,
@@ -307,10 +306,8 @@ def _metropolis_step(
 
     At a `temperature` above 1 moves to a lower posterior are accepted more often.
     """
-    accept = (
-        there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior))
-        > chains.log_posterior
-    )
+    raised = there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior))
+    accept = raised > chains.log_posterior
     return _Chains(
         chains.planes.replaced_where(accept, there.planes),
         np.where(accept, there.log_posterior, chains.log_posterior),
@@ -330,10 +327,8 @@ def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -
     """
     many = len(planes.heights)
     size = rng.choice(MOVE_SIZES, size=many)
-    turn, shift = (
-        size[:, None] * rng.standard_normal((many, 3)),
-        0.3 * size * reach * rng.standard_normal(many),
-    )
+    turn = size[:, None] * rng.standard_normal((many, 3))
+    shift = 0.3 * size * reach * rng.standard_normal(many)
     first, second = rng.integers(many, size=(2, many))
     along = rng.uniform(size=many) < DIFFERENCE_MOVES
     turn = np.where(along[:, None], planes.normals[first] - planes.normals[second] + 0.05 * turn, turn)

@@ -139,9 +139,9 @@ def _rows(solution: JointSolution) -> Array:
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
     """Yield the influence of each strike on the centre of mass, times `factor`, in the planes' order."""
     rows, precisions, weight = _rows(solution), solution.data.precisions, solution.weight
-    informations = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
+    information = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
     # The covariance includes the spread factor; the estimate itself does not depend on it.
-    normal = np.linalg.inv(solution.covariance) + informations * (1 - 1 / solution.spread)
+    normal = np.linalg.inv(solution.covariance) + information * (1 - 1 / solution.spread)
     for i, plane in enumerate(solution.model.planes):
         moved: Array = np.asarray(
             factor * weight[i] * np.linalg.solve(normal, rows[i].T @ precisions[i])[COM], dtype=np.float64

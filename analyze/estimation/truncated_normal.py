@@ -145,13 +145,12 @@ class ShareDistribution:
         kind = np.argmax(parts + rng.gumbel(size=parts.shape), axis=0)
         second_empty, third_empty = (side.draw(rng) for side in self._sides)
         nothing = np.zeros(len(kind))
-        found = self._draw_inside(rng)
-        found = np.where(
-            (kind == 1)[:, None], np.stack([second_empty, nothing, 1.0 - second_empty], axis=1), found
-        )
-        return np.where(
-            (kind == 2)[:, None], np.stack([third_empty, 1.0 - third_empty, nothing], axis=1), found
-        )
+        kinds = [
+            self._draw_inside(rng),
+            np.stack([second_empty, nothing, 1.0 - second_empty], axis=1),
+            np.stack([third_empty, 1.0 - third_empty, nothing], axis=1),
+        ]
+        return np.choose(kind[:, None], kinds)
 
     def _draw_inside(self, rng: np.random.Generator) -> Array:
         """One draw (b, 3) of the shares of each distribution, none of them zero."""

@@ -90,9 +90,7 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
             break
         stiffness /= 2
     spread = masses * (1.0 - masses / most)
-    octant = np.asarray(
-        (cells.points > cells.centroid).astype(np.int64) @ np.array([1, 2, 4]), dtype=np.int64
-    )
+    octant = (cells.points > cells.centroid).astype(np.int64) @ np.array([1, 2, 4])
     inside = np.asarray(np.arange(8)[:, None] == octant, dtype=np.float64)
     before = inside @ spread
     # Prior covariance diag(spread), and the part of each octant's variance that the moments remove.
