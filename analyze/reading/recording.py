@@ -108,7 +108,7 @@ class Recording:
         """Contents of the files attached to the recording (plan, object, shape, camera), by name."""
         return {name: attachment.data for name, attachment in self._series.files[0].attachments.items()}
 
-    @cached_property
+    @property
     def plan(self) -> StrikePlan:
         """Strike plan that was carried out: resting poses, struck faces and energies of all strikes.
 
@@ -116,6 +116,10 @@ class Recording:
             RecordingError: the recording holds no plan, or it is damaged.
             RecordingVersion: the plan was written by another major schema version.
         """
+        return self._plan
+
+    @cached_property
+    def _plan(self) -> StrikePlan:
         attachment = self._series.files[0].attachments.get(PLAN_ATTACHMENT)
         if attachment is None:
             raise RecordingError(
