@@ -77,7 +77,7 @@ def test_plan_continues_from_both_sessions(folder: Path, tmp_path: Path) -> None
     striker = both["hypothesis"]["striker"]
     assert striker["restitution_sd"] < 0.08
     assert abs(striker["restitution"] - 0.4) < 2 * striker["restitution_sd"]
-    assert any("4 strikes so far" in warning for warning in both["warnings"])
+    assert any("estimated from 4 strikes" in warning for warning in both["warnings"])
     (tmp_path / "r.json").write_text(run("estimate", a, b, "--json").stdout, encoding="utf-8")
     # A printed result does not name the rig on which it was made.
     from_result = answer(
