@@ -29,7 +29,7 @@ _FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toan
 def has_lengths(stream: av.VideoStream) -> bool:
     """True if lengths, not start codes, separate the stream's coded units, as in MP4 and Matroska.
 
-    It is decided by the codec's extradata; False if there are none.
+    The codec's extradata (its configuration) decide it; False if there are none.
     """
     head = bytes(stream.codec_context.extradata or b"")
     return bool(head) and not is_annex_b(head)
@@ -74,6 +74,7 @@ class AccessUnits:
         ]
 
     def _one(self, packet: av.Packet) -> memoryview | None:
+        """Buffer of one packet as `convert` returns it; None if FFmpeg cannot convert the packet."""
         data = memoryview(packet)
         if not self._has_starts and (self._head or not is_annex_b(data)):
             return self._filtered(packet)
@@ -81,6 +82,7 @@ class AccessUnits:
         return memoryview(bytearray().join((self._room, head, data)))
 
     def _filtered(self, packet: av.Packet) -> memoryview | None:
+        """Buffer of one packet, converted by FFmpeg's filter; None if FFmpeg cannot convert the packet."""
         self._filter.flush()  # otherwise it omits parameter sets that it has already written
         try:
             filtered = self._filter.filter(packet)

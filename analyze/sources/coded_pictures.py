@@ -25,11 +25,11 @@ class CodedPictures(NamedTuple):
     times_ns: IntArray
     """(n,) times since the source's start [ns], in decoding order, which may differ from time order"""
     keys: NDArray[np.bool_]
-    """(n,) True where a decoder may begin"""
+    """(n,) True for key pictures, where a decoder may begin"""
     data: list[memoryview]
     """n buffers: the requested number of free bytes, then the picture as coded, with start codes (Annex B).
 
-    Key pictures, where a decoder may begin, contain the parameter sets that it needs.
+    Key pictures contain the parameter sets that a decoder needs.
     """
 
 
@@ -48,7 +48,7 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
 
     Args:
         groups: all pictures of the stream, in groups in decoding order.
-        name: name of the file, for messages.
+        name: name of the file, for error messages.
 
     Yields:
         The pictures that can be numbered after each group, and the rest after the last group; in decoding
@@ -64,10 +64,15 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Move the `count` earliest times from `unplaced` to `placed`, and number the pictures they reach.
+        """Settle the order of the `count` earliest of the times that have none, and number the pictures.
+
+        Pictures are numbered in decoding order, up to the first whose time is not settled.
 
         Returns:
             The pictures that still wait, and the numbered ones.
+
+        Raises:
+            ImportRefused: a time is not after the one before it.
         """
         nonlocal unplaced, placed, first, last_ns
         ordered = np.sort(unplaced)

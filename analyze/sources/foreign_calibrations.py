@@ -27,7 +27,7 @@ from schemas.session_manifest import CameraCalibrationSpec, LensModel
 
 SUFFIXES = (".yaml", ".yml", ".json")
 MAX_BYTES = 1 << 20
-"""largest size of a calibration file; a larger file is something else"""
+"""largest size of a calibration file [bytes]; a larger file is something else"""
 
 _MODELS = {
     **dict.fromkeys(
@@ -54,6 +54,7 @@ _DISTORTION = (
 )
 _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
 ADDED_NAMES = ("tworldcamera", "linetimes")
+"""names, in lower case without underscores, of entries that users may add to another program's file"""
 _SIZE = ("resolution", "imagesize", "imgsize")
 
 
@@ -85,7 +86,7 @@ def parse_calibration(data: bytes, name: str, *, as_json: bool = False) -> tuple
 
     Args:
         data: content of the file, UTF-8, at most `MAX_BYTES`.
-        name: name of the file, for messages.
+        name: name of the file, for error messages.
         as_json: True if the content is JSON, False if it is YAML.
 
     Returns:
@@ -119,7 +120,7 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
     Args:
         entries: camera matrix [px] and image size [px]; distortion, lens model, `T_world_camera` and
             `line_time_s` may be missing (no distortion, pinhole, unit matrix, 0).
-        name: name of the file or topic, for messages.
+        name: name of the file or topic, for error messages.
 
     Returns:
         The calibration, and True if the entries have the camera's pose `T_world_camera`.
@@ -189,6 +190,11 @@ def _camera_matrix(entries: Mapping[str, Any], name: str) -> Array:
 
 
 def _size(entries: Mapping[str, Any], name: str) -> tuple[int, int]:
+    """Width and height of the image [px], from two entries or from one with both.
+
+    Raises:
+        CalibrationError: they are missing, or are not whole pixels.
+    """
     width, height = _first(entries, _WIDTH), _first(entries, _HEIGHT)
     if width is None or height is None:
         both = _first(entries, _SIZE)
@@ -206,6 +212,7 @@ def _size(entries: Mapping[str, Any], name: str) -> tuple[int, int]:
 
 
 def _whole(value: Any) -> int | None:
+    """Whole number from 1 to 2^20 - 1 that `value` (an int or float) equals; None if it equals none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1 << 20:
         return None
     return int(value) if value == int(value) else None
@@ -310,6 +317,7 @@ def _first(entries: Mapping[str, Any], names: tuple[str, ...]) -> Any:
 
 
 def _plain(text: Any) -> str:
+    """Text in lower case without blanks, underscores and dashes."""
     return re.sub(r"[\s_-]", "", str(text)).lower()
 
 
@@ -324,8 +332,8 @@ def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array
 
     Args:
         value: the entry.
-        name: name of the file, for messages.
-        what: name of the entry, for messages.
+        name: name of the file, for error messages.
+        what: name of the entry, for error messages.
         counts: allowed values of n.
 
     Raises:
@@ -350,6 +358,11 @@ class _Constructor(SafeConstructor):
 
 
 def _matrix(constructor: SafeConstructor, node: Any) -> dict[Any, Any]:
+    """Entries (rows, cols, dt, data) of a YAML node of OpenCV's matrix type.
+
+    Raises:
+        YAMLError: the node is no mapping.
+    """
     if not isinstance(node, MappingNode):
         raise YAMLError("a matrix that is no mapping")
     return constructor.construct_mapping(node, deep=True)
@@ -362,6 +375,9 @@ def _yaml(text: str) -> Any:
     """Parse the first document of a YAML text; None if the text is empty.
 
     OpenCV's first line `%YAML:1.0`, which is not valid YAML, is skipped.
+
+    Raises:
+        YAMLError and other errors of the YAML reader: the text is not valid.
     """
     lines = text.splitlines()
     if lines and lines[0].startswith("%YAML"):

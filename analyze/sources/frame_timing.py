@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 SAME_INTERVAL_FRACTION = 0.5
 """largest deviation of a one-frame interval from the median interval, relative to it"""
 GAP_INTERVALS = 1.6
-"""gap between two frames, in intervals, above which a frame is missing"""
+"""gap between two frames, in frame intervals, from which on a frame is missing"""
 COARSE_STEP_FRACTION = 0.01
 """step of the stamps, relative to the frame interval, above which it is coarse (Matroska: milliseconds)"""
 RECENT_INTERVALS = 15
@@ -23,10 +23,10 @@ RECENT_INTERVALS = 15
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Conversion of a stream's time stamps (whole steps of `unit`) to capture times.
+    """Conversion of a stream's time stamps (whole steps of `unit`) to capture times since the first frame.
 
     A slow-motion file may play at 30 frames a second what was captured at 240: `slowed` is then 8, and the
-    times are divided by it.
+    playing times are divided by it.
     """
 
     first: int
@@ -78,17 +78,22 @@ class FrameTiming:
 
     @cached_property
     def _steady_steps(self) -> float:
+        """Playing interval of the constant rate `steady_s` [steps]; meaningless if that is None."""
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
-        """Last possible stamp [steps] not after `time_ns`, the capture time since the first frame (>= 0)."""
+        """Largest whole stamp [steps] whose time is not after a capture time since the first frame.
+
+        Args:
+            time_ns: capture time since the first frame [ns], not negative.
+        """
         return self.first + int(Fraction(time_ns, 10**9) * self.slowed / self.unit)
 
     @property
     def sd_ns(self) -> int:
         """Standard deviation of a capture time [ns], from rounding stamps to steps: step / sqrt(12).
 
-        It is at least 1 ns, and 1 ns where `steady_s` removes the rounding.
+        The value is at least 1 ns, and 1 ns where `steady_s` removes the rounding.
         """
         if self.steady_s is not None:
             return 1
@@ -98,7 +103,9 @@ class FrameTiming:
 def frame_timing(
     stamps: Sequence[int], unit: Fraction, stated_hz: Fraction | None, capture_hz: float | None
 ) -> FrameTiming | None:
-    """Timing from the stamps of a stream's first frames; None for fewer than two different stamps.
+    """Conversion of stamps to capture times, determined from the stamps of a stream's first frames.
+
+    None for fewer than two different stamps.
 
     Args:
         stamps: time stamps in any order [steps].
@@ -173,7 +180,7 @@ def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
 class MissingFrames:
     """Counter of missing frames: gaps between the increasing times given to `before` or `before_each`.
 
-    A gap counts from `GAP_INTERVALS` times the median of the last `RECENT_INTERVALS` intervals on.
+    An interval from `GAP_INTERVALS` times the median of the last `RECENT_INTERVALS` intervals on is a gap.
     """
 
     interval_ns: float
@@ -190,7 +197,9 @@ class MissingFrames:
     _recent: deque[int] = field(default_factory=lambda: deque(maxlen=RECENT_INTERVALS))
 
     def before(self, time_ns: int) -> int:
-        """Count the frames missing between the previous frame and the next one; 0 for the first frame.
+        """Number of frames missing between the previous frame and the next one; 0 for the first frame.
+
+        The frames and the gap are added to the counts.
 
         Args:
             time_ns: time of the next frame [ns].
@@ -214,7 +223,9 @@ class MissingFrames:
         return missing
 
     def before_each(self, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Count the frames (n,) missing before each of the next n frames; 0 before the first of a sequence.
+        """Numbers (n,) of frames missing before each of the next n frames; 0 before a sequence's first.
+
+        The frames and the gaps are added to the counts.
 
         Args:
             times_ns: (n,) times of the next frames [ns], increasing.

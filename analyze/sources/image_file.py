@@ -14,7 +14,7 @@ JPEG, PNG = "jpeg", "png"
 """format names of foxglove.CompressedImage"""
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xae\x42\x60\x82"
 PNG_SIZE_OFFSET = 16
-"""offset of width and height in every PNG file (ISO/IEC 15948)"""
+"""offset of the width, before the height, in every PNG file [bytes] (ISO/IEC 15948)"""
 
 
 class ImageFile(NamedTuple):

@@ -25,7 +25,7 @@ _NAME, _TIME = "name", "time_s"
 COLUMNS = f"{_NAME},{_TIME}"
 FILE_SUFFIXES = {".png", ".jpg", ".jpeg"}
 MIN_INTERVAL_S, MAX_INTERVAL_S = 1e-5, 0.5
-"""bounds of the interval between two images: no camera is faster, and a slower one misses the tip"""
+"""bounds of the interval between two images [s]: no camera is faster, and a slower one misses the tip"""
 
 
 class ImageFolder:
@@ -37,8 +37,8 @@ class ImageFolder:
             in the folder.
 
     Raises:
-        ImportRefused: the CSV is missing, not understood or names fewer than two images, or its earliest
-            image cannot be read.
+        ImportRefused: the CSV is missing, not understood, names fewer than two images or contradicts itself,
+            or its earliest image cannot be read.
     """
 
     def __init__(self, folder: Path, times: Path | None = None) -> None:
@@ -72,8 +72,8 @@ class ImageFolder:
         """Yield the decoded grey images with their times since the first image, in increasing order.
 
         Args:
-            start_ns: earliest time [ns], included; None for no limit.
-            end_ns: latest time [ns], included; None for no limit.
+            start_ns: earliest time since the first image [ns], included; None for no limit.
+            end_ns: latest time since the first image [ns], included; None for no limit.
 
         Raises:
             ImportRefused: an image cannot be read, or differs in size from the first.
@@ -86,9 +86,11 @@ class ImageFolder:
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
         """Yield the images as PNG or JPEG files with their times since the first image, in increasing order.
 
+        Images of other formats are converted to PNG.
+
         Args:
-            start_ns: earliest time [ns], included; None for no limit.
-            end_ns: latest time [ns], included; None for no limit.
+            start_ns: earliest time since the first image [ns], included; None for no limit.
+            end_ns: latest time since the first image [ns], included; None for no limit.
 
         Raises:
             ImportRefused: an image cannot be read, or differs in size from the first.
@@ -128,6 +130,11 @@ class ImageFolder:
 
 
 def _only_csv(folder: Path) -> Path:
+    """Path of the only CSV file in a folder.
+
+    Raises:
+        ImportRefused: the folder contains none, or several.
+    """
     found = sorted(folder.glob("*.csv"))
     if len(found) == 1:
         return found[0]
@@ -216,7 +223,10 @@ def _rows(file: TextIO) -> csv.DictReader[str]:
 
 
 def _seconds(text: str | None) -> Decimal | None:
-    """Parse a time [s] exactly, since seconds since 1970 need more digits than a float; None if no number."""
+    """Parse a time [s] to a decimal number, since seconds since 1970 need more digits than a float has.
+
+    None if the text is no finite number, or missing.
+    """
     try:
         value = Decimal((text or "").strip())
     except InvalidOperation:
@@ -227,7 +237,8 @@ def _seconds(text: str | None) -> Decimal | None:
 def _rounding_sd_ns(path: Path) -> int:
     """Standard deviation [ns] of rounding in a CSV's times: unit of the last decimal / sqrt(12).
 
-    The time with the most decimals counts; times in exponent notation are ignored. It is at least 1 ns.
+    The time with the most decimals counts; times in exponent notation are ignored. The result is at least
+    1 ns.
     """
     with path.open(encoding="utf-8-sig", newline="") as file:
         digits = max(

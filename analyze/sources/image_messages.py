@@ -25,9 +25,9 @@ _FILE_DATA = bytes([2 << 3 | 2])
 _RAW_DATA = bytes([6 << 3 | 2])
 _VIDEO_DATA = bytes([3 << 3 | 2])
 VARINT_BYTES = 5
-"""Length to which a video's varints are padded, so that all heads are equally long.
+"""Length [bytes] to which varints (protobuf's integers) before a video's pictures are padded.
 
-It is enough for the seconds until the year 3058.
+All heads are then equally long. The length is enough for the seconds until the year 3058.
 """
 MESSAGE_RECORD_HEAD = np.dtype(
     [
@@ -39,7 +39,7 @@ MESSAGE_RECORD_HEAD = np.dtype(
         ("publish", "<u8"),
     ]
 )
-"""head of a message record (schemas/mcap/records.py)"""
+"""layout of the head of an MCAP message record (schemas/mcap/records.py)"""
 
 
 def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Buffer, ...]:
@@ -60,6 +60,7 @@ def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Bu
 
 @cache
 def _file_head(camera: str, kind: str) -> bytes:
+    """Encoded fields frame_id and format of a foxglove.CompressedImage, the same in all its messages."""
     return CompressedImage(frame_id=camera, format=kind).SerializeToString(deterministic=True)
 
 
@@ -94,6 +95,7 @@ def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[
 
 @cache
 def _raw_head(camera: str, width: int, height: int) -> bytes:
+    """Encoded fields of a mono8 foxglove.RawImage without time stamp and pixels; size in px."""
     return RawImage(
         width=width, height=height, encoding="mono8", step=width, frame_id=camera
     ).SerializeToString(deterministic=True)
@@ -101,6 +103,7 @@ def _raw_head(camera: str, width: int, height: int) -> bytes:
 
 @cache
 def _video_head(camera: str, kind: VideoFormat) -> bytes:
+    """Encoded fields frame_id and format of a foxglove.CompressedVideo, the same in all its messages."""
     return CompressedVideo(frame_id=camera, format=kind.value).SerializeToString(deterministic=True)
 
 
@@ -123,9 +126,9 @@ def put_video_heads(
     gigabyte of video has 100 000 pictures.
 
     Args:
-        camera: name of the camera.
+        camera: name of the camera, the messages' frame_id.
         kind: codec of the pictures.
-        channel: channel id of the topic.
+        channel: channel id of the topic in the recording.
         messages: times, sequence numbers and sizes of the n pictures.
         data: n writable buffers: `video_room` free bytes, then the picture.
     """
@@ -151,6 +154,7 @@ def put_video_heads(
 
 @cache
 def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
+    """Layout of the bytes before each coded picture: MCAP record head and protobuf fields."""
     fields = len(_video_head(camera, kind) + _VIDEO_DATA)
     seconds, nanoseconds, length = (
         (name, "u1", VARINT_BYTES) for name in ("seconds", "nanoseconds", "length")

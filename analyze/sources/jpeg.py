@@ -16,7 +16,7 @@ from schemas.mcap.records import Buffer
 JPEG_START = b"\xff\xd8"
 _TABLES, _SCAN = 0xC4, 0xDA
 FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {_TABLES, 0xC8, 0xCC}
-"""markers of a frame header, by kind of coding"""
+"""markers that may begin a frame header (image size and components), one for each kind of coding"""
 
 
 def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
@@ -43,7 +43,7 @@ def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
 def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
     """Yield marker, offset and length [bytes] of each segment's content, up to the first scan header.
 
-    It ends early at a damaged segment, and yields nothing if the data are no JPEG.
+    The segments end early at a damaged one; data that are no JPEG have none.
     """
     if bytes(picture[:2]) != JPEG_START:
         return

@@ -23,7 +23,7 @@ from schemas.session_manifest import MANIFEST_NAME
 BAG_FILE = ".db3"
 METADATA = "metadata.yaml"
 MAX_RECORD_BYTES = 1 << 30
-"""largest record that is read: a damaged length could demand any amount of memory"""
+"""largest record that is read [bytes]: a damaged length could demand any amount of memory"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class LoggedMessage(NamedTuple):
     """A message as stored in the file."""
 
     log_ns: int
-    """time at which the recorder received the message [ns]"""
+    """time at which the recorder received the message, on the recorder's clock [ns]"""
     data: bytes
     """the message, encoded"""
 
@@ -112,6 +112,7 @@ class McapFile:
 
     @contextmanager
     def _named_damage(self) -> Iterator[None]:
+        """Convert every error within the `with` block to ImportRefused with the file's name."""
         try:
             yield
         except ImportRefused:
@@ -172,6 +173,7 @@ class BagFile:
 
     @contextmanager
     def _opened(self) -> Iterator[Reader]:
+        """Open the bag for the `with` block, and convert every error to ImportRefused with its name."""
         try:
             with Reader(self.path) as reader:
                 yield reader
@@ -187,6 +189,7 @@ class BagFile:
 
 
 def _serialization(connection: Connection) -> str:
+    """Encoding of the messages of a bag's connection (topic and type): cdr unless the bag states another."""
     return str(getattr(connection.ext, "serialization_format", "cdr"))
 
 

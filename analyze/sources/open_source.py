@@ -15,10 +15,10 @@ from analyze.sources.video import VideoSource
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """Options for reading a source; each applies to one kind of source."""
+    """Options for reading a source of images; each applies to one kind of source."""
 
     capture_hz: float | None = None
-    """frame rate at which a slow-motion video was captured [Hz]; None if by the file"""
+    """frame rate at which a slow-motion video was captured [Hz]; None for the rate that the file states"""
     times: Path | None = None
     """CSV with the times of a folder's images; None for the only one in the folder"""
     topic: str | None = None
@@ -33,8 +33,8 @@ def open_source(path: Path, options: SourceOptions) -> FrameSource:
         options: how to read it.
 
     Raises:
-        ImportRefused: the path does not exist or cannot be read, it is a ROS 1 bag, or a given option does
-            not apply to this kind of source.
+        ImportRefused: the path does not exist, it is no readable source or a ROS 1 bag, or a given option
+            does not apply to this kind of source.
     """
     if not path.exists():
         raise ImportRefused(f"{path}: no such file or folder: check the path")

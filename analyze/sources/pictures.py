@@ -118,6 +118,7 @@ def grey_values(picture: Picture) -> Image:
 
 # --- raw pixels
 
+# By pixel format: bytes per pixel and OpenCV's conversion to grey.
 COLOUR_CONVERSIONS = {
     "rgb8": (3, cv2.COLOR_RGB2GRAY),
     "8uc3": (3, cv2.COLOR_BGR2GRAY),
@@ -139,6 +140,11 @@ READ_ENCODINGS = "mono8, mono16, rgb8, bgr8, rgba8, bgra8, 8UC1, 8UC3, bayer_*8,
 
 
 def _raw_grey_values(picture: RawPicture) -> Image:
+    """Grey values (height, width) uint8 of raw pixels; of 16-bit pixels the high byte.
+
+    Raises:
+        ContainerError: the encoding is not supported, or size and number of bytes do not fit.
+    """
     encoding = picture.encoding.lower()
     channels, code = COLOUR_CONVERSIONS.get(encoding, (1, None))
     channels = 2 if encoding in LUMA_OFFSET or encoding == "mono16" else channels
@@ -189,6 +195,8 @@ def _foxglove_raw(data: bytes) -> Picture:
 
 
 def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Callable[[bytes], Picture]:
+    """Function that parses a protobuf message of type `kind` to its picture; it raises DecodeError."""
+
     def parse(data: bytes) -> Picture:
         message = kind.FromString(data)
         return CodedPicture(
@@ -232,7 +240,7 @@ def _json_coded(data: bytes) -> Picture:
 
 @cache
 def ros_types() -> Typestore:
-    """Store of ROS 2 Humble's message types; those read here are the same in all distributions."""
+    """Store of ROS 2 Humble's message types; the types read here are the same in all distributions."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -291,7 +299,8 @@ def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, An
         data: the message.
 
     Returns:
-        All entries of a JSON message; of others width, height, distortion_model, K (9) and D.
+        All entries of a JSON message; of other messages width and height [px], distortion_model, K (the 9
+        entries of the camera matrix, row by row [px]) and D (distortion coefficients).
 
     Raises:
         ContainerError: the message is damaged.

@@ -78,7 +78,9 @@ class FrameSource(Frames, Protocol):
         ...
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """Yield the images that `frames` yields as PNG or JPEG files, if `holds_files` without decoding.
+        """Yield the images as PNG or JPEG files, unchanged where the source stores them so.
+
+        Only for sources with `holds_files`; others may leave out images or raise ImportRefused.
 
         Args:
             start_ns: earliest time since the source's start [ns], included; None for no limit.

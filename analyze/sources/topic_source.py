@@ -32,11 +32,12 @@ from schemas.mcap.records import ContainerError
 from schemas.session_manifest import CameraCalibrationSpec, TimeSource
 
 EXAMINED_MESSAGES = 200
-"""messages examined to decide on the times and to measure the frame rate"""
+"""number of first messages examined to choose between stamps and log times and to measure the frame rate"""
 LOG_MARGIN_NS = 2_000_000_000
-"""largest difference between log time and header stamp, beside that of the first message"""
+"""largest change of the difference of log time and header stamp against that of the first message [ns]"""
 MIN_DECODED_FRACTION = 0.8
-"""smallest fraction of a video's pictures that decode; fewer if they are not in decoding order"""
+"""least fraction of a video's first pictures that must decode; fewer do if the messages are not in decoding
+order"""
 MIN_TIME_SD_NS = 1_000
 """smallest standard deviation of a time stamp [ns]"""
 _CALIBRATIONS = {
@@ -52,7 +53,7 @@ _Image = TypeVar("_Image", TimedImage, TimedFile)
 
 
 class TopicSource:
-    """Source of the images of one topic.
+    """Source of the images of one topic of an MCAP file or ROS 2 bag.
 
     Args:
         path: an MCAP file, a bag's folder or its .db3 file.
@@ -107,8 +108,8 @@ class TopicSource:
         Images whose time is not after the previous one's are left out, with a remark.
 
         Args:
-            start_ns: earliest time [ns], included; None for no limit.
-            end_ns: latest time [ns], included; None for no limit.
+            start_ns: earliest time since the topic's first image [ns], included; None for no limit.
+            end_ns: latest time since the topic's first image [ns], included; None for no limit.
 
         Raises:
             ImportRefused: the file is damaged, an image cannot be decoded or differs in size from the first,
@@ -125,12 +126,12 @@ class TopicSource:
         Images whose time is not after the previous one's are left out, with a remark.
 
         Args:
-            start_ns: earliest time [ns], included; None for no limit.
-            end_ns: latest time [ns], included; None for no limit.
+            start_ns: earliest time since the topic's first image [ns], included; None for no limit.
+            end_ns: latest time since the topic's first image [ns], included; None for no limit.
 
         Raises:
-            ImportRefused: the file is damaged, an image is no image file (raw pixels), or it differs in size
-                from the first.
+            ImportRefused: the file is damaged, an image is no image file (but raw pixels), or it differs in
+                size from the first.
         """
         for each in self._increasing(self._files(start_ns, end_ns)):
             self._refuse_other_size(each.time_ns, each.file.width, each.file.height)
@@ -139,7 +140,7 @@ class TopicSource:
     def calibration(self) -> tuple[CameraCalibrationSpec, str] | None:
         """Read the calibration of the topic's camera from a calibration topic of the same file.
 
-        Topics in the image topic's namespace, or the namespace above it, come before others.
+        Calibration topics in the image topic's namespace, or the namespace above it, are preferred to others.
 
         Returns:
             The calibration and its topic's name; None if there is no such topic or message, or the choice is
@@ -173,6 +174,17 @@ class TopicSource:
     def _pictures(
         self, log_from: int | None = None, log_to: int | None = None
     ) -> Iterator[tuple[LoggedMessage, Picture]]:
+        """Yield the topic's images, not decoded, each with its message; of a video only whole pictures.
+
+        A picture that is split over messages comes with the first of them.
+
+        Args:
+            log_from: earliest log time [ns], included; None for no limit.
+            log_to: latest log time [ns], included; None for no limit.
+
+        Raises:
+            ImportRefused: the file or a message is damaged, or a message of a video is not usable.
+        """
         found = self._messages(log_from, log_to)
         if not self._is_video:
             yield from found
@@ -185,6 +197,11 @@ class TopicSource:
             raise ImportRefused(f"{self.name}: {error}") from None
 
     def _messages(self, log_from: int | None, log_to: int | None) -> Iterator[tuple[LoggedMessage, Picture]]:
+        """Yield the topic's messages between two log times [ns] (None: no limit), each with its content.
+
+        Raises:
+            ImportRefused: the file or a message is damaged.
+        """
         for message in self._file.messages(self._topic, log_from, log_to):
             try:
                 yield message, parse_picture(self._topic.encoding, self._topic.schema, message.data)
@@ -192,10 +209,10 @@ class TopicSource:
                 raise ImportRefused(f"{self.name}: {error}: the file is damaged") from None
 
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Picture]]:
-        """Yield time since the source's start [ns] and picture of the messages from `start_ns` to `end_ns`.
+        """Yield time since the topic's first image [ns] and picture of the messages in a range.
 
-        For video, all earlier messages (which the decoder needs) and some later ones are yielded, too. Both
-        ends are times since the source's start [ns], included; None stands for no limit.
+        For video, all earlier messages (which the decoder needs) and some later ones are yielded, too. The
+        ends of the range are times since the first image [ns], included; None stands for no limit.
         """
         margin = LOG_MARGIN_NS if self._by_header or self._is_video else 0
         log_from = None if start_ns is None or self._is_video else max(self._logged_ns + start_ns - margin, 0)
@@ -206,6 +223,7 @@ class TopicSource:
                 yield time_ns, picture
 
     def _images(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedImage]:
+        """Yield the decoded images in a range of times, as `frames` does, without checks of time and size."""
         found = self._between(start_ns, end_ns)
         try:
             if self._is_video:
@@ -223,6 +241,7 @@ class TopicSource:
             raise ImportRefused(f"{self.name}: {error}") from None
 
     def _files(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedFile]:
+        """Yield the image files in a range of times, as `files` does, without checks of time and size."""
         for time_ns, picture in self._between(start_ns, end_ns):
             file = image_file(picture.data) if isinstance(picture, CodedPicture) else None
             if file is None:
@@ -232,6 +251,7 @@ class TopicSource:
             yield TimedFile(time_ns, file)
 
     def _increasing(self, found: Iterator[_Image]) -> Iterator[_Image]:
+        """Yield images with increasing times; the others are left out, with a remark at the end."""
         last_ns, behind = -1, 0
         for each in found:
             if each.time_ns <= last_ns:
@@ -253,6 +273,11 @@ class TopicSource:
             )
 
     def _as_recorded(self, found: Iterator[tuple[int, Picture]]) -> Iterator[RecordedMessage]:
+        """Yield coded pictures as messages of a recording, numbered from 0.
+
+        Args:
+            found: time [ns], which becomes the message's log time, and picture.
+        """
         for number, (time_ns, picture) in enumerate(found):
             if isinstance(picture, CodedPicture):
                 yield RecordedMessage(
@@ -260,12 +285,13 @@ class TopicSource:
                 )
 
     def _examine(self) -> tuple[NDArray[np.uint8], list[int], list[int]]:
-        """Read the first image, and header stamps and log times of the first `EXAMINED_MESSAGES` messages.
+        """Read the first image, and header stamps and log times of the first `EXAMINED_MESSAGES` images.
 
-        Times are provisionally set to log times since the first message.
+        The source's times are provisionally set to log times since the first image.
 
         Returns:
-            The image (height, width), the stamps [ns] and the log times [ns], of video in display order.
+            The image (height, width) uint8, the stamps [ns] and the log times [ns]; the times of a video are
+            those of the pictures that decode, in display order.
 
         Raises:
             ImportRefused: there are fewer than two images, or video cannot be decoded or has wrong times.
@@ -302,7 +328,7 @@ class TopicSource:
             without those that do not decode.
 
         Raises:
-            ImportRefused: less than `MIN_DECODED_FRACTION` of the pictures decode.
+            ImportRefused: less than `MIN_DECODED_FRACTION` of the pictures decode, or decoding fails.
         """
         first, shown = None, list[int]()
         number_pictures = (
@@ -344,6 +370,11 @@ class TopicSource:
 
 
 def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> LoggedTopic:
+    """Topic of readable images with the given name, or the only one if `name` is None.
+
+    Raises:
+        ImportRefused: there is no such topic, or `name` is None and there are several.
+    """
     images = [topic for topic in topics if is_readable(topic.encoding, topic.schema) and topic.count != 0]
     listed = ", ".join(topic.name for topic in images[:MAX_NAMED]) + (
         ", ..." if len(images) > MAX_NAMED else ""
@@ -373,6 +404,7 @@ def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> Lo
 
 
 def _is_increasing(times: list[int]) -> bool:
+    """True if every time is later than the one before."""
     return all(earlier < later for earlier, later in pairwise(times))
 
 

@@ -40,16 +40,18 @@ from schemas.session_manifest import TimeSource
 FILE_CODECS = {"mjpeg", "png"}
 """codecs whose pictures are image files, at most without tables"""
 KEPT_CODECS = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
+"""codecs, by FFmpeg's name, whose pictures can be stored as coded"""
 EXAMINED_FRAMES = 1000
 """number of first frames from which the timing is determined"""
 MIN_RATE_JUMP = 2.5
-"""ratio of two frame rates above which the change is not a phone's reaction to the light"""
+"""ratio of two frame rates in a video above which the change is not a phone's reaction to the light"""
 MIN_SLOW_FACTOR = 1.2
-"""ratio of capture rate to playing rate above which a video is slow motion"""
+"""ratio of capture rate to playing rate from which on a video is slow motion"""
 GROUP_PICTURES, GROUP_BYTES = 512, 2 << 20
-"""largest number of pictures, and of bytes, handled at once"""
+"""number of pictures, and of bytes, at which a group of pictures handled at once ends"""
 WITHOUT_PARSER = {"fflags": "noparse+nofillin"}
-"""FFmpeg options for files that describe every access unit: parsing takes as long as reading"""
+"""FFmpeg options that leave out its parser, which takes as long as reading; for files whose container
+describes every access unit (coded picture)"""
 
 
 class VideoSource:
@@ -103,11 +105,11 @@ class VideoSource:
         Frames that cannot be decoded or have no time stamp are left out, with a remark at the file's end.
 
         Args:
-            start_ns: earliest time [ns], included; None for no limit.
-            end_ns: latest time [ns], included; None for no limit.
+            start_ns: earliest capture time since the first frame [ns], included; None for no limit.
+            end_ns: latest capture time since the first frame [ns], included; None for no limit.
 
         Raises:
-            ImportRefused: times do not increase, or the image size changes.
+            ImportRefused: the file cannot be opened, times do not increase, or the image size changes.
         """
         decoded, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
@@ -148,7 +150,8 @@ class VideoSource:
             room: number of bytes left free before each picture, for the message's head in a recording.
 
         Raises:
-            ImportRefused: a picture has no time stamp, or `storable_format` is None.
+            ImportRefused: the file cannot be opened, a picture has no time stamp, or `storable_format` is
+                None.
         """
         if self.storable_format is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not stored as coded")
@@ -175,16 +178,17 @@ class VideoSource:
         self._note_count(seen, last_ns)
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """Yield the pictures as PNG or JPEG files, with increasing times since the first frame.
+        """Yield the pictures of a PNG or Motion JPEG video as files, with increasing times.
 
-        Pictures without a time stamp are left out; damaged ones too, with a remark at the file's end.
+        Times are capture times since the first frame. Pictures without a time stamp are left out; damaged
+        ones, and those of other codecs, too, with a remark at the file's end.
 
         Args:
-            start_ns: earliest time [ns], included; None for no limit.
-            end_ns: latest time [ns], included; None for no limit.
+            start_ns: earliest capture time since the first frame [ns], included; None for no limit.
+            end_ns: latest capture time since the first frame [ns], included; None for no limit.
 
         Raises:
-            ImportRefused: times do not increase, or the image size changes.
+            ImportRefused: the file cannot be opened, times do not increase, or the image size changes.
         """
         seen, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
@@ -213,7 +217,7 @@ class VideoSource:
             self._note_count(seen, last_ns)
 
     def check_constant_rate(self, times_ns: NDArray[np.int64]) -> None:
-        """Add a remark if the frame rate changes by a factor of `MIN_RATE_JUMP` within the video.
+        """Add a remark if the frame rate changes by a factor of `MIN_RATE_JUMP` or more within the video.
 
         Args:
             times_ns: (n,) times of all frames [ns], increasing.
@@ -237,6 +241,11 @@ class VideoSource:
     # --- the file
 
     def _open(self, options: dict[str, str] | None = None) -> InputContainer:
+        """Open the file with FFmpeg.
+
+        Raises:
+            ImportRefused: the file does not exist, is a folder, or is not a readable video.
+        """
         try:
             return av.open(str(self.path), options=options)
         except FileNotFoundError:
@@ -275,6 +284,16 @@ class VideoSource:
     def _read_timing(
         self, container: InputContainer, stream: av.VideoStream, capture_hz: float | None
     ) -> FrameTiming:
+        """Determine the timing from the first `EXAMINED_FRAMES` time stamps of the stream.
+
+        Args:
+            container: the open file.
+            stream: its video stream.
+            capture_hz: capture rate that the user states [Hz]; None for the file's.
+
+        Raises:
+            ImportRefused: there are fewer than two different time stamps.
+        """
         stamps: list[int] = []
         for packet in self._packets(container, stream):
             if packet.pts is not None:
@@ -316,6 +335,11 @@ class VideoSource:
         return given_hz or stated_hz
 
     def _first_frame(self, container: InputContainer) -> av.VideoFrame:
+        """Decode the first frame of an open file.
+
+        Raises:
+            ImportRefused: no frame can be decoded.
+        """
         try:
             for frame in container.decode(video_stream(container, self.path)):
                 return frame
@@ -351,6 +375,12 @@ class VideoSource:
             self._remarks["damaged"] = f"{self.name}: {frames} frames cannot be decoded and are left out"
 
     def _note_count(self, frames: int, last_ns: int) -> None:
+        """Add the remark "cut short" if frames or time are missing at the end, by the file's own statement.
+
+        Args:
+            frames: number of frames that were read.
+            last_ns: capture time of the last frame since the first [ns].
+        """
         if self.frame_count and frames < self.frame_count:
             self._note_cut(f": it has {frames} of {self.frame_count} frames")
         elif self._stated_end_s is not None and last_ns * 1e-9 < self._stated_end_s:
@@ -361,7 +391,7 @@ class VideoSource:
 
 
 def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:
-    """Yield packets in groups of at most `GROUP_PICTURES`, each ended once it has `GROUP_BYTES` bytes.
+    """Yield packets in groups, each ended once it has `GROUP_PICTURES` packets or `GROUP_BYTES` bytes.
 
     The empty packet with which FFmpeg ends a stream is left out.
     """

@@ -14,6 +14,7 @@ from analyze.sources.frame_timing import FrameTiming
 CAPTURE_RATE_KEY = "com.android.capture.fps"
 """metadata of slow motion on Android phones: the capture rate, where the stamps are those of playing"""
 MAX_RATE_HZ = 1e6
+"""largest capture rate that is believed [Hz]"""
 MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
 
 
@@ -44,9 +45,13 @@ def capture_rate_hz(container: InputContainer) -> float | None:
 
 
 def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
-    """Earliest plausible capture time [s] of a complete file's last frame, by the duration that it states.
+    """Least capture time [s] since the first frame that the last frame of a complete file has.
 
-    A last frame before it shows that the file is cut short. None if the file states no duration.
+    It is the stated playing duration over `timing.slowed`, less 2.5 frame intervals, or less 1 s if the file
+    has other streams, which may last longer. An earlier last frame shows that the file is cut short.
+
+    Returns:
+        The time; None if the file states no duration.
     """
     if container.duration is None:
         return None
@@ -56,7 +61,10 @@ def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None
 
 
 def wall_start_ns(container: InputContainer) -> int | None:
-    """Time of recording that the file states, to the second [ns since 1970]; None if none or before 1970."""
+    """Time of recording that the file states, to the second [ns since 1970]; None if none or implausible.
+
+    Implausible is a time up to 1970, as of a camera whose clock is not set.
+    """
     try:
         stated = datetime.fromisoformat(str(container.metadata.get("creation_time", "")))
     except ValueError:

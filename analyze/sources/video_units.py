@@ -15,13 +15,15 @@ from analyze.sources.pictures import CodedPicture
 from schemas.mcap.records import ContainerError
 
 Unit = tuple[LoggedMessage, CodedPicture]
-"""a picture, and the message that contains it or its first part"""
+"""message of a video, and the picture or the part of a picture in it; once assembled, a whole picture with
+the message that contains its first part"""
 
 
 def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
-    """Yield whole coded pictures, from the first key picture with parameter sets on.
+    """Yield whole coded pictures with their messages, from the first key picture with parameter sets on.
 
-    A decoder can begin at that picture; earlier ones are left out.
+    A decoder can begin at that picture; earlier ones are left out. A picture that was split comes with the
+    message of its first part.
 
     Args:
         messages: messages in the order in which they were written, each with a picture or a part of one.
@@ -42,7 +44,8 @@ def _assembled(messages: Iterable[Unit]) -> Iterator[Unit]:
     """Yield whole coded pictures, assembled from messages that contain parts of them.
 
     Messages without a slice (parameter sets) are put before the next picture; slices that begin no picture
-    are appended to the previous picture.
+    are appended to the previous picture, and left out before the first. A picture comes with the message of
+    its first slice.
 
     Raises:
         ContainerError: a message does not begin with a start code, contains several pictures, or is of an
