@@ -17,7 +17,7 @@ from analyze.types import Array
 from schemas.result import Result
 
 AXIS_ORDERS = np.stack([np.eye(3)[list(order)] for order in permutations(range(3))])
-"""permutation matrices of the three principal axes"""
+"""(6, 3, 3) permutation matrices of the three principal axes"""
 RESERVED_NAMES = {"world", "base", "root", "default", "main"}
 """names that SDF, MJCF or their users reserve"""
 
@@ -36,9 +36,9 @@ class Inertial:
     def principal_quaternion(self) -> tuple[Array, Array]:
         """Principal moments (3,) [kg m^2], and the orientation of their axes in O as quaternion (4,).
 
-        The unit quaternion, in the order w, x, y, z with w at least 0, rotates the axes of O into the
-        principal ones. These are ordered and signed so that the rotation is close to the identity: a diagonal
-        tensor stays as it is.
+        O is the frame of the object's shape file. The unit quaternion, in the order w, x, y, z with w at
+        least 0, rotates the axes of O into the principal axes. Moments and axes are ordered, and the axes
+        signed, so that the rotation is near the identity: a diagonal tensor keeps its order of moments.
         """
         values, axes = np.linalg.eigh(self.inertia)
         order = max(AXIS_ORDERS, key=lambda each: float(np.abs(np.diag(axes @ each)).sum()))
@@ -66,16 +66,17 @@ class ExportBody:
 
     @property
     def identifier(self) -> str:
-        """Name of the object as an ASCII identifier that is valid in all four formats."""
+        """Name of the object as an ASCII identifier that is valid in URDF, SDF, MJCF and USD."""
         return identifier(self.name)
 
 
 def identifier(name: str) -> str:
     """Convert a name to an ASCII identifier that is valid in URDF, SDF, MJCF and USD.
 
-    The identifier is a letter, then letters, digits and single underscores; "object" if nothing is left
-    of the name. SDF reserves names between double underscores and `world`, MJCF `world`; USD allows letters,
-    digits and underscores only.
+    The identifier is a letter, then letters, digits and single underscores. Accents and other characters
+    outside ASCII are dropped, others become underscores. "object_" is put before a digit and before
+    `RESERVED_NAMES`; "object" stands for a name of which nothing is left. SDF reserves names between double
+    underscores and `world`, MJCF `world`; USD allows letters, digits and underscores only.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_")
@@ -92,7 +93,8 @@ def inertial_of(result: Result, name: str) -> Inertial:
         name: name of the object, for messages.
 
     Raises:
-        ExportError: the result lacks one of them, or they are not physically possible.
+        ExportError: mass, centre of mass or inertia tensor is missing or of the wrong shape, the tensor is
+            not symmetric, or the parameters are not physically possible.
     """
     mass, com, inertia = result.mass.value, result.centre_of_mass.value, result.inertia.value
     if mass is None or com is None or inertia is None:

@@ -48,11 +48,12 @@ def is_result(files: Sequence[Path]) -> bool:
 def read_export_input(
     files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None
 ) -> ExportInput:
-    """Result and object of an export: estimated from recordings, or read from files.
+    """Result and object of an export: estimated from recordings, or read from a result and an object file.
 
     Args:
         files: recordings (.mcap) of one object, or one result (.json).
-        object_path: object file (TOML); it replaces that of recordings, and is required for a result.
+        object_path: object file (TOML); it replaces that of recordings, and is required for a result. None
+            for the recordings' own.
         exclude: ids of strikes to leave out of an estimate from recordings.
         progress: called with (text, strikes done, strikes in all) while recordings are estimated; None for
             silence.

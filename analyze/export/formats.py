@@ -16,7 +16,10 @@ class Format(enum.Enum):
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """Suffixes of files of this format, the usual one first; USD's suffix selects text or binary."""
+        """File suffixes of this format, with their dot, the usual one first.
+
+        USD's suffix selects text (.usda) or binary.
+        """
         return {
             "urdf": (".urdf",),
             "sdf": (".sdf",),
@@ -34,9 +37,10 @@ class Format(enum.Enum):
 
 
 def why_misnamed(output: Path, wanted: Format) -> str | None:
-    """One-line reason why the suffix of `output` is wrong for the format `wanted`; None if it is not.
+    """One-line reason why the suffix of `output` is wrong for the format `wanted`; None if it is right.
 
-    A suffix is wrong if it belongs to another format, or, for USD, is none of its own.
+    The line proposes a name. A suffix is wrong if it belongs to another format, or, for USD, is none of its
+    own; other formats accept a file without a suffix or with an unknown one.
     """
     suffix = output.suffix.lower()
     if wanted is Format.USD and suffix not in wanted.suffixes:

@@ -23,13 +23,14 @@ from analyze.types import TENSOR_ENTRIES, Array
 from schemas.object_spec import ObjectSpec
 
 STRIKE_SD_FRACTION = 0.02
-"""sd of a moment from one strike, relative to the prior's: a good strike is far better than the shape"""
+"""sd of a moment from one strike over the prior's sd: a good strike is far better than the shape"""
 MEASURED_FRACTION = 0.5
 """sd relative to the prior's below which an entry counts as measured (as in analyze.estimation.inertia)"""
 FOOTING_MARGIN = 0.0
-"""margin around c that a resting face must support; 0, since c is known here"""
+"""scale of the region of the centre of mass that must lie over a resting face; 0: only its centre, which is
+known here"""
 MIN_GAIN = 0.05
-"""relative reduction of an entry's sd above which an edge is named"""
+"""smallest ln(sd before / sd after), summed over the entries still to measure, for which an edge is named"""
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,11 @@ class AdditionalEdges:
 def additional_edges(
     model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Array], prior: Sequence[tuple[int, int]]
 ) -> AdditionalEdges:
-    """Choose additional edges to tip over, one by one: each makes the largest number of entries measured.
+    """Choose additional edges to tip over, one by one: each makes the most tensor entries measured.
 
-    Of edges with equal numbers, the one that reduces the entries' sd most is taken. The edges are those that
-    the planner would consider, under its names; whether camera and striker reach one is for the planner to
+    Of edges that make equally many measured, the one that reduces the standard deviations of the entries most
+    is taken. The choice ends when all entries are measured or no edge helps. The edges are those that the
+    planner would consider, under its names; whether camera and striker reach one is for the planner to
     decide.
 
     Args:
@@ -56,10 +58,10 @@ def additional_edges(
         spec: object specification, of which markers and edge radius are used.
         com: (3,) estimated centre of mass in O [m].
         made: unit directions (3,) in O of the axes whose moments are known.
-        prior: tensor entries (i, j) to measure.
+        prior: entries (i, j) of the inertia tensor to measure, which come from the shape so far.
 
     Returns:
-        The edges, in the order chosen, and the entries that stay unmeasured.
+        The edges, in the order chosen, and the entries of `prior` that stay unmeasured.
     """
     expected = hypothesis(model)
     believed = replace(expected, region=replace(expected.region, centre=com))
@@ -90,12 +92,15 @@ def additional_edges(
 
 
 def _information(row: Array) -> Array:
+    """Information (6, 6) on the tensor's entries, in units of the prior sd, from one moment's `row` (6,)."""
     return np.outer(row, row) / STRIKE_SD_FRACTION**2
 
 
 def _sd(information: Array) -> Array:
+    """Standard deviations (6,) of the tensor's entries over the prior's, for `information` (6, 6)."""
     return np.sqrt(np.diag(np.linalg.inv(information)))
 
 
 def _measured(information: Array) -> BoolArray:
+    """Mask (6,) of the tensor's entries that `information` (6, 6) determines well enough."""
     return _sd(information) < MEASURED_FRACTION

@@ -26,7 +26,8 @@ def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str
         name: name of the object, for messages.
 
     Raises:
-        ExportError: a value comes from the shape; the message names it and the edges that would measure it.
+        ExportError: the centre of mass is not determined in some direction, or an entry of the tensor comes
+            from the shape; the message names it and, for entries, the edges that would measure them.
     """
     com, missing = result.centre_of_mass, prior_entries(result)
     if not com.observed:
@@ -48,6 +49,7 @@ def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str
 
 
 def _remedy_text(found: AdditionalEdges, missing: int) -> str:
+    """Remedy in words: the edges to tip over, those of `missing` entries that none measures, the option."""
     otherwise = "export without --measured-only: the file then marks the entries from the shape"
     if not found.axes:
         return f"no edge of this object would measure them: {otherwise}"
@@ -63,9 +65,9 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
 
 
 def _along(direction: Array) -> str:
-    """Text of the direction (3,) of a line: "x", "y", "z" or "(0.71, 0.71, 0.00)".
+    """Text of a unit direction (3,): the name of a coordinate axis, or such as "(0.71, 0.71, 0.00)".
 
-    The direction is turned so that its largest component is positive.
+    A direction stands for its line: it is reversed if its largest component is negative.
     """
     direction = direction * (1 if direction[np.argmax(np.abs(direction))] > 0 else -1)
     for i, axis in enumerate("xyz"):

@@ -37,6 +37,6 @@ def mesh_file(body: ExportBody) -> MeshFile | None:
 
 
 def numbers(values: np.ndarray | list[float] | tuple[float, ...]) -> str:
-    """Text of numbers separated by blanks, each with enough digits to be read back exactly."""
+    """Text of numbers separated by blanks, with enough digits to be read back exactly; -0 becomes 0."""
     # Adding 0.0 turns -0 into 0, which readers treat alike.
     return " ".join(repr(float(value) + 0.0) for value in values)

@@ -1,10 +1,10 @@
-"""Write MJCF (MuJoCo's format): one free body, its frame O, the frame of the object's shape file.
+"""Write MJCF (MuJoCo's format): one free body in O, the frame of the object's shape file.
 
 The inertia is written as `diaginertia` with the quaternion of its principal axes, as MuJoCo stores it: no
-reader has to diagonalise (MuJoCo 4.0 would, of `fullinertia`, to 5e-15). No mass is computed from the shape;
-`boundmass`, `boundinertia`, `balanceinertia` and `settotalmass`, with which MuJoCo would alter what it reads,
-are off by default. The mesh is a file of its own, since Drake, which reads MJCF too, ignores a mesh inside
-the file.
+reader has to diagonalise it (MuJoCo 4.0 would do so for `fullinertia`, to 5e-15). No mass is computed from
+the shape; `boundmass`, `boundinertia`, `balanceinertia` and `settotalmass`, with which MuJoCo would alter
+what it reads, are off by default. The mesh is a file of its own, since Drake, which reads MJCF too, ignores a
+mesh inside the file.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from analyze.export.xml_text import child, document
 from schemas.object_spec import Box, Cylinder
 
 AS_WRITTEN = {"angle": "radian", "inertiafromgeom": "false"}
+"""attributes of `<compiler>`: angles in radians, inertia as in the file and not from the shapes"""
 ROLES = {"visual": {"contype": "0", "conaffinity": "0", "group": "2"}, "collision": {"group": "3"}}
 """groups as in MuJoCo's own models: the viewer shows 2 and hides 3"""
 
@@ -49,9 +50,10 @@ def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
 
 
 def _shape(root: ET.Element, body: ExportBody, mesh: MeshFile | None) -> dict[str, str]:
-    """Attributes that give a `<geom>` its shape; MuJoCo takes half sizes of boxes and cylinders.
+    """Attributes that give a `<geom>` its shape: type, and sizes [m] or the name of the mesh.
 
-    For a mesh, an `<asset>` that names its file is appended to `root`.
+    MuJoCo takes half the edges of a box, and radius and half height of a cylinder. For a mesh, an `<asset>`
+    that names its file is appended to `root`.
     """
     match body.model.primitive:
         case Box(size_m=size):

@@ -22,7 +22,7 @@ UNPRINTABLE = re.compile(
 
 
 def prior_entries(result: Result) -> list[tuple[int, int]]:
-    """Entries (i, j) of the inertia tensor that come from the shape instead of strikes.
+    """Entries (i, j), i <= j, of a result's inertia tensor that come from the shape instead of strikes.
 
     Empty if all are measured; all six if an older result does not state which are.
     """
@@ -36,11 +36,12 @@ def prior_entries(result: Result) -> list[tuple[int, int]]:
 def provenance(result: Result, name: str, software: str) -> dict[str, object]:
     """Origin of a result's numbers, as a dict of JSON values for the exported file.
 
-    It holds ids and hashes of the inputs, mass, centre of mass and tensor with sd and source, and codes of
-    the warnings. The same result and program give the same values.
+    It holds ids and hashes of the inputs; mass, centre of mass and inertia tensor in O (the frame of the
+    object's shape file), each with standard deviation and source; and the codes of the warnings. The same
+    result and program give the same values.
 
     Args:
-        result: result that is exported.
+        result: result that is exported; it must contain an inertia tensor.
         name: object name from the object file.
         software: name and version of the program that writes the file.
     """
@@ -93,7 +94,7 @@ def provenance_text(provenance: Mapping[str, object]) -> str:
 
 
 def printable(text: str) -> str:
-    """Copy of `text` with JSON escapes for characters that XML forbids, USD truncates at, or nobody sees."""
+    """Copy of `text` with JSON escapes for characters that are invisible or that XML or USD cannot hold."""
     return UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 

@@ -59,8 +59,8 @@ def read_back(path: Path, written: Format) -> Inertial:
         Mass, centre of mass and inertia tensor about it, in the frame of the body's link or prim.
 
     Raises:
-        ExportError: the library is missing, cannot read the file, or finds no body in it; or the mesh is
-            missing.
+        ExportError: the library is missing, cannot read the file, or finds in it no body, no inertial
+            parameters or (USD) other units than kg and m; or a mesh that the file names is missing.
     """
     try:
         return {Format.URDF: _urdf, Format.SDF: _sdf, Format.MJCF: _mjcf, Format.USD: _usd}[written](path)
@@ -132,13 +132,16 @@ def _usd(path: Path) -> Inertial:
 
 
 def _required(part: Part | None, name: str) -> Part:
+    """Return `part` of a file; raise ValueError with its `name` if it is None."""
     if part is None:
         raise ValueError(f"it finds no {name}")
     return part
 
 
 def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
-    """Raise FileNotFoundError if a mesh that a file names is missing; the readers do not open meshes.
+    """Raise FileNotFoundError if a mesh that a URDF or SDF file names is missing.
+
+    The libraries that read these formats do not open meshes here.
 
     Args:
         path: the file.
@@ -150,7 +153,7 @@ def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
 
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
-    """Inertial parameters in a link's frame, from a tensor along other axes.
+    """Inertial parameters in the frame of a body's link or prim, from a tensor along other axes.
 
     Args:
         mass: mass [kg].

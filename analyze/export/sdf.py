@@ -1,4 +1,4 @@
-"""Write SDFormat 1.7, which Gazebo reads since version 11: one model with one link, its frame O.
+"""Write SDFormat 1.7, which Gazebo reads since version 11: one model with one link in frame O.
 
 O is the frame of the object's shape file.
 

@@ -1,4 +1,4 @@
-"""Write URDF: one link, its frame O, the frame of the object's shape file.
+"""Write URDF: one link whose frame is O, that of the object's shape file.
 
 `<origin>` of `<inertial>` is the centre of mass in the link's frame; the tensor is about it, along the link's
 axes for rpy = 0 (wiki.ros.org/urdf/XML/link). `<cylinder>` is along z, as in object files.

@@ -1,4 +1,4 @@
-"""Write USD: one rigid body with UsdPhysics, its frame O, its shape in the file; metres, kg, z up.
+"""Write USD: one rigid body in frame O with UsdPhysics, its shape in the file; metres, kg, z up.
 
 O is the frame of the object's shape file.
 
@@ -36,7 +36,8 @@ def write_usd(body: ExportBody, path: Path) -> None:
 
     Args:
         body: exported body.
-        path: the file, whose suffix (.usda, .usd, .usdc) selects text or binary encoding.
+        path: the file, replaced if it exists; its suffix (.usda, .usd, .usdc) selects text or binary
+            encoding.
 
     Raises:
         OSError: the file cannot be written.

@@ -23,7 +23,7 @@ from schemas.output_file import OutputError, refuse_unwritable
 def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
     """Write a body for a simulator, and check the file by reading it back with another library.
 
-    On failure of the check, existing files stay as they were.
+    If the check fails, existing files stay as they were.
 
     Args:
         body: exported body.
@@ -31,7 +31,8 @@ def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
         output: the file; its folder must exist.
 
     Returns:
-        Files written: `output`, and the mesh beside it unless the shape is a primitive or the format USD.
+        Files written: `output`, then the mesh beside it unless the shape is a box or cylinder or the format
+        is USD.
 
     Raises:
         ExportError: the library that reads the format is missing, cannot read the file, or does not find the
@@ -55,8 +56,8 @@ def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
 def refuse_changed_parameters(written: Inertial, found: Inertial, where: Format) -> None:
     """Raise ExportError if a file was read back with other inertial parameters than were written.
 
-    Mass and tensor are compared relative to their largest entry, the centre of mass relative to its largest
-    coordinate or to the radius of gyration sqrt(tr I / 2m), whichever is larger.
+    The mass is compared relative to itself, the inertia tensor I relative to its largest entry, the centre of
+    mass relative to its largest coordinate or to the radius of gyration sqrt(tr I / 2m), whichever is larger.
 
     Args:
         written: parameters that were written.
@@ -64,7 +65,7 @@ def refuse_changed_parameters(written: Inertial, found: Inertial, where: Format)
         where: format of the file, which gives the tolerance.
 
     Raises:
-        ExportError: one of them differs by more than the format's tolerance.
+        ExportError: one of them differs by more than the format's tolerance, or is not a number.
     """
     arm = float(np.sqrt(np.trace(written.inertia) / (2 * written.mass)))
     pairs = (
@@ -95,10 +96,12 @@ def _write(body: ExportBody, wanted: Format, path: Path, mesh: MeshFile | None) 
 def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Path]:
     """Move the files into place, the mesh first, so that no body's file is ever without its mesh.
 
+    Existing files are replaced; the new ones are readable by all users.
+
     Args:
         staged: body's file in a folder on the same disk, with the mesh beside it.
         output: final path of the body's file.
-        mesh: mesh; None if there is none.
+        mesh: mesh file beside `staged`; None if there is none.
 
     Returns:
         Final paths: the body's file, then the mesh if there is one.

@@ -14,7 +14,7 @@ def document(root: ET.Element, body: ExportBody) -> str:
     """Text of an XML document, with the provenance (origin of the numbers) as a comment in its root.
 
     Args:
-        root: root element; the comment is inserted, and it is indented, in place.
+        root: root element, changed in place: the comment becomes its first child, and it is indented.
         body: exported body, of which the provenance is taken.
     """
     root.insert(0, ET.Comment(provenance_text(body.provenance)))
@@ -23,13 +23,13 @@ def document(root: ET.Element, body: ExportBody) -> str:
 
 
 def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
-    """Append a new element to `parent` and return it.
+    """Append a new XML element to `parent` and return the new element.
 
     Args:
         parent: element that is changed.
         tag: name of the new element.
-        text: its text; None for none.
-        attributes: its attributes.
+        text: text of the new element; None for none.
+        attributes: attributes of the new element.
     """
     element = ET.SubElement(parent, tag, attributes)
     element.text = text
