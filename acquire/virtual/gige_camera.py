@@ -69,7 +69,6 @@ class StreamSettings:
     """first row of the region"""
     exposure_us: float
     gain_db: float
-    frame_rate_hz: float
 
 
 class ImageSource(Protocol):
@@ -307,7 +306,6 @@ class VirtualGigeCamera:
             offset_y=read(_OFFSET_Y),
             exposure_us=float(read(_EXPOSURE_US)),
             gain_db=float(read(_GAIN)),
-            frame_rate_hz=1e6 / self._relay.period_us,
         )
 
     def _render(self) -> None:

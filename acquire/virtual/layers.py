@@ -44,6 +44,24 @@ class Outline:
     """(m,) cover inside minus outside"""
 
 
+def cut_lines(
+    first: NDArray[np.float64], last: NDArray[np.float64], pieces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Cut each of n lines into equal pieces, so that lens distortion can bend it.
+
+    Args:
+        first: (n, d) start points.
+        last: (n, d) end points.
+        pieces: (n,) number of pieces of each line, at least 1.
+
+    Returns:
+        Points (p, d) along the lines, and the index of each piece's start point; its end point is the next.
+    """
+    share = [np.linspace(0.0, 1.0, count + 1)[:, None] for count in pieces]
+    points = np.concatenate([a + s * (b - a) for a, b, s in zip(first, last, share, strict=True)])
+    return points, np.delete(np.arange(len(points)), np.cumsum(pieces + 1) - 1)
+
+
 def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
     """Layer of a filled outline, averaged over its sub-exposures.
 

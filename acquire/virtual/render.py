@@ -7,10 +7,12 @@ OpenCV. Not modelled: defocus by depth, reflections, rolling shutter.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from acquire.virtual.backdrop import backdrop
 from acquire.virtual.layers import Layer, paint, paint_shadow
@@ -71,9 +73,7 @@ class Renderer:
         self._vignette = vignette(width, height)
         self._noise = NoiseBank(rng, width, height)
         low, high = virtual_object.mesh_vertices.min(axis=0), virtual_object.mesh_vertices.max(axis=0)
-        self._corners = np.array(
-            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-        )
+        self._corners = np.array(list(product(*zip(low, high, strict=True))))
         self._scene = self._backdrop.copy()
         self._drawn: list[Box] = []
         self._settings = (np.nan, np.nan)
@@ -197,13 +197,7 @@ def _same_pose(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
 
 def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotation matrices (k, 3, 3) of quaternions (k, 4) (w, x, y, z), which need not be normalised."""
-    w, x, y, z = (q_wxyz / np.linalg.norm(q_wxyz, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
+    return Rotation.from_quat(q_wxyz[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _without_contained(boxes: list[Box]) -> list[Box]:

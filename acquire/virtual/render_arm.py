@@ -22,18 +22,6 @@ _ROUND = 28
 """corners of the polygon that stands for a disc"""
 
 
-def _loop(
-    corners: NDArray[np.float64], grey: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
-    """Edges of a clockwise polygon: starts (n, 2), ends (n, 2), cover weights (n,) of 1, grey level.
-
-    Args:
-        corners: (n, 2) corners (x, z) [m] from the hinge, clockwise as the camera sees them.
-        grey: grey level of the polygon.
-    """
-    return corners, np.roll(corners, -1, axis=0), np.ones(len(corners)), grey
-
-
 def _disc(x: float, z: float, radius: float) -> NDArray[np.float64]:
     angle = np.arange(_ROUND) * (2 * np.pi / _ROUND)
     return np.stack([x + radius * np.sin(angle), z + radius * np.cos(angle)], axis=1)
@@ -47,12 +35,13 @@ def _strip(left: float, right: float, top: float, bottom: float) -> NDArray[np.f
 
 
 _SHAPES = (
-    (_loop(_disc(0.0, -ARM_LENGTH_M, TIP_RADIUS_M), 48.0),),
-    (_loop(_disc(0.0, 0.0, 0.011), 120.0),),
-    tuple(_loop(_strip(left, right, 0.0, -ARM_LENGTH_M), grey) for left, right, grey in _STRIPES),
+    ((_disc(0.0, -ARM_LENGTH_M, TIP_RADIUS_M), 48.0),),
+    ((_disc(0.0, 0.0, 0.011), 120.0),),
+    tuple((_strip(left, right, 0.0, -ARM_LENGTH_M), grey) for left, right, grey in _STRIPES),
 )
-"""shapes from front to back; (x, z) [m] from the hinge, arm hanging"""
-_SERVO = _loop(_strip(-0.0145, 0.0145, 0.0345, -0.0125), 42.0)
+"""shapes from front to back, each of clockwise polygons (as the camera sees them) with their grey levels;
+corners (x, z) [m] from the hinge, arm hanging"""
+_SERVO = (_strip(-0.0145, 0.0145, 0.0345, -0.0125), 42.0)
 
 
 class ArmPainter:
@@ -82,13 +71,16 @@ class ArmPainter:
         return compose(layers) if layers else None
 
     def _shape(
-        self, loops: tuple[tuple, ...], angle: NDArray[np.float64], axis_world: NDArray[np.float64]
+        self,
+        loops: tuple[tuple[NDArray[np.float64], float], ...],
+        angle: NDArray[np.float64],
+        axis_world: NDArray[np.float64],
     ) -> Layer | None:
-        start = self._pixels(np.concatenate([loop[0] for loop in loops]), angle, axis_world)
-        end = self._pixels(np.concatenate([loop[1] for loop in loops]), angle, axis_world)
-        cover = np.concatenate([loop[2] for loop in loops])
-        value = np.concatenate([loop[2] * loop[3] for loop in loops])
-        return filled_layer(Outline(start, end, value, cover), self._width, self._height)
+        start = np.concatenate([corners for corners, _ in loops])
+        end = np.concatenate([np.roll(corners, -1, axis=0) for corners, _ in loops])
+        value = np.concatenate([np.full(len(corners), grey) for corners, grey in loops])
+        start, end = (self._pixels(xz, angle, axis_world) for xz in (start, end))
+        return filled_layer(Outline(start, end, value, np.ones(len(value))), self._width, self._height)
 
     def _pixels(
         self, xz: NDArray[np.float64], angle: NDArray[np.float64], axis_world: NDArray[np.float64]

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from acquire.virtual.layers import cut_lines
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -80,20 +82,12 @@ def _group(
     member: NDArray[np.bool_],
 ) -> FaceGroup:
     number = np.where(member, np.cumsum(member) - 1, int(member.sum()))
-    points, start, left, right = [], [], [], []
-    for (a, b, f, g), above in zip(borders, height, strict=True):
-        same_plane = member[f] and member[g] and abs(above) <= _FLAT
-        if same_plane or not (member[f] or member[g]):
-            continue
-        pieces = max(1, int(np.ceil(np.linalg.norm(vertices[b] - vertices[a]) / _PIECE_M)))
-        share = np.linspace(0.0, 1.0, pieces + 1)[:, None]
-        start += list(range(len(points), len(points) + pieces))
-        points += list(vertices[a] + share * (vertices[b] - vertices[a]))
-        left += [int(number[f])] * pieces
-        right += [int(number[g])] * pieces
-    index = np.array(start)
+    a, b, f, g = np.array(borders).T
+    same_plane = member[f] & member[g] & (np.abs(height) <= _FLAT)
+    a, b, f, g = (end[(member[f] | member[g]) & ~same_plane] for end in (a, b, f, g))
+    pieces = np.ceil(np.linalg.norm(vertices[b] - vertices[a], axis=1) / _PIECE_M).astype(int)
+    points, start = cut_lines(vertices[a], vertices[b], pieces)
+    left, right = np.repeat(number[f], pieces), np.repeat(number[g], pieces)
     own = corners[member]
     used = np.unique(own.reshape(-1, 3), axis=0)
-    return FaceGroup(
-        used, own[:, 0], normal[member], np.array(points), index, index + 1, np.array(left), np.array(right)
-    )
+    return FaceGroup(used, own[:, 0], normal[member], points, start, start + 1, left, right)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from acquire.virtual.layers import cut_lines
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -69,16 +71,11 @@ def tag_lines(family: TagFamily, marker_id: int) -> Lines:
     # inside on their left.
     runs = [((a - half, half - line), (b - half, half - line), step, line) for line, a, b, step in rows]
     runs += [((line - half, half - a), (line - half, half - b), step, line) for line, a, b, step in columns]
-    points: list[tuple[float, float]] = []
-    start, value, cover = [], [], []
-    for first, last, step, line in runs:
-        pieces = max(1, round(max(abs(last[0] - first[0]), abs(last[1] - first[1])) / 2))
-        start += list(range(len(points), len(points) + pieces))
-        points += [tuple(np.array(first) + (np.array(last) - first) * i / pieces) for i in range(pieces + 1)]
-        value += [step] * pieces
-        cover += [float(np.sign(step)) if line in {0, cells} else 0.0] * pieces
-    index = np.array(start)
-    return Lines(np.array(points), index, index + 1, np.array(value), np.array(cover), tag_cells)
+    first, last, step, line = (np.array(column) for column in zip(*runs, strict=True))
+    pieces = np.maximum(1, np.round(np.abs(last - first).max(axis=1) / 2)).astype(int)
+    points, start = cut_lines(first, last, pieces)
+    cover = np.where(np.isin(line, [0, cells]), np.sign(step), 0.0)
+    return Lines(points, start, start + 1, np.repeat(step, pieces), np.repeat(cover, pieces), tag_cells)
 
 
 def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:

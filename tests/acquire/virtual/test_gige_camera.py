@@ -218,9 +218,7 @@ def test_device_clock_drifts_and_maps_back_exactly() -> None:
 
 
 def test_pattern_stamps_are_read_back() -> None:
-    settings = StreamSettings(
-        width=64, height=48, offset_x=0, offset_y=0, exposure_us=100.0, gain_db=0.0, frame_rate_hz=100.0
-    )
+    settings = StreamSettings(width=64, height=48, offset_x=0, offset_y=0, exposure_us=100.0, gain_db=0.0)
     source = PatternSource(SystemClock(), 3)
     images = [source.image(1000 + n, settings) for n in range(3)]
     assert [read_stamp(image) for image in images] == [(1000, 0), (1001, 1), (1002, 2)]

@@ -103,9 +103,7 @@ def test_exposure_uses_poses_spread_over_it(tmp_path: Path, needed: int, expecte
         ring.append(10**9 + step * 10**6, [step * 1e-3, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.0, [0.0, 0.0, 0.2])
     renderer = Recorder(needed)
     source = WorldSource(ring, renderer)
-    settings = StreamSettings(
-        width=100, height=50, offset_x=8, offset_y=20, exposure_us=2000.0, gain_db=0.0, frame_rate_hz=120.0
-    )
+    settings = StreamSettings(width=100, height=50, offset_x=8, offset_y=20, exposure_us=2000.0, gain_db=0.0)
     image = source.image(10**9 + 3_000_000, settings)
     assert renderer.ends[:, 0] == pytest.approx([3e-3, 5e-3], abs=1e-9)
     assert renderer.poses[:, 0] == pytest.approx([3e-3 + ms * 1e-3 for ms in expected_ms], abs=1e-9)
