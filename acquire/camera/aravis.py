@@ -19,7 +19,7 @@ from acquire.frames.frame import Frame
 
 if TYPE_CHECKING:
     from acquire.clock.clock import Clock
-    from acquire.config import CameraConfig
+    from schemas.rig import CameraConfig
 
 _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940
 """bootstrap registers: timestamp control, latched value, tick frequency"""
@@ -158,14 +158,13 @@ class AravisCamera(Camera):
                 address=address,
             )
             self._connection = self._connect_stream(camera, device, handler)
-        except GLib.Error as error:
+        except (GLib.Error, CameraError) as error:
             self._close_in_background(Connection(camera, device, None, handler, [], None))
+            if isinstance(error, CameraError):
+                raise
             raise CameraError(
                 f"camera {address} stopped answering while it was set up ({reason(error)}): try again"
             ) from None
-        except CameraError:
-            self._close_in_background(Connection(camera, device, None, handler, [], None))
-            raise
         return info
 
     def start(self) -> None:

@@ -11,7 +11,7 @@ from acquire.errors import CameraSettingError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from acquire.config import CameraConfig
+    from schemas.rig import CameraConfig
 
 
 @dataclass(frozen=True)

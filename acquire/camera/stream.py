@@ -18,8 +18,8 @@ from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost
 
 if TYPE_CHECKING:
-    from acquire.config import CameraConfig
     from acquire.frames.frame import Frame
+    from schemas.rig import CameraConfig
 
 LATCH_S: Final = 0.5
 """interval between latches of the device clock [s]"""

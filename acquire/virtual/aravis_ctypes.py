@@ -8,7 +8,6 @@ With ctypes the callback lives as long as its Python object.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -24,25 +23,53 @@ FILL_PATTERN = ctypes.CFUNCTYPE(
 """void fill(ArvBuffer *, void *data, guint32 exposure_us, guint32 gain, ArvPixelFormat)"""
 
 
-@dataclass(frozen=True)
 class AravisLibrary:
-    """Typed entry points of libaravis: each field is one C function.
+    """Typed entry points of libaravis: each attribute is one C function.
 
-    A field is named as the function without `arv_` and `_camera` (`object_unref`: without `g_`). `fake`
+    An attribute is named as the function without `arv_` and `_camera` (`object_unref`: without `g_`). `fake`
     stands for an ArvFakeCamera*, `gv_fake` for an ArvGvFakeCamera*, `buffer` for an ArvBuffer*.
+
+    Raises:
+        CameraError: libaravis or libgobject is not installed.
     """
 
-    gv_fake_new_full: Any
-    gv_fake_get_fake: Any
-    gv_fake_is_running: Any
-    fake_set_fill_pattern: Any
-    fake_write_register: Any
-    fake_read_register: Any
-    fake_write_memory: Any
-    buffer_get_data: Any
-    buffer_get_image_region: Any
-    buffer_set_timestamp: Any
-    object_unref: Any
+    def __init__(self) -> None:
+        try:
+            aravis, gobject = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.CDLL("libgobject-2.0.so.0")
+        except OSError as error:
+            raise CameraError(f"virtual camera: {error}: install Debian's libaravis-0.8-0") from None
+
+        def function(library: ctypes.CDLL, name: str, result: Any, *arguments: Any) -> Any:
+            entry = getattr(library, name)
+            entry.restype, entry.argtypes = result, arguments
+            return entry
+
+        pointer, u32, u64, text = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint64, ctypes.c_char_p
+        four_ints = [ctypes.POINTER(ctypes.c_int)] * 4
+        self.gv_fake_new_full = function(aravis, "arv_gv_fake_camera_new_full", pointer, text, text, text)
+        self.gv_fake_get_fake = function(aravis, "arv_gv_fake_camera_get_fake_camera", pointer, pointer)
+        self.fake_set_fill_pattern = function(
+            aravis, "arv_fake_camera_set_fill_pattern", None, pointer, FILL_PATTERN, pointer
+        )
+        self.fake_write_register = function(
+            aravis, "arv_fake_camera_write_register", ctypes.c_int, pointer, u32, u32
+        )
+        self.fake_read_register = function(
+            aravis, "arv_fake_camera_read_register", ctypes.c_int, pointer, u32, ctypes.POINTER(u32)
+        )
+        self.fake_write_memory = function(
+            aravis, "arv_fake_camera_write_memory", ctypes.c_int, pointer, u32, u32, pointer
+        )
+        self.buffer_get_data = function(
+            aravis, "arv_buffer_get_data", pointer, pointer, ctypes.POINTER(ctypes.c_size_t)
+        )
+        self.buffer_get_image_region = function(
+            aravis, "arv_buffer_get_image_region", None, pointer, *four_ints
+        )
+        self.buffer_set_timestamp = function(aravis, "arv_buffer_set_timestamp", None, pointer, u64)
+        # CDLL calls release the GIL: the unref joins the fake's thread, whose callback may be waiting for
+        # it.
+        self.object_unref = function(gobject, "g_object_unref", None, pointer)
 
     def write_register(self, fake: int, address: int, value: int) -> None:
         """Write one 32-bit register of the fake camera (an ArvFakeCamera*) at a GVCP address."""
@@ -81,44 +108,9 @@ class AravisLibrary:
 
 @cache
 def load() -> AravisLibrary:
-    """Load libaravis and libgobject, and return the functions that the virtual camera needs.
+    """Load libaravis and libgobject, once in this process.
 
     Raises:
         CameraError: one of the libraries is not installed.
     """
-    try:
-        aravis, gobject = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.CDLL("libgobject-2.0.so.0")
-    except OSError as error:
-        raise CameraError(f"virtual camera: {error}: install Debian's libaravis-0.8-0") from None
-
-    def function(library: ctypes.CDLL, name: str, result: Any, *arguments: Any) -> Any:
-        entry = getattr(library, name)
-        entry.restype, entry.argtypes = result, arguments
-        return entry
-
-    pointer, u32, u64, text = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint64, ctypes.c_char_p
-    four_ints = [ctypes.POINTER(ctypes.c_int)] * 4
-    return AravisLibrary(
-        gv_fake_new_full=function(aravis, "arv_gv_fake_camera_new_full", pointer, text, text, text),
-        gv_fake_get_fake=function(aravis, "arv_gv_fake_camera_get_fake_camera", pointer, pointer),
-        gv_fake_is_running=function(aravis, "arv_gv_fake_camera_is_running", ctypes.c_int, pointer),
-        fake_set_fill_pattern=function(
-            aravis, "arv_fake_camera_set_fill_pattern", None, pointer, FILL_PATTERN, pointer
-        ),
-        fake_write_register=function(
-            aravis, "arv_fake_camera_write_register", ctypes.c_int, pointer, u32, u32
-        ),
-        fake_read_register=function(
-            aravis, "arv_fake_camera_read_register", ctypes.c_int, pointer, u32, ctypes.POINTER(u32)
-        ),
-        fake_write_memory=function(
-            aravis, "arv_fake_camera_write_memory", ctypes.c_int, pointer, u32, u32, pointer
-        ),
-        buffer_get_data=function(
-            aravis, "arv_buffer_get_data", pointer, pointer, ctypes.POINTER(ctypes.c_size_t)
-        ),
-        buffer_get_image_region=function(aravis, "arv_buffer_get_image_region", None, pointer, *four_ints),
-        buffer_set_timestamp=function(aravis, "arv_buffer_set_timestamp", None, pointer, u64),
-        # CDLL calls release the GIL: the unref joins the fake's thread, whose callback may be waiting for it.
-        object_unref=function(gobject, "g_object_unref", None, pointer),
-    )
+    return AravisLibrary()

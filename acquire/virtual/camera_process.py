@@ -17,7 +17,7 @@ import signal
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from acquire.virtual.render import Renderer
 
 WORLD_START_S = 10.0
 """longest wait for the first pose of the world"""
@@ -44,53 +44,10 @@ SWITCH_INTERVAL_S = 5e-4
 """switch interval of the interpreter's threads: the longest that a due latch or frame waits for it"""
 
 
-class WorldRenderer(Protocol):
-    """Renderer of images from poses of object and arm (`acquire.virtual.render.Renderer`).
-
-    The poses are: positions of the object's origin in W, the world frame [m]; unit quaternions (w, x, y, z)
-    from O, the object's frame, to W; angles of the arm [rad]; points on the arm's hinge in W [m].
-    """
-
-    def subexposures_needed(
-        self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, /
-    ) -> int:
-        """Number of poses that an exposure needs to show its motion blur.
-
-        Args:
-            p_world_object: (2, 3) positions at start and end of the exposure [m].
-            q_wxyz: (2, 4) unit quaternions from O to W.
-            arm_angle: (2,) angles of the arm [rad].
-            arm_axis_world: (2, 3) points on the arm's hinge [m].
-        """
-        ...
-
-    def render(
-        self,
-        p_world_object: Floats,
-        q_wxyz: Floats,
-        arm_angle: Floats,
-        arm_axis_world: Floats,
-        exposure_us: float,
-        gain_db: float,
-        /,
-    ) -> NDArray[np.uint8]:
-        """Image (492, 656), uint8, of an exposure with k poses spread uniformly over it.
-
-        Args:
-            p_world_object: (k, 3) positions [m].
-            q_wxyz: (k, 4) unit quaternions from O to W.
-            arm_angle: (k,) angles of the arm [rad].
-            arm_axis_world: (k, 3) points on the arm's hinge [m].
-            exposure_us: exposure of the whole frame.
-            gain_db: gain of the sensor.
-        """
-        ...
-
-
 class WorldSource:
     """Image source that renders the poses in the world's pose ring (a ring buffer in a mapped file)."""
 
-    def __init__(self, ring: PoseRing, renderer: WorldRenderer) -> None:
+    def __init__(self, ring: PoseRing, renderer: Renderer) -> None:
         self._ring, self._renderer = ring, renderer
 
     def latest_time_ns(self) -> int:

@@ -95,8 +95,6 @@ class VirtualObject:
     """(m, 3) triangles, normals outward"""
     hull_vertices: NDArray[np.float64]
     """(h, 3) corners of the convex hull"""
-    hull_edges: NDArray[np.int64]
-    """(e, 2) indices into hull_vertices; real edges only, not the diagonals of flat faces"""
     convex_parts: tuple[NDArray[np.float64], ...]
     """corners (c, 3) of the convex parts whose union is the shape"""
     edge_radius_m: float
@@ -127,7 +125,6 @@ def load_object(name: str, seed: int) -> VirtualObject:
     spec = parse_object_spec(toml, f"{name}.toml")
     shape_file = None if spec.shape.file is None else (spec.shape.file, _data(spec.shape.file))
     vertices, faces = _mesh(name)
-    hull_vertices, hull_edges = hull_with_edges(vertices)
     parts = tuple(0.001 * part for part in convex_parts(BOTTLES[name])) if name in BOTTLES else (vertices,)
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     body = _fill(name, spec, rng)
@@ -138,8 +135,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
         shape_file=shape_file,
         mesh_vertices=vertices,
         mesh_faces=faces,
-        hull_vertices=hull_vertices,
-        hull_edges=hull_edges,
+        hull_vertices=hull_corners(vertices),
         convex_parts=parts,
         edge_radius_m=spec.edge_radius_m,
         friction=friction,
@@ -147,23 +143,18 @@ def load_object(name: str, seed: int) -> VirtualObject:
     )
 
 
-def hull_with_edges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Corners (h, 3) and edges (e, 2) of the convex hull of points (n, 3) [any unit of length].
+def hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (h, 3) of the convex hull of points (n, 3) [any unit of length].
 
-    Facets whose normals differ by less than 0.5 degrees count as one face: edges between them are left out.
-    An edge is a pair of indices into the returned corners.
+    Facets whose normals differ by less than 0.5 degrees count as one face: a point on none but edges between
+    such facets is no corner.
     """
     hull = ConvexHull(points)
     normals = hull.equations[:, :3]
     bent = np.einsum("fi,fki->fk", normals, normals[hull.neighbors]) < np.cos(np.radians(0.5))
     once = hull.neighbors > np.arange(len(normals))[:, None]
-    edges = {
-        tuple(sorted(int(v) for v in np.delete(hull.simplices[facet], opposite)))
-        for facet, opposite in np.argwhere(bent & once)
-    }
-    used = sorted({vertex for edge in edges for vertex in edge})
-    renumber = {vertex: i for i, vertex in enumerate(used)}
-    return points[used], np.array([[renumber[a], renumber[b]] for a, b in sorted(edges)])
+    edges = [np.delete(hull.simplices[facet], opposite) for facet, opposite in np.argwhere(bent & once)]
+    return points[np.unique(edges)]
 
 
 def _data(file: str) -> bytes:

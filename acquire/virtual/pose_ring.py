@@ -144,10 +144,6 @@ class PoseRing:
         self._time[slot] = time_ns
         self._cells[_COUNT] = count + 1
 
-    def count(self) -> int:
-        """Number of poses appended since the ring was created, overwritten ones included."""
-        return int(self._cells[_COUNT])
-
     def latest_time_ns(self) -> int:
         """Host monotonic time of the newest pose [ns].
 

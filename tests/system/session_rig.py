@@ -17,8 +17,8 @@ from acquire.session.runner import Progress, SessionReport, SessionRunner
 from acquire.session.session_input import SessionInput
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
-from acquire.virtual.operator_link import OperatorLink
 from acquire.virtual.station import calibration_sheet
+from tests.acquire.virtual.world_link import WorldLink
 from tests.loopback import loopback
 from tests.system.fault_rig import Daemon
 
@@ -85,9 +85,9 @@ class SessionRig:
             given = SessionInput(self.folder / "object.toml", self.folder / "plan.json")
             return SessionRunner(client, given, self.folder / "r.mcap", progress).run()
 
-    def world(self) -> OperatorLink:
+    def world(self) -> WorldLink:
         """A separate connection to the virtual world."""
-        return self.cleanup.enter_context(contextlib.closing(OperatorLink(self.folder / "world.sock")))
+        return self.cleanup.enter_context(contextlib.closing(WorldLink(self.folder / "world.sock")))
 
 
 @contextlib.contextmanager

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from acquire.virtual.operator_link import OperatorLink
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from tests.acquire.virtual.world_link import WorldLink
 from tests.system.fault_rig import Frames, add_row, messages
 from tests.system.session_rig import SessionRig, session_rig
 
@@ -33,8 +33,8 @@ def rig() -> Iterator[SessionRig]:
 class Breaker:
     """Acts on the servo in the first swing of a session; receives the session's progress."""
 
-    world: OperatorLink
-    act: Callable[[OperatorLink], None]
+    world: WorldLink
+    act: Callable[[WorldLink], None]
     said: list[tuple[float, str]] = field(default_factory=list)
     acted: list[float] = field(default_factory=list)
     thread: threading.Thread | None = None
@@ -56,13 +56,13 @@ class Breaker:
         return [(when, text) for when, text in self.said if word in text]
 
 
-def unplug_and_plug_in(world: OperatorLink) -> None:
+def unplug_and_plug_in(world: WorldLink) -> None:
     world.servo("unplug")
     time.sleep(AWAY_S)
     world.servo("plug in")
 
 
-def overload(world: OperatorLink) -> None:
+def overload(world: WorldLink) -> None:
     world.servo("overload")
 
 
@@ -83,7 +83,7 @@ def overload(world: OperatorLink) -> None:
     ids=["unplugged", "overload"],
 )
 def test_a_session_outlives_its_servo(
-    rig: SessionRig, what: str, act: Callable[[OperatorLink], None], line: str
+    rig: SessionRig, what: str, act: Callable[[WorldLink], None], line: str
 ) -> None:
     breaker = Breaker(rig.world(), act)
     report = rig.session(breaker.progress)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquire.config import CameraConfig
+from schemas.rig import CameraConfig
 from schemas.session_manifest import CameraCalibrationSpec
 
 CLOSE_S = 12.0

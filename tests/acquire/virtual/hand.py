@@ -18,7 +18,7 @@ import numpy as np
 
 from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
-from acquire.virtual.operator_link import OperatorLink
+from tests.acquire.virtual.world_link import WorldLink
 
 REACTION_S = (0.3, 0.8)
 """range of the time from the release to the tap"""
@@ -44,7 +44,7 @@ class VirtualHand:
     """
 
     def __init__(
-        self, daemon_socket: Path, world: OperatorLink, impulses_n_s: Mapping[str, float], seed: int
+        self, daemon_socket: Path, world: WorldLink, impulses_n_s: Mapping[str, float], seed: int
     ) -> None:
         self._world = world
         self._impulses = dict(impulses_n_s)

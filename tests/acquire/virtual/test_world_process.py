@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from acquire.errors import AcquireError
-from acquire.virtual.operator_link import OperatorLink
 from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.truth_file import TruthWriter, read_truth_file
 from schemas.proto import percuss_pb2 as pb
+from tests.acquire.virtual.world_link import WorldLink
 
 PING = bytes.fromhex("FFFFFD00010300 01 194E")
 
@@ -56,7 +56,7 @@ def test_places_poses_truth_servo_and_a_clean_end(world):
     assert ready == {"ready": True, "port": str(folder / "ttyDXL")}
     assert stat.S_IMODE((folder / "world.sock").stat().st_mode) == 0o600
     ring = PoseRing.open(folder / "pose.ring")
-    link = OperatorLink(folder / "world.sock")
+    link = WorldLink(folder / "world.sock")
     try:
         link.place(np.eye(3), [0.01, 0.0, 0.075], [-0.03, 0.0, 0.12])
         wait_until(lambda: link.state()["at_rest"])
@@ -109,7 +109,7 @@ def test_invalid_control_requests_get_one_error_line_each(world):
 
 def test_missing_world_is_one_line(tmp_path):
     with pytest.raises(AcquireError, match=r"world\.sock: the virtual world does not answer"):
-        OperatorLink(tmp_path / "world.sock")
+        WorldLink(tmp_path / "world.sock")
 
 
 def test_truth_file_reads_back_in_order_and_one_that_is_cut_is_refused(tmp_path):
