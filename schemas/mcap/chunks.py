@@ -200,12 +200,7 @@ def pack_chunk_of_channel(
         Bytes before and after the messages, and the chunk index record for the summary.
     """
     start, end = times_ns
-    if chunk.compression:
-        head = container.compressed_chunk_head(
-            start, end, chunk.size, chunk.crc, chunk.compression, chunk.stored
-        )
-    else:
-        head = container.chunk_head(start, end, chunk.size, chunk.crc)
+    head = container.compressed_chunk_head(start, end, *chunk)
     record = container.message_index_record(channel_id, index_entries)
     length = len(head) + chunk.stored
     offsets = {channel_id: offset + length}

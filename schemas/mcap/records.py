@@ -125,7 +125,7 @@ def compressed_chunk_head(
         end_ns: largest log time [ns].
         size: bytes of the uncompressed messages.
         crc: CRC-32 of the uncompressed messages.
-        compression: "lz4" or "zstd".
+        compression: "lz4" or "zstd"; "" for none.
         stored: bytes of the compressed messages.
     """
     name = pack_string(compression)
