@@ -321,12 +321,12 @@ def main() -> None:
     parser.add_argument(
         "--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="rotation of gravity about W's x and y"
     )
-    parser.add_argument("--parent", type=int, help="end when this process ends; default: the parent process")
+    # The default is wrong if the parent has ended by now, hence the option.
+    parser.add_argument(
+        "--parent", type=int, default=os.getppid(), help="end with this process; default: parent"
+    )
     arguments = parser.parse_args()
     tilt_x, tilt_y = np.radians(arguments.tilt_deg)
-    parent = (
-        arguments.parent or os.getppid()
-    )  # getppid is wrong if the parent has ended by now, hence --parent
     process = WorldProcess(
         load_object(arguments.object, arguments.seed),
         arguments.seed,
@@ -346,7 +346,7 @@ def main() -> None:
     try:
         sys.stdout.write(json.dumps({"ready": True, "port": str(process.servo.port_path)}) + "\n")
         sys.stdout.flush()
-        process.run(parent_alive=lambda: os.getppid() == parent)
+        process.run(parent_alive=lambda: os.getppid() == arguments.parent)
     finally:
         process.close()
 
