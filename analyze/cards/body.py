@@ -17,13 +17,13 @@ from analyze.types import Array
 from schemas.object_spec import MarkerSpec, ObjectSpec
 
 DARK, LIGHT = np.array([150.0, 160.0, 172.0]), np.array([243.0, 245.0, 248.0])
-"""Colours (red, green, blue) of faces turned away from and towards the light."""
+"""Colours (red, green, blue, each 0 to 255) of faces turned away from and towards the light."""
 LAMP = np.array([0.25, -0.55, 0.8]) / np.linalg.norm([0.25, -0.55, 0.8])
 """Unit vector towards the light in W."""
 SHADES = 28
 """Steps of brightness between `DARK` and `LIGHT`."""
 CARD_CELLS = 10
-"""Cells across a tag including its white rim."""
+"""Width of a tag as drawn, white rim included, in cells of its pattern."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,17 @@ class PlacedObject:
         return self.world(self.shape.hull)
 
     def tipped(self, theta: float) -> PlacedObject:
-        """Copy of the object tipped by `theta` [rad] about the world frame's y axis, the pivot line."""
+        """Copy of the object tipped by `theta` [rad] about the world frame's y axis, the pivot line.
+
+        Positive angles tip it towards +x.
+        """
         turn = np.array([[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]])
         return PlacedObject(self.shape, self.spec, turn @ self.R, turn @ self.p)
 
     def tag_corners(self, marker: MarkerSpec, half: float) -> Array:
-        """Corners (4, 3) [m] of a square about a tag's centre, in the world frame.
+        """Corners (4, 3) [m] of a square about a tag's centre and in its plane, in the world frame.
 
-        The order is upper left, upper right, lower right, lower left.
+        The order is upper left, upper right, lower right, lower left of the tag.
 
         Args:
             marker: Tag; its pose on the object must be given.
@@ -82,7 +85,7 @@ class PlacedObject:
 def draw_body(
     view: View, body: PlacedObject, highlighted: tuple[int | str, ...] = (), ring: str = INK
 ) -> list[str]:
-    """SVG elements of the object, farthest first.
+    """SVG elements of the object's visible faces, edges and tags, farthest first.
 
     Args:
         view: Projection to the picture.
@@ -108,8 +111,8 @@ def draw_body(
 def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
     """Faces turned towards the eye, each as a tuple of nearness [m], colour and SVG path data.
 
-    Nearness is the distance of the face's centre from the view's target, along the direction to the eye. The
-    colour follows the light.
+    Nearness is the distance of the face's centre from the view's target, along the direction to the eye;
+    greater is nearer. The colour (#rrggbb) follows the light.
     """
     triangles, normals = body.world(body.shape.triangles), body.shape.normals @ body.R.T
     middles = triangles.mean(axis=1)
@@ -127,6 +130,10 @@ def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
 
 
 def _edges(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
+    """Outline and visible sharp edges, in pieces: tuples of nearness [m], "" and SVG element.
+
+    Nearness is measured from the view's target along the direction to the eye, plus `_decoration_lead`.
+    """
     shape = body.shape
     ends, sides = body.world(shape.edges), shape.edge_normals @ body.R.T
     towards = view.towards_eye(ends.mean(axis=1))
@@ -147,6 +154,16 @@ def _edges(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
 def _tags(
     view: View, body: PlacedObject, highlighted: tuple[int | str, ...], ring: str
 ) -> list[tuple[float, str, str]]:
+    """Tags with a known pose that face the eye, each as a tuple of nearness [m], "" and SVG elements.
+
+    Nearness is measured from the view's target along the direction to the eye, plus `_decoration_lead`.
+
+    Args:
+        view: Projection to the picture.
+        body: Object, placed in the world frame.
+        highlighted: Names of tags that get a thick frame.
+        ring: Colour of that frame.
+    """
     found: list[tuple[float, str, str]] = []
     for marker in body.spec.marker:
         if marker.T_object_marker is None:
@@ -166,12 +183,12 @@ def _tags(
 
 
 def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) -> str:
-    """SVG path data of a tag's black cells, as one rectangle for each run of cells in a row.
+    """SVG path data of a tag's black cells, as one quadrilateral for each run of cells in a row.
 
     Args:
         view: Projection to the picture.
         body: Object, placed in the world frame.
-        marker: Tag.
+        marker: Tag; its pose on the object must be given.
         code: (c, c) cells of the tag, from the upper left; False for a black one.
     """
     many = len(code)
@@ -189,8 +206,8 @@ def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) 
 
 
 def _decoration_lead(shape: DrawnShape) -> float:
-    """Nearness [m] added to edges and tags in the drawing order.
+    """Length [m] added to the nearness of edges and tags to the eye, which gives the drawing order.
 
-    So they are drawn after the triangles of their face, whose centres may be nearer to the eye.
+    With it they are drawn after the triangles of their face, whose centres may be nearer to the eye.
     """
     return 10.0 if shape.convex else shape.size / 7

@@ -18,11 +18,11 @@ MAX_FACES = 4000
 GRID_CELLS = 30
 """Cells along the longest extent of the grid in which a fine mesh's vertices are merged."""
 SHARP_EDGE_COSINE = np.cos(np.radians(25.0))
-"""Cosine of the angle between face normals above which the common edge is drawn."""
+"""Cosine of 25°: an edge is sharp, and drawn, if its two faces' normals differ by more than this angle."""
 HOLLOW_PIECES = 8
 """Longest extent of a body that is not convex, over the longest side of its triangles as drawn."""
 MAX_CUTS = 12
-"""Greatest number of times that triangles are halved."""
+"""Greatest number of times that a triangle and its pieces are halved."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class DrawnShape:
     hull: Array
     """(h, 3) corners of the convex hull of the original model."""
     convex: bool
-    """True if faces towards the eye are visible in any drawing order."""
+    """True if the shape is convex: faces towards the eye then never hide each other."""
     size: float
-    """Longest extent [m]."""
+    """Longest extent along the axes of O [m]."""
 
 
 def drawn_shape(model: ObjectModel) -> DrawnShape:
@@ -94,11 +94,12 @@ def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array,
 
     Args:
         vertices: (n, 3) vertices [m].
-        faces: (f, 3) faces.
-        cell: Size of the cells [m].
+        faces: (f, 3) vertex indices of the faces, counter-clockwise seen from outside.
+        cell: Edge of the cubic cells [m].
 
     Returns:
-        Vertices (k, 3) [m], and faces (g, 3) without those that collapsed.
+        Vertices (k, 3) [m], one for each occupied cell, and vertex indices (g, 3) of the faces without those
+        that collapsed.
     """
     index = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
     _, group = np.unique(index, axis=0, return_inverse=True)
@@ -125,11 +126,11 @@ def simplify_mesh(vertices: Array, faces: IntArray, cell: float) -> tuple[Array,
 
 
 def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
-    """Unit normals (k, 3) of the faces with a nonzero area, and a mask (f,) of these faces.
+    """Outward unit normals (k, 3) of the faces with a nonzero area, and a mask (f,) of these faces.
 
     Args:
         vertices: (n, 3) vertices [m].
-        faces: (f, 3) faces, counter-clockwise seen from outside.
+        faces: (f, 3) vertex indices of the faces, counter-clockwise seen from outside.
     """
     area = area_vectors(vertices[faces])
     length = np.linalg.norm(area, axis=1)
@@ -140,7 +141,7 @@ def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
     """Vertex indices (e, 2) of all edges of `faces` (f, 3), and the indices (e, 2) of their two faces.
 
-    A boundary edge has its one face twice.
+    A boundary edge has its one face twice, an edge with more than two faces the first and the last of them.
     """
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(faces)), 3)
@@ -153,7 +154,7 @@ def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _convex(vertices: Array, faces: IntArray, normals: Array, size: float) -> bool:
-    """True if no vertex lies above any face: faces towards the eye are then visible in any drawing order.
+    """True if the shape is convex, that is if no vertex lies above the plane of any face.
 
     Args:
         vertices: (n, 3) vertices [m].

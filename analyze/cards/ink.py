@@ -19,10 +19,10 @@ def polygon(points: Array, fill: str, stroke: str = "none", width: float = 0.0) 
     """SVG element of a filled polygon.
 
     Args:
-        points: (n, 2) corners.
+        points: (n, 2) corners [px].
         fill: Colour of the area.
         stroke: Colour of the outline.
-        width: Width of the outline; 0 for none.
+        width: Width of the outline [px]; 0 for none.
     """
     line = f' stroke="{stroke}" stroke-width="{width:g}" stroke-linejoin="round"' if width else ""
     return f'<path d="M{_path(points)}Z" fill="{fill}"{line}/>'
@@ -32,10 +32,10 @@ def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: 
     """SVG element of an open line.
 
     Args:
-        points: (n, 2) points of the line.
+        points: (n, 2) points of the line [px].
         colour: Colour.
-        width: Width.
-        dash: Lengths of dashes and gaps; empty for a continuous line.
+        width: Width [px].
+        dash: Lengths of dashes and gaps [px], separated by blanks; empty for a continuous line.
         opacity: Opacity, 0 to 1.
     """
     dashes = f' stroke-dasharray="{dash}"' if dash else ""
@@ -52,12 +52,12 @@ def disc(
     """SVG element of a filled circle.
 
     Args:
-        centre: (2,) centre.
-        radius: Radius.
-        fill: Colour of the area; none for a ring.
+        centre: (2,) centre [px].
+        radius: Radius [px].
+        fill: Colour of the area; "none" for a ring.
         stroke: Colour of the outline.
-        width: Width of the outline; 0 for none.
-        dash: Lengths of the outline's dashes and gaps; empty for a continuous one.
+        width: Width of the outline [px]; 0 for none.
+        dash: Lengths of the outline's dashes and gaps [px], separated by blanks; empty for a continuous one.
     """
     dashes = f' stroke-dasharray="{dash}"' if dash else ""
     line = f' stroke="{stroke}" stroke-width="{width:g}"{dashes}' if width else ""
@@ -68,9 +68,9 @@ def arrow(points: Array, colour: str, width: float) -> list[str]:
     """SVG elements of an arrow's shaft and head.
 
     Args:
-        points: (n, 2) points of the shaft, at least two; the head's tip is at the last one.
+        points: (n, 2) points of the shaft [px], at least two; the head's tip is at the last one.
         colour: Colour.
-        width: Width of the shaft.
+        width: Width of the shaft [px].
     """
     tip, before = points[-1], points[-2]
     along = (tip - before) / max(float(np.linalg.norm(tip - before)), 1e-9)
@@ -98,9 +98,9 @@ def text(
     """SVG element of one line of bold text, with a white outline that keeps it legible on any background.
 
     Args:
-        where: (2,) position of the anchor on the base line.
+        where: (2,) position of the anchor on the base line [px].
         words: Text; special characters are escaped.
-        size: Font size.
+        size: Font size [px].
         colour: Colour.
         anchor: SVG text-anchor: start, middle or end.
     """
@@ -115,9 +115,9 @@ def pill(where: Array | tuple[float, float], words: str, size: float, colour: st
     """SVG elements, in one string, of white text on a rounded rectangle of one colour.
 
     Args:
-        where: (2,) centre of the rectangle.
+        where: (2,) centre of the rectangle [px].
         words: Text; special characters are escaped.
-        size: Font size.
+        size: Font size [px].
         colour: Colour of the rectangle.
     """
     wide, high = 0.62 * size * len(words) + 0.9 * size, 1.5 * size
@@ -135,12 +135,13 @@ def measure(
     """SVG elements of a dimension line with ticks and a text beside its middle.
 
     Args:
-        start: (2,) start of the line.
-        end: (2,) end of the line.
-        words: Text.
-        size: Font size.
+        start: (2,) start of the line [px], x right and y down.
+        end: (2,) end of the line [px].
+        words: Text; special characters are escaped.
+        size: Font size [px].
         colour: Colour of line and text.
-        side: Distance of the text to the right of the direction from start to end, with y down.
+        side: Distance [px] of the text from the line, to the right if one looks from start to end; negative
+            for the left.
         anchor: SVG text-anchor of the text.
     """
     along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)

@@ -14,14 +14,14 @@ from analyze.types import Array
 WIDTH, HEIGHT = 400.0, 390.0
 """Size of a picture [px]."""
 NUMBER_PX, NAME_PX = 27, 18
-"""Font sizes of numbers and of names."""
+"""Font sizes of numbers and of names [px]."""
 
 
 def side_picture(place: Setting) -> str:
     """Picture (an <svg> element) of a strike as seen by the camera, with dimensions.
 
     It shows the height of the strike, the pivot line, and the object at rest and at the angle at which it
-    balances.
+    balances. A strike turned by 180° is seen from the side opposite the camera.
     """
     size = place.size
     tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
@@ -54,7 +54,9 @@ def side_picture(place: Setting) -> str:
 
 
 def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
-    """SVG elements of the balance angle's arc, drawn outside the object and starting at the vertical.
+    """SVG elements of the balance angle: its two sides from the pivot, and an arc with an arrow head.
+
+    The first side is vertical, the second leans in the direction of tipping.
 
     Args:
         view: Projection to the picture.
@@ -75,7 +77,8 @@ def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
 def plan_picture(place: Setting) -> str:
     """Picture (an <svg> element) of a strike as seen from above, with dimensions.
 
-    It shows the pivot line, the position of the edge along it, and the striker's path.
+    It shows the object, the pivot line, the distance from the edge's near end to the mark on that line, the
+    striker's path and, unless the strike is turned by 180°, the camera.
     """
     size = place.size
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
@@ -117,6 +120,7 @@ def plan_picture(place: Setting) -> str:
 
 
 def _contact(view: View, place: Setting) -> list[str]:
+    """SVG element of the pivot edge on the line; a disc at the mark if the setting has no edge."""
     if place.edge is None:
         return [ink.disc(view.project(np.zeros((1, 3)))[0], 9, ink.PIVOT, "#fff", 2)]
     ends = view.project(np.array([[0.0, place.edge[0], 0.0], [0.0, place.edge[1], 0.0]]))
@@ -124,7 +128,7 @@ def _contact(view: View, place: Setting) -> list[str]:
 
 
 def _camera_from_above(view: View, place: Setting, front: float) -> list[str]:
-    """SVG elements of a camera symbol at the bottom of the picture, pointing up.
+    """SVG elements of a camera symbol that points up in the picture, with the word "camera" to its left.
 
     Args:
         view: Projection to the picture.

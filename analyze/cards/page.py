@@ -24,7 +24,8 @@ from schemas.output_file import write_text
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MIN_OFFSET_M = 0.0005
-"""Offset of the impact from the mark above which a card states it; our own plans strike at the mark."""
+"""Offset [m] of the impact from the mark on the pivot line above which a card states it; our own plans strike
+at the mark."""
 
 
 @dataclass(frozen=True)
@@ -40,32 +41,33 @@ class Card:
     sides: Sides
     """Names of the object's sides."""
     change: str
-    """Instruction from the previous card to this one; empty on the first card and for the same placement."""
+    """Instruction for the change from the previous card's placement; empty on the first card and if it is the
+    same."""
     repeated: bool
     """True if the placement is that of the previous card."""
     scene: Markup
-    """Large picture."""
+    """Large picture (an <svg> element) of the object, line, striker and camera."""
     side: Markup
-    """Picture as seen by the camera."""
+    """Dimensioned picture as seen by the camera, or from opposite it for a turned strike."""
     above: Markup
-    """Picture as seen from above."""
+    """Dimensioned picture as seen from above."""
 
     @property
     def turned(self) -> bool:
-        """True if object and striker stand on the other side of the pivot line, for the table's tilt."""
+        """True if object and striker are turned to the line's other side, to measure the table's tilt."""
         return self.place.turned
 
     def _along(self, near: bool) -> str:
-        """Direction along the pivot line in words: towards or away from the camera.
+        """Direction along the pivot line in words: "towards the camera" or "away from the camera".
 
-        Towards the eye of the pictures if `near` is True; the eye of a turned strike's pictures is opposite
-        the camera.
+        It is the direction towards the eye of the pictures if `near` is True, else the opposite one; the eye
+        of a turned strike's pictures is opposite the camera.
         """
         return "towards the camera" if near != self.turned else "away from the camera"
 
     @property
     def put_down(self) -> str:
-        """Sentence for the object's placement: the sides that face the camera and the table."""
+        """Sentence for the object's placement: the sides that face camera and table, and a tag on top."""
         camera = self.sides.behind if self.turned else self.sides.camera
         facing = f"{_capitalised(camera)} faces the camera, {self.sides.under} is underneath"
         if self.sides.top.startswith("tag"):
@@ -74,9 +76,10 @@ class Card:
 
     @property
     def set_striker(self) -> str:
-        """Sentence for the position of the striker's tip: height, side, and distance from the mark.
+        """Sentence for the position of the striker's tip: height, tag on that side, distance from the mark.
 
-        The distance is left out up to `MIN_OFFSET_M`; the mark is the point y = 0 of the pivot line.
+        The tag is left out if there is none, the distance up to `MIN_OFFSET_M`; the mark is the point y = 0
+        of the pivot line in the world frame.
         """
         height = 1000 * self.strike.impact_height_m
         words = f"Set the striker's tip {height:.0f} mm above the table, just touching the object"
@@ -91,7 +94,8 @@ class Card:
     def on_line(self) -> str:
         """Sentence for the position of the pivot edge on the line, with its distance from the mark.
 
-        The mark is the point y = 0 of the line.
+        The mark is the point y = 0 of the line. For a rim, or if no edge was found, the sentence has the
+        point of contact, and the distance of the object's front.
         """
         front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark {self._along(near=True)}"
         if self.place.edge is None:
@@ -145,7 +149,9 @@ def _template() -> Template:
 
 
 def placement_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
-    """Placement cards in the order of the plan's strikes; pictures of equal placements are drawn once.
+    """Placement cards in the order of the plan's strikes, one for each.
+
+    Pictures of strikes with equal placement and impact are drawn once.
 
     Args:
         plan: Plan of the strikes.

@@ -40,7 +40,7 @@ class Turn:
         return matrix_from_vector(np.array([0.0, 0.0, self.angle]))
 
     def instruction(self) -> str:
-        """Instruction in words for a turn on the table, in whole degrees."""
+        """Instruction in words for the turn on the table, in whole degrees, starting with a small letter."""
         degrees = round(abs(np.degrees(self.angle)))
         if degrees == 180:
             return "turn it by 180° on the table"
@@ -61,7 +61,7 @@ class Tilt:
         return matrix_from_vector(np.cross(np.array([0.0, 0.0, 1.0]), TOWARDS[self.towards]) * self.angle)
 
     def instruction(self) -> str:
-        """Instruction in words for a tilt about a horizontal axis, in whole degrees."""
+        """Instruction in words for the tilt, in whole degrees, with the direction in which the top moves."""
         degrees = round(np.degrees(self.angle))
         if degrees == 180:
             return f"turn it upside down, moving its top {self.towards}"
@@ -75,17 +75,18 @@ Move = Turn | Tilt
 
 
 def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
-    """Sequence of turns and tilts, in the world frame, from one placement to the next.
+    """Turns and tilts of an object, in the order of execution, from one placement to the next.
 
-    It has as few turns as possible, by angles that are small in sum.
+    Turns are about the vertical, a tilt is about a horizontal axis of the world frame. There are as few turns
+    as possible, by angles that are small in sum; a move by less than `MIN_ROTATION` is left out.
 
     Args:
         R_before: (3, 3) rotation from object to world frame on the previous card.
         R_now: (3, 3) rotation from object to world frame on this card.
 
     Returns:
-        At most turn, tilt, turn; tilts are towards or away from the striker or the camera. Empty for equal
-        placements.
+        At most turn, tilt, turn; the tilt is towards or away from the striker or the camera. Empty if the
+        placements are equal to within `MIN_ROTATION`.
     """
     change = R_now @ R_before.T
     rises = change.T @ np.array([0.0, 0.0, 1.0])
@@ -109,7 +110,7 @@ def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
 
 
 def placement_change(R_before: Array, R_now: Array) -> str:
-    """Instruction for the change of placement, in words; empty for equal placements.
+    """Instruction for the change of placement, in words; empty if both are equal within `MIN_ROTATION`.
 
     Args:
         R_before: (3, 3) rotation from object to world frame on the previous card.
@@ -122,7 +123,7 @@ def placement_change(R_before: Array, R_now: Array) -> str:
 
 @dataclass(frozen=True)
 class Sides:
-    """Names of the object's six sides as it lies.
+    """Names of the object's six sides in its placement on the table.
 
     A side is named by the tag on it ("tag 3") if there is one, else by an axis of the object frame ("the +x
     side").
@@ -143,7 +144,7 @@ class Sides:
 
 
 def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
-    """Names of the six sides of an object as it lies.
+    """Names of the six sides of an object in its placement on the table.
 
     Args:
         spec: Object file, with the tags.
@@ -164,9 +165,9 @@ def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
 
 
 def side_name(spec: ObjectSpec, direction: Array) -> str:
-    """Name of one side: "tag" and the name of the tag that faces its way, else that of an axis.
+    """Name of one side of the object: that of the tag on it, as "tag 3", else an axis, as "the +x side".
 
-    The tag is the one nearest to the direction, within `MAX_TAG_ANGLE`.
+    The tag is the one whose normal is nearest to the direction, within `MAX_TAG_ANGLE`.
 
     Args:
         spec: Object file, with the tags.
@@ -185,7 +186,7 @@ def side_name(spec: ObjectSpec, direction: Array) -> str:
 def axis_name(direction: Array) -> str:
     """Name of the side nearest to the unit `direction` (3,) in the object frame, such as "the +x side".
 
-    Where several axes have a component above 0.5, all are named: "the +x/+y side".
+    All axes with a component above 0.5 are named, in the order x, y, z: "the +x/+y side".
     """
     order = np.argsort(-np.abs(direction))
     names = [f"{'+' if direction[i] > 0 else '−'}{'xyz'[i]}" for i in order if abs(direction[i]) > 0.5]
@@ -193,5 +194,5 @@ def axis_name(direction: Array) -> str:
 
 
 def _between(start: Array, end: Array) -> float:
-    """Angle [rad], in [-pi, pi], that turns `start` (2,) into the direction of `end` (2,), left positive."""
+    """Angle [rad] from vector `start` (2,) to `end` (2,), from -pi to pi, anticlockwise positive."""
     return float(np.arctan2(start[0] * end[1] - start[1] * end[0], start @ end))

@@ -14,11 +14,12 @@ from analyze.types import Array
 WIDTH, HEIGHT = 1000.0, 800.0
 """Size of the picture [px]."""
 AZIMUTH, ELEVATION = np.radians(30.0), np.radians(20.0)
-"""Direction of the eye [rad]: from -y of W towards +x, and upwards."""
+"""Direction of the eye [rad]: from -y of the world frame W towards +x, and upwards."""
 EYE_DISTANCE = 5.0
-"""Distance of the eye, in sizes of the object."""
+"""Distance of the eye from the object's middle, in units of the object's size."""
 TABLE, SQUARES, SHADOW = "#f5f3ef", "#e7e3dc", "#d6d2ca"
 SQUARE_M = 0.05
+"""Edge of the squares drawn on the table [m]."""
 HOOD = (
     ((8, 9, 10, 11), "#bfe3d8"),
     ((4, 5, 9, 8), "#8ccbb8"),
@@ -27,8 +28,9 @@ HOOD = (
     ((5, 6, 10, 9), "#5faf98"),
 )
 BOX = (((3, 2, 6, 7), "#1d9375"), ((1, 2, 6, 5), "#006b51"), ((0, 1, 2, 3), ink.CAMERA))
-"""Faces of the camera symbol by the corners of `_camera_symbol`, in drawing order for an eye behind it and to
-its right."""
+"""Faces of the camera symbol's hood (`HOOD`) and box: indices of corners in `_camera_symbol`, and colour.
+
+They are in drawing order for an eye behind the symbol and to its right."""
 
 
 def scene_picture(place: Setting) -> str:
@@ -60,7 +62,7 @@ def scene_picture(place: Setting) -> str:
 
 
 def _table(view: View, place: Setting) -> list[str]:
-    """SVG elements of a table with 50 mm squares parallel to the pivot line, and the object's shadow.
+    """SVG elements of the table with 50 mm squares parallel to the pivot line, and of the shadow.
 
     The table fills the picture.
     """
@@ -82,6 +84,7 @@ def _table(view: View, place: Setting) -> list[str]:
 
 
 def _line(view: View, place: Setting, ends: Array) -> list[str]:
+    """SVG elements of the pivot line between `ends` (2, 3) [m, in the world frame] and of the mark on it."""
     mark = np.array([[-0.05 * place.size, 0, 0], [0.05 * place.size, 0, 0]])
     return [
         ink.polyline(view.project(ends), ink.PIVOT, 4, "14 9"),
@@ -90,7 +93,10 @@ def _line(view: View, place: Setting, ends: Array) -> list[str]:
 
 
 def _pivot(view: View, place: Setting) -> list[str]:
-    """SVG elements of the pivot edge on the line, drawn on top because its placement matters most."""
+    """SVG elements of the pivot edge on the line, or of a disc at the mark if the setting has no edge.
+
+    They are drawn over the object, because the edge's placement matters most.
+    """
     if place.edge is None:
         point = view.project(np.zeros((1, 3)))[0]
         return [ink.disc(point, 11, ink.PIVOT, "#fff", 2.5)]
@@ -125,8 +131,8 @@ def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
 def _camera_symbol(place: Setting) -> Array:
     """Corners (12, 3) [m] of the camera's box (8) and lens hood (4), in the world frame.
 
-    The symbol is nearer to the object than the camera is, at the height of the tag that faces it, if there is
-    one.
+    The symbol stands in front of the object at a distance proportional to the object's size, whatever the
+    camera's; opposite the tag that faces the camera, if there is one.
     """
     size = place.reach
     reach = place.low[1] - 0.95 * size
@@ -155,6 +161,7 @@ def _camera_symbol(place: Setting) -> Array:
 
 
 def _camera(view: View, place: Setting, camera: Array) -> list[str]:
+    """SVG elements of the camera symbol, of corners `camera` (12, 3) [m], and its line of sight."""
     flat = view.project(camera)
     centre = camera[4:8].mean(axis=0)
     target = centre * np.array([1.0, 0.0, 1.0]) + np.array([0.0, place.low[1] - 0.1 * place.size, 0.0])
@@ -168,6 +175,16 @@ def _camera(view: View, place: Setting, camera: Array) -> list[str]:
 def _labels(
     view: View, place: Setting, tail: Array, camera: Array, line_ends: Array, arc: Array
 ) -> list[str]:
+    """SVG elements of the names in the picture: striker, camera and its distance, edge, tipping, tag.
+
+    Args:
+        view: Projection to the picture.
+        place: Positions of the strike's parts.
+        tail: (3,) start of the striker's arrow [m], in the world frame as all positions here.
+        camera: (12, 3) corners of the camera symbol [m].
+        line_ends: (2, 3) ends of the pivot line [m].
+        arc: (n, 3) arc of the tipping arrow [m].
+    """
     start, end, tip = view.project(tail)[0], view.project(line_ends)[0], view.project(arc)[-1]
     flat = view.project(camera)
     left, low = float(flat[:, 0].min()), float(flat[:, 1].max())

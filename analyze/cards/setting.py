@@ -13,16 +13,17 @@ from schemas.strike_plan import PlannedStrike
 EDGE_TOLERANCE = 0.004
 """Fraction of the object's size within which a corner counts as lying on the pivot edge."""
 ARC_PAST_BALANCE, MIN_ARC = float(np.radians(12.0)), float(np.radians(16.0))
-"""Angle [rad] of the tipping arrow past the balance, and the least balance angle at which it looks like an
-arc."""
+"""Angle [rad] by which the arrow of the tipping direction goes past the balance, and the least balance angle
+that it shows, so that it looks like an arc."""
 
 
 @dataclass(frozen=True)
 class Setting:
     """Positions of one strike's parts in its world frame W [m], z up, table at z = 0.
 
-    The pivot line lies along y at x = 0, the mark on it at y = 0; the striker comes from -x, and the eye of
-    the pictures is at -y, where the camera stands unless the strike is turned. In our own plans the striker's
+    For a turned strike (object and striker turned by 180° on the table), W is turned with them. The pivot
+    line lies along y at x = 0, the mark on it at y = 0; the striker comes from -x, and the eye of the
+    pictures is at -y, where the camera stands unless the strike is turned. In our own plans the striker's
     path is at y = 0.
     """
 
@@ -42,7 +43,7 @@ class Setting:
     camera: Array
     """(3,) centre of the camera."""
     tag: int | str | None
-    """Name of the tag that faces the camera; None if there is none, or the strike is turned."""
+    """Name of the best visible tag of the plan; None if there is none, or the strike is turned."""
     tip_angle: float
     """Angle [rad] at which the object balances on the edge."""
     rolls: bool
@@ -53,12 +54,12 @@ class Setting:
 
     @property
     def size(self) -> float:
-        """Longest extent [m] of the object along the world frame's axes, as it lies."""
+        """Longest extent [m] of the object along the world frame's axes, as it is placed."""
         return float(np.max(self.high - self.low))
 
     @property
     def reach(self) -> float:
-        """Length [m] to which the distances of striker and camera from the object are proportional as drawn.
+        """Length [m] to which the drawn distances of striker and camera from the object are proportional.
 
         It is the geometric mean of the object's size and of its diagonal across the pivot line.
         """
@@ -67,10 +68,10 @@ class Setting:
 
     @property
     def front_to_mark(self) -> float:
-        """Distance [m] along the pivot line from the edge's near end to the mark.
+        """Distance [m] along the pivot line from the edge's near end to the mark (y = 0 of the world frame).
 
-        The near end is that towards the eye of the pictures; where there is no edge (a rim), it is that of
-        the object.
+        The near end is the one towards -y, the eye of the pictures; if there is no edge (a rim), the near end
+        of the object counts. Negative if the mark is nearer to the eye.
         """
         return -(self.low[1] if self.edge is None else self.edge[0])
 
@@ -106,9 +107,10 @@ def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
 
 
 def tip_arc(place: Setting) -> Array:
-    """Arc (n, 3) [m] of the arrow that shows the tipping direction, in the world frame.
+    """Arc (24, 3) [m] of the arrow that shows the tipping direction, in the world frame.
 
-    It lies in front of the object and outside its farthest corner, and goes past the balance.
+    It is centred on the pivot line, in the plane of the object's front, outside the corner farthest from that
+    line; it runs from just before the vertical to past the balance.
     """
     corners = place.body.corners
     radius = 1.12 * float(np.hypot(corners[:, 0], corners[:, 2]).max())

@@ -37,7 +37,8 @@ class View:
     def nearness(self, points: Array) -> Array:
         """Nearness (n,) [m] of `points` (n, 3) [m] in the world frame: greater is nearer to the eye.
 
-        It is the distance from the plane through the target, towards the eye.
+        It is the height, towards the eye, over the plane through the target that is normal to the line of
+        sight.
         """
         return (np.atleast_2d(points) - self.target) @ self.axes[2]
 
@@ -54,7 +55,7 @@ class View:
     def fitted(
         self, points: Array, upper_left: tuple[float, float], lower_right: tuple[float, float]
     ) -> View:
-        """Copy of the view, scaled and shifted so that points fill a frame in width or height, centred.
+        """Copy of the view, scaled and shifted so that points, centred, fill a frame in width or height.
 
         Args:
             points: (n, 3) points [m] in the world frame, not all in one row or column of the picture.
@@ -69,9 +70,9 @@ class View:
 
 
 def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:
-    """Central projection from -y of the world frame, moved to the right (+x) and upwards.
+    """Central projection from an eye at -y of the world frame, turned to the right (+x) and upwards.
 
-    Its scale is 1 px/m; fit it with `fitted`.
+    Its scale at the target is 1 px/m; fit it with `View.fitted`.
 
     Args:
         target: (3,) point [m] in the world frame at which the eye looks.
@@ -87,10 +88,10 @@ def from_the_front_right(target: Array, distance: float, azimuth: float, elevati
 
 
 def from_the_camera() -> View:
-    """Parallel projection along +y of the world frame: x right, z up; 1 px/m."""
+    """Parallel projection along +y of the world frame: x right, z up in the picture; 1 px/m."""
     return View(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.zeros(3), None)
 
 
 def from_above() -> View:
-    """Parallel projection along -z of the world frame: x right, y up; 1 px/m."""
+    """Parallel projection along -z of the world frame: x right, y up in the picture; 1 px/m."""
     return View(np.eye(3), np.zeros(3), None)
