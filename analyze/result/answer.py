@@ -34,7 +34,7 @@ class Answer:
         return cls(estimate, result_document(estimate))
 
     def json(self) -> str:
-        """Result document as one line of JSON; estimates of the same recordings give the same bytes."""
+        """Result document as one line of JSON; the same recordings and options give the same bytes."""
         return canonical_json(self.result)
 
 
@@ -44,7 +44,7 @@ def answer_recordings(
     """Estimate one object from one or several recordings and build the Result document.
 
     Args:
-        paths: recordings (MCAP), in any order.
+        paths: one or more recordings (MCAP), in any order.
         options: choices of the user; None for the defaults.
         progress: called with (text, done, total) before each strike, and before the estimate.
 
@@ -54,10 +54,11 @@ def answer_recordings(
     Raises:
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
-        ShapeError: the object's shape cannot be used.
-        PlanError: a plan is of another object.
+        ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
+        PlanError: a plan is of another object or shape, or does not hold a strike.
         TrackingError: no marker of any strike of a recording can be tracked.
-        EstimationError: fewer than three strikes can be used, or an excluded strike does not exist.
+        EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
+            parts or filling cannot be estimated.
     """
     return Answer.from_estimate(estimate_recordings(paths, options, progress))
 

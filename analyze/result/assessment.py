@@ -23,19 +23,21 @@ if TYPE_CHECKING:
 MAX_OUTSIDE_SD = 2.0
 """distance of the centre of mass outside the shape's hull, in sd, above which the result is doubted"""
 MAX_TRUSTED_SHARE, MAX_DETERMINED_SHARE = 0.1, 0.3
-"""half width of the least certain region's 95 % interval over the object's mass: up to the first, region
-masses are trusted; above the second, they are reported as not determined"""
+"""half width of the least certain region's 95 % interval over the object's mass: up to the first value, the
+masses of shell and interior parts are trusted; above the second, they are reported as not determined"""
 
 
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
     """Sentences on an estimate: first what to trust, then what to doubt, last which strikes to repeat.
 
-    Each begins with one of these three words. None begins with trust if the centre of mass lies outside the
-    hull, or if gravity or a moment is impossible at possible frame rates.
+    Each begins with one of these three words. None begins with trust if the centre of mass lies more than
+    `MAX_OUTSIDE_SD` sd outside the shape's hull. The same holds if all stated frame rates are possible and
+    the estimated gravity disagrees with the stated one, or a moment of inertia is impossible for the shape.
 
     Args:
         estimate: the estimate.
-        frame_times: frame times of its recordings, as the Result document holds them.
+        frame_times: entries of the Result document on its recordings' frame times; empty if none come from a
+            video file.
     """
     checks = estimate.checks
     wrong_rates = [each for each in frame_times if not each.possible]
@@ -97,7 +99,8 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
 
-    `regions` is the sentence on the masses of shell and interior parts, yielded if it begins with doubt.
+    `regions` is the sentence on the masses of shell and interior parts. It is yielded if it begins with
+    doubt; otherwise another doubts these masses if the centre of mass is not observed.
     """
     observed = estimate.com.observed
     if not observed:
@@ -113,10 +116,11 @@ def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
 def regions_text(distribution: MassDistribution, mass: float) -> str:
     """Sentence on how far the masses of shell and interior parts can be trusted.
 
-    It begins with trust or doubt, by the half width of the least certain region's interval over the mass.
+    It begins with trust or doubt, by the half width of the least certain region's 95 % interval over the
+    object's mass; always with doubt if no body of uniform parts explains the moments.
 
     Args:
-        distribution: region masses with their intervals.
+        distribution: masses of the shell and of the interior on either side of a plane, with intervals.
         mass: mass of the object [kg].
     """
     if not distribution.explained:
@@ -147,7 +151,10 @@ def _ranges(names: Sequence[str], ends: Array) -> str:
 
 
 def gravity_text(checks: Checks) -> str:
-    """Sentence on the difference between gravity as estimated and as stated, with 95 % range and remedy."""
+    """Clause on the relative difference of gravity by the strikes from the stated one, and on the remedy.
+
+    The difference is given in % with the half width of its 95 % interval.
+    """
     gravity = checks.gravity
     return (
         f"gravity by the strikes differs by {100 * gravity.relative:+.0f} ±"
@@ -159,8 +166,8 @@ def gravity_text(checks: Checks) -> str:
 def prediction_text(prediction: StrikePrediction) -> str:
     """Clause on the difference of a strike from its prediction by all others, with 95 % ranges.
 
-    It gives the balance angle φ, the rate constant k where it was used, and the tipping angle θ at the worst
-    frame.
+    It gives the differences, measured minus predicted, of the balance angle φ [°], of the rate constant k
+    [%] where k was used, and of the tipping angle θ [°] at the frame where it is largest over its sd.
     """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     text = (
@@ -177,7 +184,10 @@ def prediction_text(prediction: StrikePrediction) -> str:
 
 
 def _entries(inertial: InertialParameters, measured: bool) -> str:
-    """Names of the tensor's entries that are measured, or not, separated by commas; "" if there are none."""
+    """Names of the inertia tensor's entries that strikes measured, separated by commas; "" if there are none.
+
+    With `measured` False, names of those that they did not measure.
+    """
     return ", ".join(
         tensor_entry_name((i, j)) for i, j in TENSOR_ENTRIES if bool(inertial.measured[i, j]) == measured
     )

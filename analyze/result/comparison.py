@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from analyze.progress import Progress
 
 OUTLIER_P_VALUE = 1e-3
-"""p-value, over the number of sessions, below which a session counts as an outlier"""
+"""a session counts as an outlier if its p-value is below this over the number of sessions"""
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class Session:
     setup: int
     """number of the set-up, from 0; a set-up is a rig, a level reading and a camera calibration"""
     against_others: Agreement
-    """agreement with all other sessions taken as one"""
+    """test of one centre of mass for this session and all others, the others taken as one"""
 
     @property
     def p_value(self) -> float:
         """Probability that chance alone makes this session differ from all others as much, or more.
 
-        It compares their centres of mass.
+        Their centres of mass are compared: chi squared with three degrees of freedom.
         """
         return chi_squared_p_value(self.against_others.chi_squared, 3)
 
@@ -64,7 +64,7 @@ class SessionComparison:
     sessions: tuple[Session, ...]
     """sessions by start time"""
     together: Agreement
-    """agreement of all sessions"""
+    """test of one centre of mass for all sessions against one for each"""
     joint: Answer
     """answer from the strikes of all sessions together"""
 
@@ -85,8 +85,8 @@ class SessionComparison:
     def outlier(self) -> int | None:
         """Index in `sessions` of the session that differs most from the others, if beyond chance.
 
-        None if no p-value is below `OUTLIER_P_VALUE` over the number of sessions, or there are fewer than
-        three.
+        None if no session's p-value is below `OUTLIER_P_VALUE` over the number of sessions, or if there are
+        fewer than three sessions.
         """
         p_values = [session.p_value for session in self.sessions]
         worst = int(np.argmin(p_values))
@@ -109,16 +109,16 @@ def compare_recordings(
         progress: called with (text, done, total) before each strike and each estimate.
 
     Returns:
-        Answers of the sessions by start time, the joint answer, and the tests.
+        Answers of the sessions by start time, the joint answer, and the tests of their centres of mass.
 
     Raises:
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
-        ShapeError: the object's shape cannot be used.
-        PlanError: a plan is of another object.
+        ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
+        PlanError: a plan is of another object or shape, or does not hold a strike.
         TrackingError: no marker of any strike of a recording can be tracked.
-        EstimationError: a session has too few good strikes for an answer of its own, or an excluded strike
-            does not exist.
+        EstimationError: a session has fewer than three usable strikes, an excluded id names no strike or
+            several, or parts or filling cannot be estimated.
     """
     options = options or EstimateOptions()
     heads = by_start_time([read_head(path) for path in paths])
@@ -144,11 +144,13 @@ def compare_evidence(
         progress: called with (text, done, total) before each estimate.
 
     Returns:
-        Answers of the sessions by start time, the joint answer, and the tests.
+        Answers of the sessions by start time, the joint answer, and the tests of their centres of mass.
 
     Raises:
-        MergeError: the recordings are not of one object.
-        EstimationError: a session has too few good strikes for an answer of its own.
+        MergeError: the recordings are not of one object, or one is given twice.
+        EstimationError: a session has fewer than three usable strikes, or parts or filling cannot be
+            estimated.
+        ShapeError: a label of the object file names a part that the shape does not have.
     """
     options = options or EstimateOptions()
     evidence = merge_evidence(read)
@@ -195,7 +197,7 @@ def compare_evidence(
 
 
 def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
-    """Probability of this chi squared, or a larger one, by chance alone; a negative one counts as 0."""
+    """Probability of this chi squared or a larger one by chance alone; a negative value is taken as 0."""
     return float(chdtrc(degrees_of_freedom, max(chi_squared, 0.0)))
 
 
@@ -207,15 +209,15 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
         numbers: group of each strike used, in the order of `joint.planes`.
 
     Returns:
-        Largest shift of a group's centre of mass [m], decrease of chi squared and its critical value, by the
-        balance angles that the estimate used.
+        Largest distance [m] of a group's centre of mass from that of the group with the smallest number,
+        decrease of chi squared and its critical value, by the balance angles that the estimate used.
     """
     prior = ComPrior.from_bounds(*joint.evidence.model.bounds)
     return agreement(joint.fitted_planes, numbers, joint.com_struck, systematic_errors(joint.evidence), prior)
 
 
 def _setups(heads: Sequence[RecordingHead]) -> list[int]:
-    """Number of each session's set-up, counted from 0 by first appearance.
+    """Number of each recording's set-up, counted from 0 by first appearance; equal set-ups share a number.
 
     A set-up is one rig name, sd of the table's tilt, level reading and calibration of all cameras.
     """

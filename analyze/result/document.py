@@ -86,7 +86,7 @@ def result_document(estimate: Estimate) -> Result:
 
 
 def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
-    """Outcomes of all strikes, in recording order, with their leave-one-out predictions where used.
+    """Outcomes of all strikes, in recording order, each strike used with its prediction from the others.
 
     An excluded strike has verdict EXCLUDED, and its own verdict in the reason.
     """
@@ -145,13 +145,13 @@ def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
 
 
 def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """Observed scalar with its 95 % interval, value ± 1.96 sd.
+    """Scalar in the Result's form, marked as observed, with its 95 % interval, value ± 1.96 sd.
 
     Args:
         value: value in `unit`.
         sd: its standard deviation.
         unit: name of the unit.
-        lowest: lower bound of the interval's lower end; None for no bound.
+        lowest: least lower end of the interval, as 0 for a moment of inertia; None for no bound.
     """
     low = value - SIGMAS_95 * sd
     return Quantity(
@@ -203,15 +203,15 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
 
 
 def _intervals(values: Array, sd: Array) -> list[list[float]]:
-    """95 % intervals [low, high] of n values (n,) with their standard deviations (n,), one per value."""
+    """95 % intervals [low, high] of n values (n,) with standard deviations `sd` (n,), one per value."""
     return np.stack([values - SIGMAS_95 * sd, values + SIGMAS_95 * sd], axis=1).tolist()
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
-    """Moments of inertia [kg m²] of each pivot axis of the parameters, with 95 % intervals.
+    """Two moments of inertia [kg m²] per pivot axis, in the order of `parameters.axes`.
 
     One is about the contact line on the edge at balance, one about the parallel axis through the centre of
-    mass, whose interval has no negative end.
+    mass. Both have 95 % intervals; that of the second has no negative end.
     """
     return [
         AxisMoment(
@@ -227,8 +227,8 @@ def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
 def regions_document(distribution: MassDistribution) -> Regions:
     """Masses [kg] of the shell and the two interior parts with 95 % intervals, in the Result's form.
 
-    With the dividing plane of the interior in the object frame O, naive answers for comparison, and the
-    shell's thickness [m] where it was estimated.
+    The entry also holds the plane that divides the interior, in the object frame O, naive answers for
+    comparison, and the shell's thickness [m], None where it was not estimated.
     """
     sd = np.sqrt(np.diag(distribution.covariance))
     return Regions(
@@ -266,11 +266,13 @@ def regions_document(distribution: MassDistribution) -> Regions:
 def parts_document(found: PartMasses) -> Parts:
     """Masses [kg] and densities [kg/m³] of the object's labelled parts with 95 % intervals.
 
-    With the naive answer, one density for all, and the rms misfit of the moments.
+    The entry also holds the parts' volumes [m³], the naive answer (masses [kg] with one density for all
+    parts), and the misfit: rms of the moments' residuals over their sd.
     """
     sd = np.sqrt(np.diag(found.covariance))
 
     def quantities(i: int, unit: str, per: float) -> Quantity:
+        """Mass of part `i` divided by `per`: 1 for the mass [kg], the volume [m³] for the density."""
         return Quantity(
             value=float(found.masses[i] / per),
             sd=float(sd[i] / per),
@@ -292,7 +294,10 @@ def parts_document(found: PartMasses) -> Parts:
 
 
 def _paper_regions(distribution: MassDistribution, paper: PaperRegions | None) -> Regions | None:
-    """Region masses [kg] and dividing plane by the paper's method, without intervals; None if it has none."""
+    """Region masses [kg] and dividing plane in O by the paper's method, without sd and intervals.
+
+    None if the paper's method found no masses. `distribution` gives the regions' names.
+    """
     if paper is None:
         return None
     return Regions(
@@ -324,8 +329,9 @@ def strike_result(
         scale: mass and gravity, from which the moment about the edge, I_edge = m g R / k, follows.
 
     Returns:
-        Row of the Result document. Without a fit it has no balance angle and no rate constant k; unless used
-        no residual of its plane; without a k in use no I_edge.
+        Row of the Result document. The values of the fit (balance angle, rate constant k, residual rms) are
+        None without a fit; the distance [m] of the centre of mass from the strike's equi-plane is None unless
+        the strike was used, I_edge [kg m²] unless its k was.
     """
     fit = motion.fit
     values: dict[str, Any] = {}
@@ -369,10 +375,11 @@ def strike_result(
 
 
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:
-    """Prediction of a strike from all others, in the Result's form: balance angle, k, worst frame.
+    """Prediction of a strike from all others, in the Result's form: balance angle, k, tipping angle.
 
-    k, the rate constant of the motion [rad/s²], is for gravity at the place where the strike was made. The sd
-    of balance angle and k are the prediction's alone, without the measurement's.
+    The balance angle [rad] and the rate constant k of the motion [rad/s²], for gravity at the place where the
+    strike was made, have the sd of the prediction alone, without the measurement's. Of the tipping angle the
+    offset [rad] is given at the frame where it is largest over its sd.
     """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
@@ -391,7 +398,7 @@ def prediction_document(prediction: StrikePrediction) -> PredictionResult:
 
 
 def _k_quantity(fit: MotionFit) -> Quantity | None:
-    """Fitted rate constant k [rad/s²], 95 % interval; None if the estimator does not report it."""
+    """Fitted rate constant k [rad/s²] with its 95 % interval; None if the estimator does not report k."""
     return None if fit.k is None else quantity(fit.k, math.sqrt(fit.covariance[1, 1]), "rad/s^2")
 
 
@@ -407,5 +414,5 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
 
 
 def _clean(matrix: Array) -> Array:
-    """Copy of an array with entries below 1e-9 of the largest set to 0, to remove rounding noise."""
+    """Copy of an array in which entries of a magnitude below 1e-9 of the largest are 0: rounding noise."""
     return np.where(np.abs(matrix) < 1e-9 * np.abs(matrix).max(), 0.0, matrix)

@@ -13,14 +13,16 @@ if TYPE_CHECKING:
     from analyze.estimation.fill_level import FillLevel, Marginal
 
 MAX_MISFIT = 2.5
-"""rms of the residuals over their sd, above which a filling does not explain the moments"""
+"""rms of the moments' residuals over their sd, above which a filling does not explain the moments"""
 
 
 def filling_document(name: str, found: FillLevel) -> Filling:
-    """Entry of a filling in the Result document, with 95 % intervals.
+    """Entry of a filling in the Result document: level, share, masses and density with 95 % intervals.
 
     The level [m] is measured from the origin of the object frame O along the direction that pointed upwards
-    when the object was filled.
+    when the object was filled. The share is that of the interior's volume; masses [kg] are those of filling
+    and shell (outer wall), the density [kg/m³] is the filling's; the shell's thickness [m] is None where the
+    object file gives it.
 
     Args:
         name: name of the filling in the object file.
@@ -42,7 +44,8 @@ def filling_document(name: str, found: FillLevel) -> Filling:
 def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
     """Yield warnings about a filling: its assumption, a misfit, quantities that the moments leave open.
 
-    The first, that the filling moves with the object, is always given; nothing is yielded for None.
+    The first, that the filling is assumed to move with the object, is always yielded; nothing is yielded for
+    None (the object file names no filling).
     """
     if filling is None:
         return

@@ -22,7 +22,11 @@ def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:
 
 
 def _document(rate: FrameRate) -> FrameTimes:
-    """Entry of one recording's frame times: stated rate, its bounds and estimate by the strikes."""
+    """Entry of one recording's frame times: their source and sd, the stated rate and its check by strikes.
+
+    Bounds and estimate of the true over the stated rate are None where the strikes allow no check, or none
+    of that kind.
+    """
     check = rate.check
     return FrameTimes(
         recording=rate.recording,
@@ -43,12 +47,15 @@ def _document(rate: FrameRate) -> FrameTimes:
 
 
 def _ratio(value: float, sd: float) -> Quantity:
-    """Unitless ratio with its 95 % interval."""
+    """Unitless ratio with its standard deviation `sd` and its 95 % interval, value ± 1.96 sd."""
     return Quantity(value=value, sd=sd, unit="1", interval95=[value - SIGMAS_95 * sd, value + SIGMAS_95 * sd])
 
 
 def wrong_text(times: FrameTimes) -> str:
-    """Sentence on why the stated frame rate is impossible, with the likely rate if known, and the remedy."""
+    """Sentence on why the stated frame rate is impossible, with the likely rate if known, and the remedy.
+
+    `times` must be the entry of a recording whose rate the strikes contradict (`possible` is False).
+    """
     rate, limits, ratio = times.frame_rate_hz, times.rate_limits or [0.0, 0.0], times.rate_ratio
     if limits[0] <= 1 <= limits[1] and ratio is not None:
         why = (
@@ -86,11 +93,11 @@ def unchecked_text(times: FrameTimes) -> str:
 
 
 def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[str]:
-    """Lines on the origin and the check of frame times, one or two per recording.
+    """Lines on the origin and the check of frame times, one or two per entry; empty if there are none.
 
     Args:
         times: entries of the Result document; None if no recording's times come from a file's time stamps.
-        several: True to name the recording in each line.
+        several: True to add the recording's number to each line.
     """
     found: list[str] = []
     for each in times or []:
@@ -119,11 +126,11 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
 
 
 def _ratio_text(ratio: Quantity) -> str:
-    """Ratio with the half width of its 95 % interval, to three decimals."""
+    """Text of a ratio with the half width of its 95 % interval, to three decimals, as "1.002 ± 0.004"."""
     value, sd = (each if isinstance(each, float) else 0.0 for each in (ratio.value, ratio.sd))
     return f"{value:.3f} ± {SIGMAS_95 * sd:.3f}"
 
 
 def _factor_text(ratio: float) -> str:
-    """Factor to two decimals, or to none from 10 on."""
+    """Text of a factor, to two decimals below 10, otherwise to none."""
     return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0f}"

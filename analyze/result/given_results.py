@@ -39,20 +39,22 @@ class EarlierResults:
 def read_given(
     paths: Sequence[Path], object_sha256: str, mass: float, rig: RigConfig | None
 ) -> EarlierResults:
-    """Read earlier results of an object for its next plan; recordings among them become one estimate.
+    """Read earlier results of an object for its next plan; recordings among them are estimated jointly.
 
     Args:
         paths: recordings (.mcap) and results (JSON), at least one.
         object_sha256: hash of the object to plan for.
         mass: mass of that object [kg].
-        rig: rig to plan for; None for that of the latest recording.
+        rig: rig to plan for; None for that of the latest recording. Only impacts by its striker are returned.
 
     Returns:
         Centre of mass, inertia and strikes merged from all files, and the impacts that recordings measured.
 
     Raises:
-        RecordingError, MergeError, EstimationError: the recordings cannot be estimated together.
-        PlanError: a file is no result, is of another object, or holds a recording that another holds too.
+        RecordingError, MergeError, ShapeError, TrackingError, EstimationError: the recordings cannot be
+            estimated together.
+        PlanError: a file is no result, is of another object, holds a recording that another holds too, or
+            holds no strike that was used.
         DocumentError: a result holds an entry that cannot be used.
     """
     recordings = [path for path in paths if path.suffix == RECORDING_SUFFIX]
@@ -101,7 +103,7 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
 
     Args:
         answer: answer from the recordings.
-        rig: rig that the plan is for; None for that of the latest recording.
+        rig: rig to plan for; None for that of the latest recording.
 
     Returns:
         One entry per such strike, in recording order; empty if there is none.
@@ -142,8 +144,9 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
         mass: mass of the object [kg], by which its inertia is divided.
 
     Returns:
-        Centre of mass and inertia in the object frame O, the strikes used with the sd of their balance angle
-        and rate constant k, and the directions of the struck axes.
+        Centre of mass [m] and inertia per kilogram [m²] in the object frame O, the inertia None if the result
+        has none; the strikes used, with the sd of their balance angle (0.001 rad if not given) and the
+        relative sd of their rate constant k; and the directions of the struck axes.
 
     Raises:
         PlanError: the result holds no strike that was used, or no centre of mass.

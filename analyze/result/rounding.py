@@ -14,12 +14,12 @@ linear algebra library"""
 
 
 def rounded(document: D) -> D:
-    """Copy of a document with every float rounded to `SIGNIFICANT_DIGITS` digits, and validated again."""
+    """Copy of a document with every float rounded to `SIGNIFICANT_DIGITS` significant digits."""
     return type(document).model_validate(_round(json.loads(canonical_json(document))))
 
 
 def _round(value: Any) -> Any:
-    """Copy of a JSON value with every float in it rounded to `SIGNIFICANT_DIGITS` digits."""
+    """Copy of a JSON value with every float in it rounded to `SIGNIFICANT_DIGITS` significant digits."""
     if isinstance(value, float):
         return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
     if isinstance(value, dict):

@@ -1,6 +1,6 @@
 """Errors of an estimate against the ground truth (topics under /truth/) of a virtual recording.
 
-No other part of the estimation or its results reads the ground truth.
+The estimate and its Result document never use the ground truth.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TipTruth:
-    """True balance angle, moment of inertia and distance of one strike about its planned pivot."""
+    """True balance angle, moment of inertia and distance of the centre of mass for one strike's pivot."""
 
     phi: float
     """balance angle [rad]: the centre of mass c stands above the centre line of the edge's rounding"""
@@ -40,7 +40,9 @@ class TipTruth:
 
 
 def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
-    """True balance angle, moment about the contact line and distance of one strike (method.md, section 3).
+    """True balance angle, moment about the contact line and distance of the centre of mass of one strike.
+
+    The formulas are those of method.md, section 3.
 
     Args:
         planned: rest pose and pivot of the strike; the pivot lies on the centre line of the edge's rounding.
@@ -72,7 +74,9 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
         answer: answer from that recording, or from several of the same object.
 
     Returns:
-        Errors by name; the unit ends each name (m, rad, kg_m2, kg), errors called relative are unitless.
+        Errors, true values and sd by name. The unit ends the name (m, rad, kg_m2, kg); other numbers are
+        unitless: relative errors, by axis id for `i_com_relative_error` (moment about the parallel of the
+        axis through the centre of mass), and `mass_in_wrong_region`.
 
     Raises:
         RecordingError: the recording holds no ground truth, or is damaged.
@@ -114,14 +118,14 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
 
 
 def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | None:
-    """Errors of an answer against the recordings' ground truth; None unless all recordings hold one.
+    """Errors of an answer against the recordings' ground truth; None if a recording holds no ground truth.
 
     Args:
         paths: recordings that the answer was estimated from, at least one.
         answer: the answer.
 
     Returns:
-        The table of `score_answer`, ready for JSON.
+        Errors by name, ready for JSON, as `score_answer` lists them.
 
     Raises:
         RecordingError: the recordings hold different ground truths, or one cannot be read.
@@ -133,9 +137,10 @@ def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | 
 
 
 def refuse_without_truth(paths: Sequence[Path]) -> None:
-    """Raise RecordingError unless all recordings hold one ground truth; call it before the estimate.
+    """Raise RecordingError unless all recordings hold the same ground truth of their object.
 
-    Only the truth of the object itself is compared, not that of rig and session.
+    Call it before the estimate, which takes minutes. Only the truth of the object itself is compared, not
+    that of rig and session (friction, table tilt, camera).
 
     Raises:
         RecordingError: a recording holds no ground truth, or another than the first, or cannot be read.
@@ -156,11 +161,10 @@ def refuse_without_truth(paths: Sequence[Path]) -> None:
 
 
 def _object_truth(body: pb.TruthBody) -> list[float]:
-    """Ground truth of the object itself as numbers to compare.
+    """Ground truth of the object itself as a list of numbers, to compare two recordings.
 
-    They are mass, edge radius, centre of mass, inertia, and masses and dividing plane of the three regions.
-
-    That of rig and session (friction, table tilt, camera) is left out.
+    They are mass [kg], edge radius and centre of mass [m], inertia [kg m²], masses [kg] of the regions and
+    the plane that divides the interior. The truth of rig and session is left out.
     """
     own = (body.com_object, body.inertia_com, body.region_mass_kg, body.region_plane)
     return [body.mass_kg, body.edge_radius_m, *(value for part in own for value in part)]
@@ -173,9 +177,12 @@ def _holds_truth(path: Path) -> bool:
 
 
 def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
-    """Errors of the masses of shell and of the interior above and below the dividing plane, by name.
+    """Errors of the masses of the shell and of the interior above and below the dividing plane, by name.
 
-    Without three true masses two entries of None.
+    They come with the regions' names, true and estimated masses [kg], the error of the plane's normal [rad],
+    and the mean relative error of each naive answer and, if it found masses, of the paper's method. If the
+    truth has no three region masses, the only two entries, `region_mass_error_relative` and
+    `mass_in_wrong_region`, are None.
     """
     if len(body.region_mass_kg) != 3:
         return {"region_mass_error_relative": None, "mass_in_wrong_region": None}
@@ -183,6 +190,7 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
     normal = np.array(body.region_plane[:3])
 
     def aligned(masses: Array, normal_found: Array) -> Array:
+        """Masses (3,) with the interior's two swapped if the normal found is opposite to the true one."""
         return masses if normal_found @ normal >= 0 else masses[[0, 2, 1]]
 
     distribution = estimate.distribution
@@ -214,7 +222,7 @@ def _mean_region_error(masses: Array, truth: Array) -> float:
 
 
 def _scalar(quantity: Any) -> float:
-    """Value of a scalar quantity."""
+    """Value of a scalar Quantity (value with unit and sd) as a float."""
     return float(quantity.value)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from analyze.types import CentreOfMass
 
 MEASURED_FRACTION = 0.5
-"""fraction of the prior's sd below which a tilt counts as measured by the strikes"""
+"""fraction of its prior sd below which the sd of a table tilt counts as measured by the strikes"""
 TILT_REMEDY = (
     "strike one edge again with the object turned by 180° (`analyze plan --gravity`), hang a plumb line in"
     " view (`analyze gravity`), or write what a level shows into the rig file's [level]"
@@ -24,11 +24,15 @@ TILT_REMEDY = (
 
 
 def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
-    """Tilts of the table against gravity [rad] towards the world's x and y, one pair per levelling.
+    """Tilts of the table against gravity [rad] towards the world's x and y, one entry per levelling.
 
-    A levelling is a set-up of the table with one unknown tilt. Each value has a 95 % interval and its source:
-    measured by the strikes, given by a level's reading, or the prior; each pair has the numbers of its
-    recordings, from 1.
+    A levelling is a set-up of the table whose recordings share one tilt. A tilt is positive if that side of
+    the table is the higher one; it has a 95 % interval and a source: measured by the strikes, given by the
+    reading of a level, or the prior. Each entry lists the numbers of its recordings, from 1.
+
+    Args:
+        com: estimated centre of mass, which holds the estimated tilts; no entries if it holds none.
+        evidence: recordings, whose manifests (metadata) hold the readings of a level.
     """
     levels = levelling_indices(evidence.recordings)
     found: list[TableTilt] = []
@@ -51,9 +55,10 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] of a table tilt towards x of the world frame W that is only assumed.
+    """Largest prior sd [rad] of a table tilt towards x of the world frame W that is only assumed to be 0.
 
-    0 if the tilts of all levellings were measured by strikes or read from a level.
+    0 if the tilts towards x of all levellings (set-ups of the table) were measured by strikes or read from
+    a level.
     """
     assumed = [
         float(tilt.prior_sd[0])
@@ -66,10 +71,16 @@ def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
 def _sources(
     com: CentreOfMass, evidence: Evidence, level: int
 ) -> list[Literal["measured", "given", "prior"]]:
-    """Sources of the tilts of one levelling towards x and y, in this order.
+    """Sources of the table's tilts towards the world's x and y for one levelling (set-up of the table).
 
-    Measured if the strikes reduced the sd below `MEASURED_FRACTION` of the prior's, given if a level's
-    reading states it, prior otherwise.
+    Each is "measured" if the strikes reduced the tilt's sd below `MEASURED_FRACTION` of the prior's,
+    otherwise "given" if the manifest holds the reading of a level (for y: one with an sd for y), else
+    "prior".
+
+    Args:
+        com: estimated centre of mass with the tilts of all levellings.
+        evidence: recordings with their manifests (metadata).
+        level: index of the levelling, from 0.
     """
     tilt = com.tilts[level]
     read = evidence.recordings[levelling_indices(evidence.recordings).index(level)].manifest.level
@@ -81,9 +92,9 @@ def _sources(
 
 
 def tilt_lines(result: Result) -> list[str]:
-    """Lines of text on the tilt of the table [°], one per levelling; empty if the result has no tilt.
+    """Lines of text on the table's tilt towards the world's x [°], one per levelling; empty without tilts.
 
-    With several levellings each line names its recordings.
+    A levelling is a set-up of the table; with several of them each line names its recordings.
     """
     tilts = result.table_tilt or []
     return [

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from schemas.object_spec import ObjectSpec
 
 MIN_STRIKES_FOR_OUTLIERS = 6
-"""strikes used, below which an outlier cannot be recognised"""
+"""least number of strikes used among which an outlier can be recognised"""
 MAX_FIT_RESIDUAL = np.radians(0.3)
-"""rms residual of theta [rad] above which a fit is reported as poor"""
+"""rms residual [rad] of the tipping angle theta above which a fit is reported as poor"""
 MIN_ROBUST_WEIGHT = 0.5
-"""robust weight below which a strike is reported as an outlier"""
+"""robust weight (1 for a strike within its sd, towards 0 for an outlier) below which a strike is reported"""
 MAX_RADIUS_SD = 0.1
 """1 sigma of a flank's radius of curvature over the radius, above which the flank is reported as uneven"""
 MAX_PARTS_MISFIT = 2.5
@@ -41,7 +41,7 @@ MAX_PARTS_MISFIT = 2.5
 MAX_REGION_SD = 0.1
 """1 sigma of a region's mass over the object's mass, above which the region is reported as uncertain"""
 MAX_NAMES = 6
-"""names listed in one sentence before the rest is counted"""
+"""most names that a sentence lists; the rest is only counted"""
 
 
 def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> list[ResultWarning]:
@@ -49,7 +49,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
 
     Args:
         estimate: the estimate.
-        frame_times: frame times of its recordings, as the Result document holds them.
+        frame_times: entries of the Result document on its recordings' frame times.
     """
     return [
         *_recording_warnings(estimate),
@@ -100,7 +100,7 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of the user's choices: another object file, excluded strikes, few strikes."""
+    """Yield warnings of another object file, of strikes excluded by the user, and of few strikes used."""
     if estimate.evidence.object_path_used:
         text = (
             "the object file given replaces the recording's; the edges are the plan's, with the rounding of"
@@ -139,7 +139,10 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Iterator[ResultWarning]:
-    """Yield warnings of stated frame rates, of recordings and strikes, that are wrong or unchecked."""
+    """Yield warnings of recordings whose stated frame rate is wrong or unchecked, then of such strikes.
+
+    A strike is reported if its motion is a tip only at another frame rate than stated.
+    """
     several = len(evidence.recordings) > 1
     for each in frame_times:
         recording = f"recording {each.recording}: " if several else ""
@@ -155,8 +158,8 @@ def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Ite
 def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[ResultWarning]:
     """Yield warnings of failed checks: impossible moments, gravity, strikes that were not predicted.
 
-    Without `rates_possible`, that is with a wrong frame rate, moments and gravity are not reported, since it
-    causes both.
+    If a stated frame rate is wrong (`rates_possible` is False), moments and gravity are not reported: the
+    wrong rate explains them.
     """
     checks = estimate.checks
     if checks.impossible_axes and rates_possible:
@@ -173,7 +176,10 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
 
 
 def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of strikes used: outliers, poor fits, rocked back; then of estimators that disagree."""
+    """Yield warnings of strikes used: outliers, poor fits, rocked back; then of answers that disagree.
+
+    The latter are two estimators of one strike, and the paper's centre of mass (VISAPP 2013) and ours.
+    """
     for plane, robust in zip(estimate.fitted_planes, estimate.com.robust, strict=True):
         if robust < MIN_ROBUST_WEIGHT:
             text = f"strike {plane.strike_id} disagrees with the others; its robust weight is {robust:.0%}"
@@ -222,7 +228,10 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
 
 
 def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[ResultWarning]:
-    """Yield warnings of region masses: shell thickness not given, moments not explained, or a large sd."""
+    """Yield warnings of region masses: shell thickness not given, moments not explained, or a large sd.
+
+    `mass` is the object's [kg]; an sd is large if a region's exceeds `MAX_REGION_SD` of it.
+    """
     if distribution.shell is not None:
         shell = distribution.shell
         low, high = (f"{1e3 * end:.1f}" for end in shell.interval)
@@ -283,9 +292,9 @@ def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
-    """True if the contact rolls, but the user chose another estimator, which treats it as a hinge.
+    """True if the contact rolls, but the estimate uses a fit by the user's estimator, which has it fixed.
 
-    That estimator must have a fit of the motion; False for None, no choice.
+    False if the user chose no estimator (None), or if the one chosen has no fit of the motion.
     """
     fit = motion.fit
     return (
@@ -343,7 +352,10 @@ def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
 
 
 def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
-    """Yield warnings of labelled parts: masses that the moments leave open, moments not explained."""
+    """Yield warnings of labelled parts: masses that the moments leave open, moments not explained.
+
+    Nothing is yielded for None (the object file labels no parts).
+    """
     if parts is None:
         return
     if unobserved := [
