@@ -28,14 +28,14 @@ def equiplanes(
     """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
 
     An equi-plane passes through a strike's pivot line and the centre of mass; the rate constant
-    k = m g R / I_edge [rad/s^2] is fitted to its motion, R being the distance of the centre of mass from the
-    line, I_edge the moment about it.
+    k = m g R / I_edge [rad/s^2] is fitted to its motion, with m g the object's weight, R the distance of the
+    centre of mass from the line and I_edge the moment about it.
 
     Args:
         evidence: strikes of one or several recordings, with plan, object and manifests.
         motions: fitted motions.
-        estimator: estimator whose balance angle phi and k are used where a motion has them; None for the
-            one chosen for each motion.
+        estimator: name of the estimator whose balance angle phi and k are used where it fitted a motion;
+            None for the fit chosen for each motion.
 
     Returns:
         One plane per motion, in their order, in the object frame O.
@@ -58,10 +58,11 @@ def equiplanes(
 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Standard deviations of errors shared by strikes: scale, edge radius, tilt of gravity per levelling.
+    """Standard deviations of errors shared by strikes: scale, edge radius, table tilt per levelling.
 
-    Scale and edge radius are the object file's. A levelling is a set-up of the table with one unknown tilt;
-    a level's reading in a manifest (the recording's metadata) replaces the assumption that it is 0.
+    Those of scale (relative) and edge radius [m] are the object file's. A levelling is a set-up of the table
+    with one unknown tilt [rad] against gravity; a level's reading in a manifest (the recording's metadata)
+    replaces the assumption that the tilt is 0.
     """
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
@@ -75,9 +76,10 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
 
 
 def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
-    """Tilt [rad] that a level showed, with sd; None if the manifest (recording's metadata) has no reading.
+    """Table tilt [rad] towards the world's x and y that a level showed, with sd.
 
-    Towards the world's y the sd is that of an unread tilt if the reading has none.
+    The sd towards y is that of an unread tilt if the reading has none for y. None if the manifest (the
+    recording's metadata) has no reading.
     """
     read = manifest.level
     if read is None:
@@ -87,7 +89,9 @@ def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
 
 
 def equiplane_by(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
-    """Equi-plane of a motion by the named estimator; by the motion's own fit if it has none by that name.
+    """Equi-plane in O of a motion by the named estimator; by the motion's own fit if that has no fit of it.
+
+    An equi-plane passes through the strike's pivot line and the centre of mass; O is the object frame.
 
     Raises:
         EstimationError: the motion has no fit, or the planned pivot does not lie along the world's y.

@@ -73,7 +73,7 @@ CELLS = 4000
 MIN_STRIKES = 3
 """fewest usable strikes for an estimate"""
 USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
-"""a strike that rocked back still gives phi and k if its motion could be fitted"""
+"""verdicts of usable strikes: one that rocked back still gives balance angle phi and rate constant k"""
 
 
 @dataclass(frozen=True)
@@ -83,10 +83,10 @@ class EstimateOptions:
     object_path: Path | None = None
     """object file that replaces the recording's; None to use the recording's"""
     exclude: frozenset[str] = frozenset()
-    """ids of strikes to leave out"""
+    """ids of strikes to leave out; with the recording's number before them if several hold such an id"""
     estimator: str | None = None
-    """estimator of phi and k: pivot_fit, rolling_fit, moment_balance or sign_change; None for the one that
-    suits each motion"""
+    """estimator of balance angle phi and rate constant k: pivot_fit, rolling_fit, moment_balance or
+    sign_change; None for the one that suits each motion"""
     seed: int = 0
     """seed of the random draws behind region, part and filling intervals"""
 
@@ -103,7 +103,7 @@ class Agreements:
     centres: CentreDifference
     """difference between the paper's centre of mass and ours"""
     estimators: tuple[EstimatorDisagreement, ...]
-    """strikes whose estimators disagree; empty if none do"""
+    """one entry per pair of estimators that disagree on a strike; empty if none do"""
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ class Estimate:
     options: EstimateOptions
     """choices of the user"""
     fitted_planes: tuple[EquiPlane, ...]
-    """equi-planes of the strikes used, as fitted, in recording order; at phi they are perpendicular to the
-    table"""
+    """equi-planes (through pivot line and centre of mass) of the strikes used, as fitted, in recording order:
+    perpendicular to the table at the balance angle phi, not corrected for the table's tilt"""
     inertial: InertialParameters
     """mass, centre of mass, inertia tensor and moments of the object, without its markers where the pose of
     each marker with a mass is known, otherwise with them"""
@@ -128,15 +128,16 @@ class Estimate:
     """mass and gravity behind moments about edges: `scale`, with gravity as estimated where it was a free
     parameter"""
     cells: Cells
-    """the body divided into cells, with the given or assumed shell"""
+    """the body divided into cells, with the given or assumed shell (outer wall)"""
     distribution: MassDistribution
-    """masses of shell and interior regions"""
+    """masses of the shell and of the interior on either side of a plane"""
     parts: PartMasses | None
     """masses of labelled parts; None where the object file labels none"""
     filling: FillLevel | None
     """level and mass of a filling; None where the object file names none"""
     paper: PaperEstimate
-    """centre of mass and region masses by the paper's method (VISAPP 2013)"""
+    """centre of mass (of the same body as `inertial`'s) and masses of shell and interior parts by the paper's
+    method (VISAPP 2013)"""
     checks: Checks
     """checks of the joint estimate: predictions, gravity, possible moments, place of the centre of mass"""
     predictions: tuple[StrikePrediction, ...]
@@ -146,7 +147,7 @@ class Estimate:
     frame_rates: tuple[FrameRate, ...]
     """checked frame rates, one per recording whose frame times come from a video file's time stamps"""
     voxels: VoxelMap
-    """density by cell, of maximum entropy with the measured moments"""
+    """density [kg/m³] by cell: of all that have the measured moments, the one of maximum entropy"""
     sensitivity: Sensitivity
     """influence of strikes and error sources on the centre of mass"""
 
@@ -154,7 +155,7 @@ class Estimate:
     def com(self) -> CentreOfMass:
         """Centre of mass of the object in the object frame O, without its markers (printed tags).
 
-        They are included if the pose of one that has a mass is not known.
+        The markers are included if the pose of one that has a mass is not known.
         """
         return self.inertial.com
 
@@ -174,7 +175,7 @@ def estimate_recordings(
     """Estimate one object from one or several recordings; their order does not matter.
 
     Args:
-        paths: recordings (MCAP).
+        paths: one or more recordings (MCAP).
         options: choices of the user; None for the defaults.
         progress: called with (text, done, total) before each strike, and before the estimate.
 
@@ -185,10 +186,11 @@ def estimate_recordings(
     Raises:
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
-        ShapeError: the object's shape cannot be used.
-        PlanError: a plan is of another object.
+        ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
+        PlanError: a plan is of another object or shape, or does not hold a strike.
         TrackingError: no marker of any strike of a recording can be tracked.
-        EstimationError: fewer than three strikes can be used, or an excluded strike does not exist.
+        EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
+            parts or filling cannot be estimated.
     """
     options = options or EstimateOptions()
     heads = by_start_time([read_head(path) for path in paths])
@@ -209,9 +211,10 @@ def estimate_recordings(
 
 
 def offset_progress(progress: Progress | None, before: int, total: int, prefix: str = "") -> Progress | None:
-    """Progress callback for one part of the work after `before` of `total` steps; None if `progress` is None.
+    """Progress callback for one part of the work, which reports to the callback of the whole.
 
-    It reports the part's texts with `prefix` in front.
+    It adds `before` to the part's number of steps done, reports `total` as the whole's steps, and puts
+    `prefix` in front of the part's texts. None if `progress` is None.
     """
     if progress is None:
         return None
@@ -290,7 +293,7 @@ def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotio
     """Motions to estimate from, in the evidence's order: fitted, of a usable verdict, not excluded.
 
     Raises:
-        EstimationError: fewer than three.
+        EstimationError: there are fewer than three.
     """
     used = [motion for motion in evidence.motions if _usable(motion, options)]
     if len(used) < MIN_STRIKES:
@@ -313,7 +316,7 @@ def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
 def _labelled_parts(
     evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions
 ) -> PartMasses | None:
-    """Masses of the parts that the object file labels; None if it labels none, or a filling.
+    """Masses [kg] of the parts that the object file labels; None if it labels none, or labels a filling.
 
     Raises:
         ShapeError: a label names a part that the shape does not have, or two layers overlap.

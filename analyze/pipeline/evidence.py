@@ -27,7 +27,7 @@ class RecordingHead:
     manifest: SessionManifest
     """metadata of the recording: object, rig, cameras, gravity, hash of the plan"""
     content_id: str
-    """hash of the recording's contents, independent of its path; "" if unknown"""
+    """hash of the recording's contents, independent of its path; "" if the recording has none"""
     strike_ids: tuple[str, ...] = ()
     """strike ids in the recording's order"""
     shape_sha256: str = ""
@@ -37,7 +37,7 @@ class RecordingHead:
     missing_files: tuple[int, ...] = ()
     """numbers of files of the series that were not found"""
     rig_toml: str | None = None
-    """text of the rig file in use; None if the recording holds none"""
+    """text of the rig file of the session; None if the recording holds none"""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class StrikeSource(Protocol):
         ...
 
     def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
-        """Yield the FrameMeta record of each frame that arrived from the first camera, by time.
+        """Yield the metadata record (FrameMeta) of each frame that arrived from the first camera, by time.
 
         Args:
             start_ns: first log time [ns] to include; None for the recording's start.
@@ -88,7 +88,7 @@ class StrikeSource(Protocol):
         ...
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Yield images of the first camera by time.
+        """Yield the first camera's images as grey values, with their log times, by time.
 
         Args:
             start_ns: first log time [ns] to include; None for the recording's start.
@@ -110,7 +110,7 @@ class StruckObject:
     sha256: str
     """hash of the object file in use and its shape"""
     bodies: tuple[Body, ...]
-    """closed bodies of the shape's mesh, largest first, where the object's labels name them"""
+    """closed bodies of the shape's mesh, largest first; empty unless the object's labels name bodies"""
     overridden: bool
     """True if an object file given afterwards replaces the recording's"""
 
@@ -122,7 +122,8 @@ class StrikeReading:
     record: pb.StrikeRecord
     """the recording's entry of the strike: ids, times, impact"""
     motion: TipMotion
-    """motion and fits; with verdict UNREADABLE and no fit if no marker could be tracked"""
+    """motion and fits; with verdict UNREADABLE and no fit if no marker could be tracked, or if the motion is
+    a tip only at another frame rate than a video file states"""
     report: TrackingReport | None
     """markers as tracked; None if none could be"""
     problem: TrackingError | None
@@ -135,7 +136,7 @@ class StrikeReading:
 class Evidence:
     """Fitted motions of all strikes (filmed tips) of one object, before any estimate.
 
-    From one recording, or from several that merge.py merged.
+    They come from one recording, or from several that merge.py merged.
     """
 
     recordings: tuple[RecordingHead, ...]
@@ -151,19 +152,19 @@ class Evidence:
     motions: tuple[TipMotion, ...]
     """motions in the order of the recordings"""
     tracking: Mapping[str, TrackingReport] = field(default_factory=dict[str, TrackingReport])
-    """tracking reports by strike id"""
+    """marker tracking by strike id, of the strikes with a tracked marker"""
     object_path_used: bool = False
     """True if an object file given afterwards replaces the recording's"""
     frames_lost: Mapping[str, int] = field(default_factory=dict[str, int])
     """frames lost within each strike's window, by strike id"""
     impacts: Mapping[str, ImpactMeasurement] = field(default_factory=dict[str, ImpactMeasurement])
-    """impacts by strike id, where the striker measured its speed"""
+    """impacts by strike id, where the striker measured its speed and height"""
     software: str = "percuss"
     """name and version of the program that read the recordings"""
     recorded_in: Mapping[str, int] = field(default_factory=dict[str, int])
     """index into `recordings` by strike id; empty for one recording"""
     bodies: tuple[Body, ...] = ()
-    """closed bodies of the shape's mesh, largest first, where the object's labels name them"""
+    """closed bodies of the shape's mesh, largest first; empty unless the object's labels name bodies"""
 
     @property
     def manifest(self) -> SessionManifest:
@@ -171,13 +172,13 @@ class Evidence:
         return self.recordings[0].manifest
 
     def recording_of(self, strike_id: str) -> RecordingHead:
-        """Recording that holds the strike; the first one for an id that is not listed by recording."""
+        """Recording that holds the strike; the first recording for an id not in `recorded_in`."""
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
         """Planned strike (rest pose, pivot edge, direction on the table) that a motion carried out.
 
         Raises:
-            StopIteration: the plan does not hold it.
+            StopIteration: the plan does not hold the planned strike.
         """
         return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)

@@ -22,7 +22,7 @@ RELATIVE_DENSITY_SD = 0.05
 def estimate_filling(
     evidence: Evidence, cells: Cells, moments: MeasuredMoments, rng: np.random.Generator
 ) -> FillLevel | None:
-    """Posterior of fill level, mass and density of the object's filling.
+    """Posterior of fill level, mass and density of the object's filling; None if the object has none.
 
     Args:
         evidence: fitted strikes, of which only the object file and the shape are used.
@@ -31,8 +31,8 @@ def estimate_filling(
         rng: generator of the posterior draws.
 
     Returns:
-        Level [m], mass [kg] and density [kg/m³] with 95 % intervals; None where the object file names no
-        filling.
+        Level [m] along the direction that pointed upwards when the object was filled, mass [kg] and density
+        [kg/m³], with 95 % intervals; None where the object file names no filling.
 
     Raises:
         EstimationError: the object has no interior.

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 STATED_RATE_SD = 0.002
 """relative 1 sigma of a frame rate that only a file states: 240 may be 239.76, and a phone's quartz drifts"""
 MAX_SHAPE_POINTS = 800
-"""approximate number of candidate mass points from the cells, and from the hull; more do not change the
-limits"""
+"""approximate number of points where mass may be, from the cells and again from the hull's vertices; more do
+not change the bounds of the frame rate"""
 SLOW_MOTION_RATIOS = (8.0, 4.0, 2.0, 0.5, 0.25, 0.125)
 """true rate over stated rate in slow-motion files: 240 Hz played at 120, 60 or 30, or the reverse"""
 USUAL_RATES_HZ = (24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 200.0, 240.0, 480.0, 960.0)
@@ -85,7 +85,7 @@ def relative_rate_sd(manifest: SessionManifest) -> float:
     """Relative 1 sigma of a recording's frame rate.
 
     It is as measured where the manifest (the recording's metadata) gives an sd, `STATED_RATE_SD` where only a
-    video file states the rate, and 0 for a rig's camera.
+    video file states the rate, and 0 otherwise (a rig's camera).
     """
     camera = manifest.cameras[0]
     if camera.frame_rate_sd_hz is not None:
@@ -108,7 +108,8 @@ def drop_untimed_k(
         rates: checked frame rates.
 
     Returns:
-        Planes and scale to estimate with, unchanged if all rates are possible.
+        Planes to estimate with, without k where the rate is impossible, and mass and gravity, with a very
+        wide sd of g where it is a free parameter; both unchanged if all rates are possible.
     """
     wrong = {each.recording - 1 for each in rates if not each.possible}
     if not wrong:
@@ -127,7 +128,8 @@ def drop_untimed_k(
 def with_estimated_gravity(scale: Scale, solution: JointSolution) -> Scale:
     """Copy of `scale` with gravity g replaced by its joint estimate, where g was a free parameter.
 
-    g is free if its sd is at least `OPEN_LOG_GRAVITY_SD` times g; otherwise `scale` is returned unchanged.
+    `scale` is mass and gravity that the joint estimate `solution` started from. g was free if its sd is at
+    least `OPEN_LOG_GRAVITY_SD` times g; otherwise `scale` is returned unchanged.
     """
     if scale.gravity_sd < OPEN_LOG_GRAVITY_SD * scale.gravity:
         return scale
@@ -199,7 +201,8 @@ def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
 def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
     """The only slow-motion rate [Hz] consistent with the strikes, otherwise the only usual rate.
 
-    None if, of both kinds, several or none are consistent. `rate` is the stated rate [Hz].
+    Consistent are rates within the bounds of `check` and, if there is an estimate, within 3 sd of it. None if
+    of both kinds several or none are. `rate` is the stated rate [Hz].
     """
     low, high = check.low, check.high
     if check.estimate is not None:

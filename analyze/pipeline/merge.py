@@ -23,7 +23,7 @@ V = TypeVar("V")
 
 
 def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
-    """Recordings sorted by start time, and by content id where that is equal; a new list."""
+    """Recordings in a new list, sorted by start time, and by content id where start times are equal."""
     return sorted(heads, key=_start_key)
 
 
@@ -75,7 +75,7 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
         asked: ids as the user gave them, bare or merged.
 
     Returns:
-        One merged id per id given.
+        Merged ids of the strikes named.
 
     Raises:
         EstimationError: no strike, or more than one, has such an id.
@@ -121,8 +121,8 @@ def paths_text(heads: Sequence[RecordingHead]) -> str:
 def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
     """Merge the evidence (fitted strikes) of recordings of one object; the order given does not matter.
 
-    Edges are identified by direction, resting face and place: one id where two plans mean the same edge, two
-    where they do not. Object, shape and labels are those of the first recording by start time.
+    Edges are identified by direction, resting face and place: an edge that two plans share gets one id,
+    different edges get different ids. Object, shape and labels are the first recording's by start time.
 
     Args:
         evidence: one per recording, at least one.
@@ -178,8 +178,8 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
 def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
     """Ids of pivot axes after merging: per recording a mapping from its plan's own ids to merged ones.
 
-    An edge has one id in all recordings, that of the first plan that has it; a different edge with an id
-    already taken gets the recording's number (from 1) before it.
+    An edge has one id in all recordings, that of the first plan that has the edge. If another edge has that
+    id already, the recording's number (from 1) is put before it.
 
     Args:
         ordered: evidence (plan and fitted strikes) of each recording, by start time.
@@ -192,8 +192,8 @@ def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
     """Number of each recording's table levelling, counted from 0 by first appearance.
 
     A levelling is a set-up of the table with one unknown tilt. Recordings of one rig with equal level reading
-    and tilt sd share it. Rigs without a name count as one rig: that errs on the safe side, since a
-    shared error is not averaged away.
+    and tilt sd share one. Rigs without a name count as one rig: that errs on the safe side, since a shared
+    error is not averaged away.
     """
     found: list[tuple[str, float, LevelReading | None]] = []
     for recording in recordings:
@@ -216,14 +216,17 @@ def _start_key(head: RecordingHead) -> tuple[str, str]:
 def _geometry(head: RecordingHead) -> tuple[object, ...]:
     """Shape that a recording's plan was made for: hash of the shape file, its unit, box and cylinder.
 
-    No object file given afterwards can change it.
+    An object file given afterwards does not change the shape.
     """
     shape = head.manifest.object.shape
     return head.shape_sha256, shape.unit, shape.box, shape.cylinder
 
 
 def _difference(one: RecordingHead, other: RecordingHead) -> str:
-    """Name of the first entry in which two recordings' object files differ; a phrase if only hashes do."""
+    """Name of the first entry in which two recordings' object files differ, for a message.
+
+    "by their checksums" if all entries are equal.
+    """
     a, b = (head.manifest.object.model_dump(mode="json") for head in (one, other))
     return next((key for key in a if a[key] != b[key]), "by their checksums")
 
@@ -234,7 +237,7 @@ def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict
     Args:
         plan: strike plan of the recording.
         number: number of the recording, put before an id that another edge has already.
-        known: edges of earlier recordings by merged id; edges not seen before are added in place.
+        known: edges of earlier recordings by merged id; it is modified: edges not seen before are added.
     """
     own: dict[str, EdgeLine] = {}
     for strike in plan.strikes:

@@ -27,7 +27,7 @@ from schemas.strike_result import Verdict
 SIGN_CHANGE = "sign_change"
 """name of the paper's estimator: the sign change of the angular acceleration"""
 MIN_TIPS = 3
-"""strikes over the balance below which strikes that rocked back count too"""
+"""least number of strikes that tipped over the balance with which those that rocked back do not count"""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,11 @@ class PaperEstimate:
     """Centre of mass, and masses of shell and interior parts, by the paper's method (VISAPP 2013)."""
 
     com: PaperCentre
-    """centre of mass, markers subtracted"""
+    """centre of mass; with markers as `paper_estimate` returns it, in `Estimate.paper` without them where the
+    pose of each marker with a mass is known"""
     regions: PaperRegions | None
-    """masses of shell and interior parts; None if for no axis three positive masses have the right sum"""
+    """masses of shell and interior parts; None if for no pivot axis three positive masses have the object's
+    mass as their sum"""
 
 
 def paper_estimate(
@@ -45,7 +47,7 @@ def paper_estimate(
 ) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
     """The paper's centre of mass and region masses, markers included, with the equi-planes used.
 
-    Only strikes that tipped over the balance count if there are at least `MIN_TIPS` of them.
+    If at least `MIN_TIPS` strikes tipped over the balance, only these count, otherwise all.
 
     Args:
         evidence: fitted strikes, of which the plan is used.
@@ -55,7 +57,8 @@ def paper_estimate(
 
     Returns:
         The estimate in the object frame O, and one equi-plane (through pivot line and centre of mass) per
-        strike that counts, at the paper's balance angle.
+        strike that counts, at the balance angle by the paper's estimator, or by the motion's own fit where
+        that has none.
     """
     # The sign change exists only where c passes over the balance; strikes that rocked back are used only if
     # too few others exist.
@@ -74,7 +77,10 @@ def _sign_change(motion: TipMotion) -> MotionFit | None:
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """Masses of shell and interior parts by the paper's method; None if no masses fit.
+    """Masses [kg] of shell and interior parts by the paper's method; None if no masses fit.
+
+    The moment about each edge is the mean over its strikes, by the paper's estimator, or by the motion's own
+    fit where that has none.
 
     Args:
         planes: planes of the strikes through pivot line and centre of mass, in the object frame O.

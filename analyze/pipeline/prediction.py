@@ -45,14 +45,15 @@ class StrikePrediction:
 
 
 def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tuple[StrikePrediction, ...]:
-    """Predict the tipping angle theta(t) of each strike used from its leave-one-out phi and k.
+    """Predict the tipping angle theta(t) of each strike used from its phi and k as predicted by all others.
 
     Args:
         evidence: measured motions.
         left_out: predictions of balance angle phi and rate constant k by `checks.leave_one_out`.
 
     Returns:
-        One entry per prediction, in order; strikes without theta(t) or without a fit are left out.
+        One entry per prediction, in order; strikes without theta(t) or without a fit are left out. k is
+        scaled from gravity of the first recording to that of the strike's own.
     """
     motions = {motion.strike_id: motion for motion in evidence.motions}
     found: list[StrikePrediction] = []

@@ -43,7 +43,7 @@ from schemas.strike_plan import PlannedStrike
 from schemas.strike_result import Verdict
 
 MAX_EDGE_SHIFT = 0.05
-"""fraction of the longest edge by which an object file given afterwards may move the planned edges"""
+"""fraction of the shape's longest extent by which an object file given afterwards may move planned edges"""
 
 
 def read_head(path: Path) -> RecordingHead:
@@ -57,7 +57,11 @@ def read_head(path: Path) -> RecordingHead:
 
 
 def read_open_head(recording: Recording) -> RecordingHead:
-    """Identity and contents (metadata, strike ids, file names, hashes) of an open recording."""
+    """Identity and contents (metadata, strike ids, file names, hashes) of an open recording.
+
+    Raises:
+        RecordingError: a file is damaged.
+    """
     shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
     return RecordingHead(
         recording.path,
@@ -107,8 +111,8 @@ def read_evidence(
 
     Raises:
         RecordingError: the file cannot be read.
-        ShapeError: the object's shape cannot be used.
-        PlanError: the plan is of another object, or does not hold a strike.
+        ShapeError: the object's file or shape cannot be used.
+        PlanError: the plan is of another object or shape, or does not hold a strike.
         TrackingError: no marker of any strike can be tracked.
     """
     with open_recording(head.path) as recording:
@@ -123,7 +127,7 @@ def read_evidence(
 
 
 def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
-    """Load object, shape and plan of a recording, or of the object file that replaces the recording's.
+    """Load plan, object and shape of a recording; object and shape from a given object file, if there is one.
 
     Args:
         recording: complete recording, or one still being written.
@@ -131,12 +135,12 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
             edges are then corrected to it.
 
     Returns:
-        Object file with the markers' masses, shape, plan and labelled bodies.
+        Object file with the markers' masses included, shape, plan and labelled bodies.
 
     Raises:
         RecordingError: the recording holds no plan.
-        ShapeError: the object's shape cannot be used.
-        PlanError: the plan is of another object, or its edges do not lie on the shape given.
+        ShapeError: the object's file or shape cannot be used.
+        PlanError: the plan is of another object, or its edges do not lie on the surface of the shape given.
     """
     spec, shape_bytes = recording.object_spec, recording.shape_bytes
     shape_name = spec.shape.file or str(recording.path)
@@ -169,11 +173,12 @@ def read_strike(
         record: the recording's entry of the strike.
 
     Returns:
-        Motion, tracking report and frames lost; if no marker can be tracked, a motion with verdict UNREADABLE
-        and the reason as `problem`.
+        Motion, tracking report and frames lost. If no marker can be tracked, the motion has verdict
+        UNREADABLE and no fit, the report is None and `problem` is the error; if the motion is a tip only at
+        another frame rate than a video file states, it has verdict UNREADABLE and no fit.
 
     Raises:
-        RecordingError: the file is damaged there.
+        RecordingError: the file is damaged within the strike's time window.
         PlanError: the plan does not hold the strike.
     """
     problem, report = None, None
@@ -188,7 +193,7 @@ def read_strike(
 def evidence_from_readings(
     head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]
 ) -> Evidence:
-    """Evidence (motions, tracking, impacts by strike id) of one recording from its strikes' readings.
+    """Evidence (fitted strikes) of one recording from the readings of its strikes.
 
     An impact is kept only where the striker measured both tip speed and height.
 
@@ -224,7 +229,7 @@ def evidence_from_readings(
 
 
 def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
-    """Object file of the body that tips: markers' masses added where `mass_kg` was weighed without them.
+    """Object file of the body that tips: the markers' masses added to a mass that was weighed without them.
 
     An object file whose mass includes the markers is returned unchanged.
     """
@@ -252,10 +257,10 @@ def _refuse_other_plan(recording: StrikeSource) -> None:
 
 
 def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
-    """Raise PlanError unless the plan's edges still lie on the corrected object.
+    """Raise PlanError unless the plan's edges lie on the surface of the object file given afterwards.
 
-    A pivot's depth below the surface may differ from the edge's radius by `MAX_EDGE_SHIFT` of the shape's
-    longest extent.
+    The depth of a pivot point below the surface may differ from the edge's radius by `MAX_EDGE_SHIFT` of the
+    shape's longest extent.
     """
     tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
     strikes = recording.plan.strikes
@@ -277,8 +282,8 @@ def _strike(
 ) -> tuple[TipMotion, TrackingReport]:
     """Motion of one strike, and its tracking report.
 
-    If the motion is a tip only at another frame rate than a video file states, it has no fit, and its verdict
-    is UNREADABLE.
+    If the motion is a tip only at another frame rate than a video file states, it has no fit, verdict
+    UNREADABLE and the ratio of true to stated rate.
 
     Raises:
         PlanError: the plan does not hold the strike.
@@ -317,10 +322,10 @@ def _strike(
 
 
 def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
-    """Rough k = m g R / I_edge [rad/s²] of a strike, from the planned moment about the edge, I_edge.
+    """Rough rate constant k = m g R / I_edge [rad/s²] of a strike's motion.
 
-    The centre of mass is taken at the shape's centroid, R being its distance from the pivot axis; `gravity`
-    is in m/s².
+    m is the object's mass, g = `gravity` [m/s²], I_edge the moment about the edge as planned, R the distance
+    of the shape's centroid, taken as centre of mass, from the pivot axis.
     """
     arm = struck.model.centroid - np.array(planned.pivot.point)
     R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))

@@ -26,17 +26,19 @@ if TYPE_CHECKING:
 
 
 def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Support function (pivot point's height over the table by tipping angle) of a curved flank.
+    """Support function of the curved flank on which the object rolls in a strike; None if it does not roll.
 
-    The table touches the lowest point of the whole hull, wherever along the axis it lies, so that the
-    outline seen along the axis counts, not a cut.
+    The support function is the height [m] of the pivot point over the table by tipping angle [rad]. The table
+    touches the lowest point of the whole hull, wherever along the axis it lies, so that the outline seen
+    along the axis counts, not a cut.
 
     Args:
         model: the object's exterior, in the object frame O.
         planned: rest pose and pivot of the strike.
 
     Returns:
-        None at a corner or bevel, which its edge radius describes, and if the outline has no area.
+        Support function with the sd [m] of the outline; None at a corner or bevel, which its edge radius
+        describes, and if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or not is_curved(section, planned.phi_predicted_rad):
@@ -47,14 +49,16 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 
 
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Least tipping angle [rad] at which the object's next face may touch the table.
+    """Least tipping angle [rad] at which the object's next face may touch the table, or None.
 
     Args:
         model: the object's exterior, in the object frame O.
         planned: rest pose and pivot of the strike.
 
     Returns:
-        None on a curved flank, on which the object rolls, or if no face touches after balance.
+        The angle, less a margin for errors of the shape; None on a curved flank, on which the object rolls,
+        if no face touches or the first one touches before the predicted balance, or if the outline has no
+        area.
     """
     section = _across(model, planned)
     if section is None or is_curved(section, planned.phi_predicted_rad):
@@ -63,7 +67,10 @@ def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
 
 
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Outline of the hull as seen along the pivot axis, about the pivot point; None if it has no area."""
+    """Support function of the hull's outline as seen along the pivot axis; None if the outline has no area.
+
+    It is the pivot point's height [m] over the table by tipping angle [rad].
+    """
     R_world_object = np.array(planned.R_world_object)
     across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
     try:
@@ -78,6 +85,10 @@ class MeshSections:
     The shape is loaded once, on first use; all later answers are None if it was not available then, that is
     if its file is not recorded yet or cannot be used. A primitive (box, cylinder) has no file; a point cloud
     is not loaded here, since fitting its surface takes seconds; the estimate fits it later.
+
+    Args:
+        spec: the object's file: mass, shape, markers.
+        shape_bytes: called for the contents of the shape file; it returns None while they are not recorded.
     """
 
     def __init__(self, spec: ObjectSpec, shape_bytes: Callable[[], bytes | None]) -> None:
@@ -89,7 +100,8 @@ class MeshSections:
     def outline(self, planned: PlannedStrike) -> SupportFunction | None:
         """Support function of the curved flank on which the object rolls in the strike.
 
-        None at a corner or bevel, if the outline has no area, or if the shape is not available.
+        It is the pivot point's height [m] over the table by tipping angle [rad]. None at a corner or bevel, if
+        the outline has no area, or if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else rolling_outline(model, planned)
@@ -97,7 +109,8 @@ class MeshSections:
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
         """Least tipping angle [rad] at which the object's next face may touch the table.
 
-        None on a curved flank, if no face touches after balance, or if the shape is not available.
+        None on a curved flank, if no face touches or the first one touches before the predicted balance, if
+        the outline has no area, or if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else next_face_angle(model, planned)

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
     """The body divided into cells of side `pitch` [m], for each candidate thickness of its shell.
 
-    The shell is the outer wall. Thicknesses that leave no interior are left out; the thinnest is first.
+    The shell is the outer wall. Thicknesses that leave no interior are left out; the thinnest is first. Empty
+    if no thickness leaves an interior.
     """
     shells = [
         ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))
@@ -49,7 +50,7 @@ def region_masses(
         rng: generator of the draws behind the intervals.
 
     Returns:
-        Masses [kg] of the shell and of the interior on either side of a plane, with intervals.
+        Masses [kg] of the shell and of the interior on either side of a plane, with 95 % intervals.
     """
     shells = [] if spec.shell_thickness_m is not None else possible_shells(model, cells.pitch)
     return (

@@ -25,7 +25,7 @@ def too_few_text(
     Args:
         needed: least number of usable strikes for an estimate.
         motions: all motions of the recordings.
-        usable: ids of strikes that can be used, excluded or not.
+        usable: ids of strikes that were fitted and tipped over or rocked back, excluded or not.
         excluded: ids left out on request, whatever their verdict.
         plan: the plan, to name the strikes that were never made.
     """
