@@ -167,17 +167,17 @@ def main() -> int:
     parser.add_argument("--dir", type=Path, required=True, help="folder of the run with pose.ring")
     parser.add_argument("--address", default="127.0.0.1", help="loopback address of the camera")
     parser.add_argument("--packet-loss", type=float, default=0.0, help="fraction of stream packets to lose")
-    parser.add_argument("--parent", type=int, help="end when this process ends; default: the parent process")
+    # The default is wrong if the parent has ended by now, hence the option.
+    parser.add_argument(
+        "--parent", type=int, default=os.getppid(), help="end with this process; default: parent"
+    )
     arguments = parser.parse_args()
-    parent = (
-        arguments.parent or os.getppid()
-    )  # getppid is wrong if the parent has ended by now, hence --parent
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     cv2.setNumThreads(1)
     clock = SystemClock()
 
     def parent_alive() -> bool:
-        return os.getppid() == parent
+        return os.getppid() == arguments.parent
 
     try:
         from acquire.virtual.objects import load_object

@@ -121,8 +121,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
     """
     if name not in OBJECT_NAMES:
         raise AcquireError(f"no virtual object '{name}': choose one of {', '.join(OBJECT_NAMES)}")
-    toml = _data(f"{name}.toml").decode()
-    spec = parse_object_spec(toml, f"{name}.toml")
+    spec = _spec(name)
     shape_file = None if spec.shape.file is None else (spec.shape.file, _data(spec.shape.file))
     vertices, faces = _mesh(name)
     parts = tuple(0.001 * part for part in convex_parts(BOTTLES[name])) if name in BOTTLES else (vertices,)
@@ -131,7 +130,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
     friction = float(rng.uniform(*TABLE_FRICTION))
     return VirtualObject(
         spec=spec,
-        spec_toml=toml,
+        spec_toml=_data(f"{name}.toml").decode(),
         shape_file=shape_file,
         mesh_vertices=vertices,
         mesh_faces=faces,
