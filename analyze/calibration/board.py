@@ -35,10 +35,13 @@ def corner_points(board: Board) -> Array:
 
 @cache
 def tag_squares(columns: int, rows: int) -> IntArray:
-    """Column and row (tags, 2) of each tag's white square, in the order of the tags' ids.
+    """Column and row (n, 2) of the white squares of a board's n tags, in the order of the tags' ids.
 
-    Columns and rows count from 0 at the upper left square; the arguments are the numbers of squares across
-    and down.
+    Columns and rows count from 0 at the upper left square.
+
+    Args:
+        columns: number of squares across.
+        rows: number of squares down.
     """
     return np.array(
         [(column, row) for row in range(rows) for column in range(columns) if (row + column) % 2],

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from schemas.session_manifest import LensModel
 
 OUTLIER_RATIO = 5.0
-"""distance from its prediction, over the scatter of all corners, above which a corner is left out"""
+"""distance from its prediction, over its standard deviation, above which a corner is left out; more if most
+corners scatter more than stated"""
 _BAD_VIEW_RATIO, _BAD_VIEW_PX = 4.0, 0.05
 """a view is left out if its residual exceeds both this multiple of the others' median and this value [px]"""
 _MAX_OUTLIER_SHARE = 0.3
@@ -64,7 +65,7 @@ class Calibration:
     """Calibrated lens with its uncertainty and diagnostics."""
 
     lens: Lens
-    """best fit of the lens, with p numbers (focal lengths, principal point, distortion)"""
+    """best fit of the lens, with p numbers: focal lengths, principal point [px], distortion coefficients"""
     covariance: Array
     """(p, p) covariance of the lens's numbers, scaled by `scatter` squared"""
     bundle: Bundle
@@ -74,19 +75,19 @@ class Calibration:
     dropped: tuple[Dropped, ...]
     """views that were left out"""
     corners_dropped: int
-    """number of single corners that were left out"""
+    """number of single corners that were left out of the views used"""
     pixels: PixelMap
     """standard deviation of the pixel to which a direction projects, over the image"""
     covered: Coverage
     """coverage of the image by corners"""
     tilts: tuple[float, ...]
-    """angle between the board's normal and the line of sight per view [rad]"""
+    """angle between the board's normal and the line of sight to its middle, 0 to pi/2, per view [rad]"""
     scatter: float
     """factor on the corners' stated sd that the residuals require, at least 1"""
     undetermined: tuple[str, ...]
     """reasons why the lens cannot be used; empty if it can"""
     doubts: tuple[str, ...]
-    """warnings about a usable lens"""
+    """warnings about the lens, each with its number and a remedy or cause; empty if there are none"""
 
     @property
     def sd(self) -> Array:
@@ -176,7 +177,7 @@ def assess(
 
 
 def _observed(shots: Sequence[Shot], points: Array) -> list[ObservedView]:
-    """Corners of each shot with their weights; `points` (n, 3) are the board's corners in B [m]."""
+    """Corners of each shot with their weights; `points` (n, 3) are all corners in the board's frame [m]."""
     return [weighted_corners(shot.view, points) for shot in shots]
 
 
@@ -187,8 +188,8 @@ def _refitted(
 
     Returns:
         The shots with refitted corners, the shots left out because too few of their corners are sharp, and
-        the bundle (lens, poses, residuals) of the shots kept, not fitted anew. If fewer than three shots (or
-        than all) could be refitted, everything is returned unchanged.
+        the bundle (lens, poses, residuals) of the shots kept, not fitted anew. If fewer than three shots, or
+        of one or two not all, could be refitted, all shots are returned unchanged.
     """
     views = [
         refit(shot.image, board, shot.view, points, bundle.lens, pose)
@@ -211,8 +212,8 @@ def _without_bad_views(
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
     """Leave out shots whose corners lie far off (motion blur, a bent board, a misread tag).
 
-    A shot is left out if its median residual exceeds `limit` times both `_BAD_VIEW_RATIO` times the median
-    over all shots, and `_BAD_VIEW_PX`; none is if fewer than three would remain.
+    A shot is left out if its median residual exceeds both `limit` times `_BAD_VIEW_RATIO` times the median
+    over all shots, and `limit` times `_BAD_VIEW_PX`. None is left out if fewer than three would remain.
 
     Returns:
         The shots kept, those left out, and the bundle (lens, poses, residuals) of the kept ones, not fitted
@@ -239,8 +240,9 @@ def _without_outliers(
 ) -> tuple[list[Shot], list[Dropped], Bundle, int]:
     """Leave out outlying corners, and shots with more than `_MAX_OUTLIER_SHARE` of them.
 
-    A corner is an outlier from `limit` times `OUTLIER_RATIO` standard deviations on, scaled up if most
-    corners scatter more than stated. Nothing is left out if fewer than three shots would remain.
+    A corner is an outlier if it lies `limit` times `OUTLIER_RATIO` standard deviations or more from its
+    prediction; the threshold is scaled up if most corners scatter more than stated. Nothing is left out if
+    fewer than three shots would remain.
 
     Returns:
         The shots kept with their remaining corners, the shots left out, the bundle of the kept ones (not

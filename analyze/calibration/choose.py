@@ -22,7 +22,7 @@ width"""
 MOST_VIEWS = 40
 """largest number of views; more cost time and add little"""
 _MIN_TAGS = 3
-"""least number of tags of an outline"""
+"""least number of tags in an image from which the board's outline is predicted"""
 
 
 def outline(sight: BoardSighting, board: Board) -> Array | None:
@@ -57,9 +57,9 @@ def _affine(squares: Array, pixels: Array) -> Array:
 
 
 def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
-    """Indices of at most `MOST_VIEWS` views that differ, in increasing order.
+    """Indices of at most `MOST_VIEWS` views whose outlines differ, in increasing order.
 
-    Of similar views (`MIN_VIEW_DISTANCE`) the one with the most tags is taken.
+    Of views with similar outlines (`MIN_VIEW_DISTANCE`) the one with the most tags is taken.
 
     Args:
         outlines: outer corners (4, 2) of each view [px].

@@ -84,6 +84,11 @@ class BoardSighting:
 
 @cache
 def _detector(family: str) -> cv2.aruco.ArucoDetector:
+    """OpenCV detector of a family's tags, without refinement of their corners.
+
+    Raises:
+        TagError: the family is unknown.
+    """
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
     parameters.errorCorrectionRate = 0.3
@@ -97,7 +102,7 @@ def _detector(family: str) -> cv2.aruco.ArucoDetector:
 
 
 def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
-    """Find a family's tags in an image (height, width).
+    """Find a family's tags in an image (height, width) uint8.
 
     Returns:
         Corners (4, 2) of each tag [px] by tag id, accurate to about half a pixel; empty if there is none. Of
@@ -112,7 +117,7 @@ def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
 
 
 def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
-    """Number of tags in an image by family, for families with at least one.
+    """Number of tags in an image by family, for all families with at least one; empty without any.
 
     Args:
         image: (height, width) grey values.
@@ -249,14 +254,15 @@ def refine(
 
 
 def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[int, int] | None:
-    """Columns and rows of a board that explains the tags' layout in these images best.
+    """Numbers of columns and rows of the board that explains the tags' layout in several images best.
 
     Args:
         tags: for each image, corners (4, 2) of each tag [px], by tag id.
         board: the board that the user named; its tag family and sizes are used.
 
     Returns:
-        Numbers of squares across and down; None if no board explains 70 % of the pairs of neighbouring tags.
+        Numbers of squares across and down; None if no board explains more than 70 % of the pairs of
+        neighbouring tags, or has three such pairs.
     """
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None

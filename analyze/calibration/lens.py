@@ -22,7 +22,7 @@ _DISTORTION_PRIORS = {
     LensModel.FISHEYE: {"k1": (1.0, 2), "k2": (0.5, 4), "k3": (0.3, 6), "k4": (0.2, 8)},
 }
 """per distortion term: prior sd of its shift of the image's corner, as a share of the corner's distance from
-the middle, and its power of the angle"""
+the middle, and the power of the angle to which this share is proportional"""
 _FOCAL_SD_SHARE, _MIDDLE_SD_SHARE = 1.0, 0.25
 """prior sd of the focal length over itself, and of the middle over the image's size"""
 
@@ -88,8 +88,8 @@ def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Le
 def prior_sd(lens: Lens) -> Array:
     """Prior standard deviation (p,) of each of the lens's numbers, in their order and units.
 
-    It is so wide that views that determine a number override it, and it keeps undetermined numbers finite, so
-    that their uncertainty can be reported.
+    The prior is so wide that views that determine a number override it. It keeps undetermined numbers finite,
+    so that their uncertainty can be reported.
     """
     focal = float(lens.numbers[:2].mean())
     radius = 0.5 * math.hypot(lens.width, lens.height) / focal

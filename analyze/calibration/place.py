@@ -26,9 +26,11 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 LYING = np.eye(3)
-"""R_world_board: printed side up, x arrow along W's x (where objects tip), y arrow away from the camera"""
+"""rotation (3, 3) from the board's frame to the world frame W of a board that lies printed side up, its x
+arrow along W's x (where objects tip), its y arrow away from the camera"""
 STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""R_world_board: upright on its lower edge, face to the camera, x arrow along W's x"""
+"""rotation (3, 3) from the board's frame to the world frame W of a board that stands on its lower edge, face
+to the camera, its x arrow along W's x"""
 
 
 @dataclass(frozen=True)
@@ -59,16 +61,17 @@ def place_camera(
 ) -> CameraPlace:
     """Compute the camera's pose in the world frame W from a view of the board at a known place.
 
-    The standard deviations include the errors of corners and lens, not of the board's placement. The corners
-    are refitted with the lens before, if enough of them stay sharp.
+    The standard deviations include the errors of corners and lens, not of the board's placement. Before, the
+    corners are refitted with the lens, if enough of them are found again.
 
     Args:
         image: (height, width) grey values with the board.
         view: corners of the board in the image.
         board: the board.
-        lens: lens of the camera.
+        lens: lens of the camera, with p numbers.
         lens_covariance: (p, p) covariance of the lens's numbers.
-        scatter: factor on the corners' stated sd, from the calibration; included in `lens_covariance`.
+        scatter: factor by which the corners' errors exceed their stated sd, from the calibration; it is
+            already included in `lens_covariance`.
         R_world_board: (3, 3) rotation from the board's frame B to W: LYING or STANDING.
         p_world_board: (3,) origin of B in W [m].
     """
@@ -109,7 +112,7 @@ def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
 
 
 def implausibilities(T_world_camera: Array) -> list[str]:
-    """Reasons why a camera's pose is implausible for a rig: below the table, or not looking along W's y.
+    """Reasons why a camera's pose is implausible: below the table, or looking over 60 degrees off W's y.
 
     Args:
         T_world_camera: (4, 4) pose of the camera in the world frame W.

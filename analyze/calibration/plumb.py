@@ -33,9 +33,9 @@ SCALES_PX = (1.2, 2.0, 3.4)
 MIN_CONTRAST = 6.0
 """least contrast of a row's ridge at its scale [grey levels]"""
 MAX_SLOPE = math.tan(math.radians(20.0))
-"""largest slope of a string in the image, against its columns"""
+"""largest slope of a string in the image, columns per row"""
 SLOPE_COUNT, VOTE_STEP_PX = 121, 2.0
-"""number of slopes and spacing of positions in the first search"""
+"""number of slopes, and spacing of positions [px], in the first search for a line"""
 MAX_DISTANCE_PX = 1.5
 """distance from the line within which a row belongs to it [px]"""
 MIN_ROWS_SHARE = 0.4
@@ -51,7 +51,7 @@ MIN_END_SD_PX = 0.02
 MAX_OFF_PLUMB_RAD = math.radians(5.0)
 """largest angle of a plumb line from W's z [rad]"""
 MAX_PRIOR_SIGMAS = 3.0
-"""lean, in prior standard deviations, above which it contradicts the prior"""
+"""lean, in prior standard deviations, above which plumb lines contradict the prior"""
 MAX_SD_SHARE = 0.5
 """largest sd of a lean that the lines determine, as a share of the prior's"""
 
@@ -89,9 +89,9 @@ class TableLean:
     prior_sd: float
     """prior standard deviation of either lean [rad]"""
     scatter: float
-    """scatter of the lines about the result over their own sd, at least 1"""
+    """scatter of the lines about `lean_by_lines`, over their own sd, at least 1"""
     residual: Array
-    """(lines,) angle of each line against the result [rad]"""
+    """(n,) angle between each of n lines' planes and the vertical by `lean_by_lines` [rad]"""
     lean_by_lines: Array
     """(2,) lean [rad] of the vertical as the lines show it, if the camera's pose has no error"""
     lines_prior_sd: float
@@ -99,7 +99,10 @@ class TableLean:
 
     @property
     def contradicts_prior(self) -> bool:
-        """True if the lines' lean exceeds `MAX_PRIOR_SIGMAS` prior sd; then lines or prior are wrong."""
+        """True if `lean_by_lines` exceeds `MAX_PRIOR_SIGMAS` times its prior sd towards either axis.
+
+        Then a line is no plumb line, or the prior is wrong.
+        """
         return bool(np.max(np.abs(self.lean_by_lines)) > MAX_PRIOR_SIGMAS * self.lines_prior_sd)
 
     @property
@@ -117,7 +120,7 @@ class TableLean:
 def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[PlumbLine]:
     """Find long, straight lines near the image's vertical, the longest first, at most `MOST_LINES`.
 
-    Lines nearer together than `MIN_SEPARATION_PX` count as one string.
+    Lines nearer together than `MIN_SEPARATION_PX` count as one string. The list is empty if none is found.
 
     Args:
         image: (height, width) grey values.
@@ -184,7 +187,10 @@ def merged_line(lines: Sequence[PlumbLine]) -> PlumbLine:
 
 
 def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
-    """Unit normal (3,), in the world frame, of the plane through the camera's centre and the string."""
+    """Unit normal (3,), in the world frame, of the plane through the camera's centre and a string.
+
+    The plane contains the vertical if the string hangs freely. The sign of the normal has no meaning.
+    """
     rays = np.column_stack([np.array([line.bottom, line.top]), np.ones(2)]) @ np.linalg.inv(camera.K).T
     normal = camera.T_world_camera[:3, :3] @ np.cross(rays[0], rays[1])
     return np.asarray(normal / np.linalg.norm(normal), dtype=np.float64)
@@ -198,7 +204,8 @@ def table_lean(
     For the unit normal n of every line's plane in the world frame W, n_x lean_x + n_y lean_y + n_z = 0.
 
     Args:
-        lines: plumb lines of one camera; several images of a fixed camera are merged before (`merged_line`).
+        lines: plumb lines of one camera, at least one; several images of a string by a fixed camera are
+            merged before (`merged_line`).
         camera: camera with its pose in W.
         prior_sd: prior standard deviation of either lean [rad].
         camera_turn_sd: standard deviation of T_world_camera's rotation about each axis of W [rad], common to
@@ -320,7 +327,7 @@ def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
 def _correlated_rows(off: Array) -> float:
     """Number of neighbouring rows that count as one, from the autocorrelation of the residuals (n,).
 
-    It is 1 for fewer than 20 rows or without residuals.
+    The number is 1 for fewer than 20 rows or if all residuals are equal.
     """
     centred = off - off.mean()
     power = float(centred @ centred)
@@ -336,7 +343,12 @@ def _correlated_rows(off: Array) -> float:
 
 
 def _across(points: Array, line: PlumbLine) -> Array:
-    """Signed distance (n,) [px] of points (n, 3), x and y first, from an unbounded line."""
+    """Signed distance (n,) [px] of points from an unbounded line, positive to its left in the image.
+
+    Args:
+        points: (n, 3) x and y [undistorted px], and a number that is not used.
+        line: the line.
+    """
     along = (line.top - line.bottom) / np.linalg.norm(line.top - line.bottom)
     return (points[:, 0] - line.bottom[0]) * along[1] - (points[:, 1] - line.bottom[1]) * along[0]
 

@@ -1,7 +1,8 @@
-"""Uncertainty of a lens over its image: sd of a direction's pixel, also where no board was seen.
+"""Uncertainty of a lens over its image: sd of the pixel to which a direction projects.
 
-A lens error that a rotation of the camera compensates does no harm, because the camera's pose is found with
-the same lens. So the best rotation over the whole image is removed before the sd is computed.
+The standard deviation (sd) is computed also where no board was seen. A lens error that a rotation of the
+camera compensates does no harm, because the camera's pose is found with the same lens. So the best rotation
+over the whole image is removed before the sd is computed.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 COLUMNS, ROWS = 41, 31
-"""size of the grid over the image"""
+"""numbers of columns and rows of the grid over the image"""
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class PixelMap:
     row: Array
     """(ROWS,) rows [px]"""
     value: Array
-    """(ROWS, COLUMNS) standard deviation [px]; NaN beyond a fisheye's range"""
+    """(ROWS, COLUMNS) standard deviation, of column and row together [px]; NaN beyond a fisheye's range"""
 
     @property
     def worst(self) -> float:
@@ -81,10 +82,11 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 
 
 def without_turn(moves: Array, by_turn: Array) -> Array:
-    """Pixel shifts (2n, p), each column less the shift of the camera rotation that fits it best.
+    """Derivatives (2n, p) of pixels by the lens, less the shifts that a camera rotation can compensate.
 
     Args:
-        moves: (2n, p) shifts of n pixels by each of the lens's p numbers.
-        by_turn: (2n, 3) derivatives of the pixels by the camera's rotation [px/rad].
+        moves: (2n, p) derivatives of n pixels by each of the lens's p numbers.
+        by_turn: (2n, 3) derivatives of the pixels by the camera's rotation [px/rad]; of each column of
+            `moves` their combination that fits it best is subtracted.
     """
     return moves - by_turn @ np.linalg.lstsq(by_turn, moves, rcond=None)[0]

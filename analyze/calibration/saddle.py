@@ -1,11 +1,12 @@
 """Fits corners of a chessboard to a few thousandths of a pixel, as two crossing blurred edges.
 
-Model: I = m + g.u + a erf(d1 / (sqrt(2) s)) erf(d2 / (sqrt(2) s)), with d1, d2 the signed distances of a
-pixel from the two lines through the corner, s the blur. Nine numbers per corner (its position, two
-directions, level and its slope, contrast, blur) are fitted by Gauss-Newton to the raw pixels near the lines:
-without interpolation the noise of neighbouring samples stays independent, so that the covariance is correct.
-Where the lines are not at right angles the product is not quite the blur of a lens, but the difference is the
-same on opposite sides of the corner and does not shift it.
+Model: I = m + g.u + a erf(d1 / (sqrt(2) s)) erf(d2 / (sqrt(2) s)), with I the grey value of a pixel at u, m
+the level, g its slope, a half the contrast, d1, d2 the signed distances of the pixel from the two lines
+through the corner, s the blur (sd). Nine numbers per corner (its position, two directions, level and its
+slope, contrast, blur) are fitted by Gauss-Newton to the raw pixels near the lines: without interpolation the
+noise of neighbouring samples stays independent, so that the covariance is correct. Where the lines are not at
+right angles the product is not quite the blur of a lens, but the difference is the same on opposite sides of
+the corner and does not shift it.
 
 Measured on OpenCV 5.0 with rendered boards of known corners (noise 4 grey levels, blur 0.7 px, squares of 30
 to 60 px): 0.007 px in x and in y, and 0.001 px without noise; CharucoDetector has 0.036 px, and so has
@@ -38,15 +39,15 @@ _MAX_HALF_WIDTH_PX = 20
 _EXTENT = 0.45
 """length along each line that is used [squares]; beyond it the next corner begins"""
 _REACH_PX = 3.2
-"""distance from a line [px] beyond which a pixel carries no information on its position"""
+"""distance from a line [px] beyond which a pixel carries no information on the line's position"""
 _MIN_REACH_PX = 1.0
-"""least value of that distance, where a tag is near [px]"""
+"""distance from a line [px] up to which pixels are used even if a tag is near"""
 _TAG_BLURS = 1.8
-"""margin to the tag in the white square, in units of the blur"""
+"""distance that pixels used keep from the tag in the white square, in units of the blur's sd"""
 _START_BLUR_PX = 0.8
-"""first guess of the blur [px]"""
+"""first guess of the blur's sd [px]"""
 _BLUR_RANGE_PX = (0.3, 4.0)
-"""range of the blur [px]"""
+"""range of the blur's sd [px]"""
 _MAX_SHIFT_PX = 3.0
 """largest distance of a corner from its start [px]"""
 _MIN_CONTRAST = 12.0
@@ -54,19 +55,20 @@ _MIN_CONTRAST = 12.0
 _MIN_PIXELS = 40
 """least number of pixels of a fit"""
 _MAX_MISFIT = 0.35
-"""largest residual over half the contrast; above it the patch shows no corner (a finger, a reflection)"""
+"""largest rms residual over half the contrast; above it the patch shows no corner (a finger, a reflection)"""
 _MAX_STEPS = 14
 _STEP_TOLERANCE_PX = 1e-3
 _PARAMETERS = 9
-"""number of parameters: position (2), directions (2), level, its slope (2), contrast, blur"""
+"""number of parameters: position (2), directions of the lines (2), level, its slope (2), half the contrast,
+blur"""
 
 
 @dataclass(frozen=True)
 class Saddles:
-    """Chessboard corners fitted from n first positions."""
+    """Chessboard corners fitted to an image from n first positions."""
 
     place: Array
-    """(n, 2) position: the first one plus the fitted shift [px]"""
+    """(n, 2) column and row: the first position plus the fitted shift [px]"""
     covariance: Array
     """(n, 2, 2) covariance of the position, from the residuals [px^2]"""
     blur: Array
@@ -77,7 +79,7 @@ class Saddles:
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels of the squares around n corners, m each."""
+    """Pixels of a square region around each of n corners, m pixels each."""
 
     column: NDArray[np.int64]
     """(n, m) column, clipped to the image"""
@@ -120,7 +122,7 @@ def fit_saddles(
         straight: (n, m, 2) undistorted positions of the patch's pixels relative to `start` [px].
 
     Returns:
-        All n corners; those that could not be fitted have `good` False.
+        All n corners; those that were not fitted well, or have too few pixels, have `good` False.
     """
     n = len(start)
     x = np.zeros((n, _PARAMETERS))
@@ -224,7 +226,14 @@ def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bo
 
 
 def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -> None:
-    """Set level, slope and contrast in the parameters `x` (n, 9) by linear least squares, in place."""
+    """Set level, slope and half the contrast in the parameters `x`, in place, by linear least squares.
+
+    Args:
+        x: (n, 9) parameters of the fits, whose positions, directions and blurs are used.
+        at: positions of the pixels.
+        grey: (n, m) grey values of the pixels.
+        used: (n, m) True for pixels that enter the fit.
+    """
     first, second = _distances(x, at)
     shape = (2.0 * ndtr(first / x[:, 8:9]) - 1.0) * (2.0 * ndtr(second / x[:, 8:9]) - 1.0)
     rows = np.stack([np.ones_like(shape), at.x, at.y, shape], axis=1) * used[:, None, :]
@@ -269,12 +278,17 @@ def _normal_equations(
 
 
 def _solve(normal: Array, gradient: Array) -> Array:
-    """Solutions (n, p) of n normal equations, matrices (n, p, p); 0 in undetermined directions."""
+    """Solutions (n, p) of n normal equations, 0 in undetermined directions.
+
+    Args:
+        normal: (n, p, p) normal matrices.
+        gradient: (n, p) right-hand sides.
+    """
     return (_inverse(normal) @ gradient[..., None])[..., 0]
 
 
 def _inverse(normal: Array) -> Array:
-    """Pseudo-inverses (n, p, p) of normal matrices, computed on the matrices scaled to unit diagonals."""
+    """Pseudo-inverses (n, p, p) of normal matrices (n, p, p), computed after scaling to unit diagonals."""
     scale = np.sqrt(np.maximum(np.einsum("npp->np", normal), 1e-12))
     even = normal / scale[:, :, None] / scale[:, None, :]
     inverse: Array = np.asarray(np.linalg.pinv(even, hermitian=True, rcond=1e-10), dtype=np.float64)

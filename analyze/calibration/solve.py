@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MODEL_PX = 0.003
 """least sd of a corner [px]; a worse print or lens shows in the residuals, which then scale the sd"""
 _HUBER_SIGMAS = 3.0
-"""threshold of Huber's loss, in standard deviations of most corners"""
+"""threshold of Huber's loss, in standard deviations of a corner"""
 _START_VIEWS = 8
 """number of views that suffice to choose the first focal length"""
 _NO_HUBER = float("inf")
@@ -36,15 +36,15 @@ _NO_HUBER = float("inf")
 _START_FOCALS = (0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 3.5)
 """first focal lengths that are tried [image widths]"""
 MEDIAN_CHI = 1.177
-"""median of chi with two degrees of freedom"""
+"""median of chi (distance over standard deviation) with two degrees of freedom"""
 _MAX_STEPS = 80
 _STEP_TOLERANCE = 1e-6
-"""step that ends the iteration, over the prior's sd"""
+"""step of the lens's numbers, over their prior sd, below which the iteration ends"""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of the board in the camera's frame: x_camera = R x_board + translation."""
+    """Pose of the board in the camera's frame: x_camera = R x_board + translation, R from `rotation`."""
 
     rotation: Array
     """(3,) rotation vector [rad]"""
@@ -78,7 +78,7 @@ class Bundle:
     """Best fit of the lens and of the board's poses, with residuals."""
 
     lens: Lens
-    """best fit of the lens, with p numbers"""
+    """best fit of the lens, with p numbers (focal lengths, principal point, distortion)"""
     poses: tuple[Pose, ...]
     """pose of the board per view"""
     residuals: tuple[Array, ...]
@@ -88,12 +88,13 @@ class Bundle:
     covariance: Array
     """(p, p) covariance of the lens's numbers, from the corners' stated sd and the priors"""
     cost: float
-    """least value of Huber's loss with priors, before a refit with a wider threshold"""
+    """least value of Huber's loss with priors, in squared standard deviations, before a refit with a wider
+    threshold"""
 
     def scatter(self) -> float:
         """Factor, at least 1, by which residuals exceed the corners' stated standard deviation.
 
-        It is the root of chi squared over the degrees of freedom.
+        The factor is the root of the sum of squared `sigmas` over the degrees of freedom.
         """
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
@@ -176,8 +177,8 @@ def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance:
 
     Args:
         view: corners of the view, whose stated covariance is used.
-        lens: the lens.
-        pose: best fit of the board's pose.
+        lens: the lens, with p numbers.
+        pose: best fit of the board's pose in the camera's frame.
         lens_covariance: (p, p) covariance of the lens's numbers.
     """
     _, by_pose, by_lens = _whitened(view, lens, pose, _NO_HUBER)
@@ -187,12 +188,12 @@ def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance:
 
 
 def fit_pose(view: ObservedView, lens: Lens) -> Pose:
-    """Fit the pose of the board in one view, for a known lens, by Huber's loss on the corners."""
+    """Fit the pose of the board in the camera's frame to one view, for a known lens, by Huber's loss."""
     return _refined_pose(view, lens, _first_pose(view, lens), 30, 1e-10)
 
 
 def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
-    """Pose at the minimum of Huber's loss near `start`, by Gauss-Newton.
+    """Pose of the board at the minimum of Huber's loss on a view's corners near `start`, by Gauss-Newton.
 
     The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
     """
@@ -221,7 +222,7 @@ class _Normal:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Pseudo-inverse (p, p) of a normal matrix, computed on the matrix scaled to a unit diagonal."""
+    """Pseudo-inverse (p, p) of a normal matrix (p, p), computed on the matrix scaled to a unit diagonal."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True, rcond=1e-15) / np.outer(
         scale, scale
@@ -237,7 +238,7 @@ def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
 
 
 def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple[Array, Array, Array]:
-    """Whitened, Huber-weighted residuals of a view's n corners, and derivatives of the predicted pixels.
+    """Whitened, Huber-weighted residuals of n corners, and derivatives of the predicted pixels likewise.
 
     Args:
         view: corners of the view.
@@ -246,7 +247,8 @@ def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple
         huber: threshold of Huber's loss, in standard deviations.
 
     Returns:
-        Residuals (2n,), derivatives by the pose (2n, 6) and by the lens's numbers (2n, p).
+        Residuals (2n,), observed less predicted, in standard deviations; derivatives of the predictions by
+        the pose (2n, 6: rotation vector, translation) and by the lens's numbers (2n, p).
     """
     image, by_pose, by_lens = project(lens, view.points, pose.rotation, pose.translation)
     residual = np.einsum("nij,nj->ni", view.root, view.place - image)
@@ -304,7 +306,9 @@ def _normal(
 def _cost(
     views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose], prior: Array, huber: float
 ) -> float:
-    """Huber's loss over all corners plus the priors' squares; infinite for a board behind the camera.
+    """Huber's loss over all corners plus the priors' squares, both in squared standard deviations.
+
+    Infinite for a board behind the camera, and where the loss is not a number.
 
     Args:
         views: corners of each view.
@@ -369,7 +373,7 @@ def _minimise(
 
 
 def _rays(lens: Lens, place: Array) -> Array:
-    """Directions X/Z, Y/Z (n, 2) of pixels `place` (n, 2) in the camera's frame.
+    """Directions X/Z, Y/Z (n, 2) in the camera's frame of pixels `place` (n, 2) [px].
 
     Pixels beyond the lens's range, which have no direction, get one far outside the image (5 image widths).
     """
@@ -412,10 +416,10 @@ def _first_pose(view: ObservedView, lens: Lens) -> Pose:
 
 
 def _better_pose(view: ObservedView, lens: Lens, pose: Pose) -> Pose:
-    """Replace a board's pose by a plane's other pose if that fits clearly better (2 % less squared error).
+    """Replace a board's pose if the other pose of a plane fits clearly better (2 % less squared error).
 
     Returns:
-        The other pose, refined, or the object `pose` itself.
+        The other pose, refined; the object `pose` itself if none fits better.
     """
     best, least = pose, _misfit(view, lens, pose)
     for other in _planar(view, lens):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 def refit(
     image: NDArray[np.uint8], board: Board, view: View, points: Array, lens: Lens, pose: Pose
 ) -> View | None:
-    """Refit a view's corners on pixels in which lens and perspective are undone; `view` is not changed.
+    """Refit a view's corners on pixels from which the lens's distortion is removed by an approximate fit.
 
     Args:
         image: (height, width) grey values.
@@ -34,7 +34,8 @@ def refit(
         pose: pose of the board as estimated with that lens.
 
     Returns:
-        The refitted corners, without those that fail; None if too few are left or all are in one row.
+        The refitted corners, in pixels of the image, without those that fail; None if fewer than six are left
+        or all are in one row or column of the board. `view` itself is not changed.
     """
     seen = points[view.index]
     start, by_pose, _ = project(lens, seen, pose.rotation, pose.translation)

@@ -81,10 +81,10 @@ def undetermined(
     nothing was found before.
 
     Args:
-        lens: the lens.
+        lens: the lens, with p numbers.
         sd: (p,) standard deviations of the lens's numbers.
         pixels: standard deviation of the pixel to which a direction projects.
-        tilts: tilt of the board per view [rad].
+        tilts: angle between the board's normal and the line of sight per view [rad].
         covered: coverage of the image by corners.
     """
     found: list[str] = []
@@ -119,7 +119,7 @@ def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Cov
     """Warnings about a usable lens, each with its number and the remedy or cause; empty if there are none.
 
     Args:
-        lens: the lens.
+        lens: the lens, with p numbers.
         sd: (p,) standard deviations of the lens's numbers.
         pixels: standard deviation of the pixel to which a direction projects.
         scatter: factor on the corners' stated sd that the residuals require.
@@ -172,7 +172,11 @@ def place_in_image(lens: Lens, column: float, row: float) -> str:
 
 
 def _tilt_advice(tilts: Sequence[float]) -> str:
-    """Advice which views to add, as part of a sentence, by the tilts of the present views [rad]."""
+    """Advice which views to add, as part of a sentence.
+
+    Args:
+        tilts: angle between the board's normal and the line of sight per view [rad], at least one.
+    """
     most = max(tilts)
     if most < _MIN_TILT_RAD:
         return (
