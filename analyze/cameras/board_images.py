@@ -18,7 +18,7 @@ from schemas import topics
 RECORDING = ".mcap"
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".3gp")
 SAMPLE_INTERVAL_NS = 200_000_000
-"""interval between images taken from a recording or video: a hand moves the board noticeably in this time"""
+"""interval between images taken from a recording or video [ns], in which a hand moves the board noticeably"""
 
 Image = NDArray[np.uint8]
 
@@ -62,16 +62,17 @@ def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
 
 
 def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str, Image]]:
-    """Yield name and grey values (height, width) of each image.
+    """Yield name and grey values (height, width) uint8 of each image.
 
-    Of a recording or video at most five images a second are taken.
+    Of a recording or video at most five images a second are taken; their names contain the time since the
+    first image [s].
 
     Args:
         files: images, recordings (.mcap) and videos.
         progress: called with a text, the number of files or images read and of all.
 
     Raises:
-        CalibrationError: a file is no image, or a recording contains none.
+        CalibrationError: a file cannot be read or is no image, or a recording contains no images.
         ImportRefused: a video cannot be read.
         RecordingError: a recording cannot be read.
     """
@@ -86,10 +87,10 @@ def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str
 
 
 def read_image(path: Path) -> Image:
-    """Read the grey values (height, width) of an image file, or of a video's first image.
+    """Read the grey values (height, width) uint8 of an image file, or of a video's first image.
 
-    They are in the sensor's orientation: a photo's orientation tag is ignored, since the lens belongs to the
-    sensor.
+    The image is in the sensor's orientation: a photo's orientation tag is ignored, since the lens belongs to
+    the sensor.
 
     Raises:
         CalibrationError: the file cannot be read, or is no image.
@@ -108,6 +109,12 @@ def read_image(path: Path) -> Image:
 
 
 def _recording_images(path: Path, progress: Progress) -> Iterator[tuple[str, Image]]:
+    """Yield name and grey values of a recording's images, `SAMPLE_INTERVAL_NS` or more apart.
+
+    Raises:
+        CalibrationError: the recording contains no images.
+        RecordingError: the recording cannot be read.
+    """
     with open_recording(path) as recording:
         times = recording.times(topics.raw_image(recording.camera).name)
         if len(times) == 0:
@@ -125,6 +132,11 @@ def _recording_images(path: Path, progress: Progress) -> Iterator[tuple[str, Ima
 
 
 def _video_images(path: Path, progress: Progress) -> Iterator[tuple[str, Image]]:
+    """Yield name and grey values of a video's images, `SAMPLE_INTERVAL_NS` or more apart.
+
+    Raises:
+        ImportRefused: the video cannot be read.
+    """
     from analyze.sources.video import VideoSource
 
     video = VideoSource(path)

@@ -24,13 +24,14 @@ from schemas.rig import RigConfig
 from schemas.session_manifest import LensModel
 
 MAX_BLUR_RATIO = 2.0
-"""blur of a view, relative to the median, above which it is left out"""
+"""blur of a view, relative to the median of all views, above which it is left out"""
 MAX_BLUR_PX = 1.6
-"""blur up to which a view is used in any case"""
+"""blur (sd of the edges) up to which a view is used in any case [px]"""
 IMAGES_SEARCHED = 5
-"""images in which another tag family or board layout is searched for"""
+"""number of images in which another tag family or board layout is searched for"""
 MAX_TABLE_MISFIT_PX = 0.5
-"""rms residual of the table's image above which it comes from another camera, focus or region"""
+"""rms residual [px] of the table's image above which it comes from another camera, focus or region, if the
+residual also exceeds four times that of the other images"""
 
 
 @dataclass(frozen=True)
@@ -156,6 +157,17 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
 
 
 def _refuse_size(name: str, image: Image, first: tuple[str, tuple[int, ...]], rig: RigConfig | None) -> None:
+    """Check that an image has the size of the first image and of the rig's camera.
+
+    Args:
+        name: name of the image.
+        image: (height, width) grey values.
+        first: name and (height, width) of the first image [px].
+        rig: rig with the expected size; None for no check against it.
+
+    Raises:
+        CalibrationError: the image has another size.
+    """
     height, width = image.shape
     if image.shape != first[1]:
         raise CalibrationError(
@@ -171,6 +183,13 @@ def _refuse_size(name: str, image: Image, first: tuple[str, tuple[int, ...]], ri
 
 
 def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
+    """Error text for images without the board, naming another tag family if one is seen in them.
+
+    Args:
+        looked_at: number of images that were read.
+        some: grey values of some of them, in which other families are searched for.
+        board: the board that was expected.
+    """
     what = "the image shows" if looked_at == 1 else f"none of {looked_at} images shows"
     none = "no board" if looked_at == 1 else "a board"
     others: Counter[str] = Counter()
@@ -189,6 +208,12 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
 
 
 def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
+    """Check that the tags in the images may be those of the board, by their ids and arrangement.
+
+    Raises:
+        CalibrationError: most images show tags that the board does not have, or half of those with enough
+            tags or more show another arrangement.
+    """
     beyond = sorted({tag for sight in sights for tag in sight.foreign_ids})
     another = sum(sight.another_layout for sight in sights)
     arranged = sum(sight.pairs >= 3 for sight in sights)
@@ -212,6 +237,7 @@ def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
 
 
 def _too_few_views(views: int, images: int, alike: int, without_board: int, unusable: int) -> str:
+    """Error text for too few views: their number, that of the images, and of images left out by reason."""
     reasons = [
         f"{count} {text}"
         for count, text in (
@@ -229,6 +255,7 @@ def _too_few_views(views: int, images: int, alike: int, without_board: int, unus
 
 
 def _counted(count: int, noun: str) -> str:
+    """Number and noun, such as "1 view" or "3 views"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -279,6 +306,18 @@ def _shots(
 
 
 def _place(options: CalibrateOptions, table: Path, found: Calibration) -> CameraPlace:
+    """Measure the camera's pose in the world frame W from the image of the board on the table.
+
+    Args:
+        options: the board, and how it lies or stands in the image.
+        table: path of the image.
+        found: calibration of the lens.
+
+    Raises:
+        CalibrationError: the image cannot be read, has another size than the others, shows too little of the
+            board, or does not fit the lens.
+        ImportRefused: the image is a video that cannot be read.
+    """
     image = read_image(table)
     height, width = image.shape
     if (width, height) != (found.lens.width, found.lens.height):

@@ -16,11 +16,14 @@ from schemas.session_manifest import CameraCalibrationSpec
 from schemas.toml_table import with_table
 
 TABLE = "camera.calibration"
-"""table of the rig file"""
+"""name of the rig file's table with the calibration"""
 
 
 def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
-    """Convert a calibration to the rig file's table [camera.calibration]; None if the pose is unknown."""
+    """Convert a calibration to the rig file's table [camera.calibration].
+
+    None if the camera's pose in the world frame was neither measured nor is in the rig file.
+    """
     if answer.world_camera is None:
         return None
     table = "\n".join(f"{key} = {value}" for key, value in toml_entries(answer).items())
@@ -51,10 +54,12 @@ def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
 
 
 def _matrix_toml(rows: Any, digits: int) -> str:
+    """TOML text of a matrix, row by row, with numbers rounded to `digits` decimals."""
     return f"[{', '.join(_row_toml(row, digits) for row in rows)}]"
 
 
 def _row_toml(values: Any, digits: int) -> str:
+    """TOML text of a list of numbers, rounded to `digits` decimals."""
     return f"[{', '.join(repr(round(float(value), digits) + 0.0) for value in values)}]"
 
 
@@ -80,7 +85,9 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
 
 
 def refuse_unplaced(rig: Path) -> None:
-    """Check that a rig file has a camera pose; called before any work if none will be measured.
+    """Check that a rig file has a camera pose.
+
+    It is called before any work if no pose will be measured.
 
     Raises:
         CalibrationError: the file has no T_world_camera, does not exist or cannot be read.
@@ -91,6 +98,7 @@ def refuse_unplaced(rig: Path) -> None:
 
 
 def _unplaced(rig: Path) -> CalibrationError:
+    """Error for a rig file without camera pose if none is measured."""
     return CalibrationError(
         f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --table IMAGE"
     )
@@ -99,10 +107,16 @@ def _unplaced(rig: Path) -> CalibrationError:
 def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
     """Write the calibration into the table [camera.calibration] of a rig file.
 
-    Lines outside this table stay as they are.
+    Lines outside this table stay as they are; a missing table is added, and entries of it that a calibration
+    does not have are removed.
+
+    Args:
+        answer: the calibration.
+        rig: rig file, which exists.
 
     Raises:
-        CalibrationError: the file has no plain table [camera.calibration], or the camera's pose is unknown.
+        CalibrationError: the table is written in another form than below a line [camera.calibration], or the
+            camera's pose is unknown.
         OutputError: the file cannot be written.
     """
     if calibration_spec(answer) is None:

@@ -17,7 +17,7 @@ from schemas.rig import RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 
 UNREAD_SUFFIXES = (".xml", ".txt", ".ini", ".npz", ".mat")
-"""suffixes of other programs' calibrations that are not read"""
+"""suffixes of other programs' calibration files that are refused"""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class CameraFile:
     """Calibration from a camera file, or from a topic of a message file."""
 
     path: Path
-    """origin of the calibration: a file, or FILE:TOPIC"""
+    """origin of the calibration: a file, or FILE:TOPIC, which is no path of a file"""
     calibration: CameraCalibrationSpec
     """lens and pose; T_world_camera (pose in the world frame) is the unit matrix if the file has none"""
     placed: bool
@@ -41,7 +41,9 @@ class CameraFile:
         return f"{self.path.name}.json" if self.of_topic else self.path.name
 
     def content(self) -> bytes:
-        """Content of the calibration as an attachment: the file's bytes, read anew, or a topic's as JSON.
+        """Content of the calibration as an attachment of a recording.
+
+        It is the file's bytes, read anew, or a topic's calibration as JSON, without the pose.
 
         Raises:
             OSError: the file cannot be read any more.
@@ -57,8 +59,8 @@ def read_camera(path: Path) -> CameraFile:
     """Read a rig file, a file of `analyze calibrate -o`, or a calibration of OpenCV, Kalibr or ROS.
 
     Raises:
-        CalibrationError: the file is missing, an image or video, of an unread type, not valid, or contains no
-            lens of a known model.
+        CalibrationError: the file is missing, an image or video, of a type that is not read, not valid, or
+            contains no lens of a known model.
         DocumentError: an entry has a value that is not allowed.
     """
     if not path.exists():

@@ -13,13 +13,14 @@ from schemas.document import validate
 from schemas.rig import RigConfig
 
 PLUMB_LINE = "plumb line"
-"""`read_by` of a level reading that `analyze gravity` wrote"""
+"""value of `read_by` in a level reading (measured table tilt) that `analyze gravity` wrote"""
 
 
 def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
     """Read a rig file (TOML), of which the camera's address and calibration may be missing.
 
-    Missing entries get placeholders: address "none", an image of 1 x 1 px, and unit matrices.
+    Missing entries get placeholders: address "none", an image of 1 x 1 px, and unit matrices for K and
+    T_world_camera. A file without the table [camera] is refused.
 
     Returns:
         Content of the file, and its T_world_camera (4, 4), the camera's pose in the world frame; None if the
