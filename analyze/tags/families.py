@@ -12,9 +12,12 @@ from analyze.errors import TagError
 from schemas.tags import TagFamily
 
 FAMILIES = {family.value: int(getattr(cv2.aruco, family.opencv)) for family in TagFamily}
-"""Number of OpenCV's predefined dictionary, by family."""
+"""OpenCV's number of its predefined dictionary (set of bit patterns), by family such as "36h11"."""
 ON_OBJECTS, ON_BOARDS = "36h11", "5x5_100"
-"""Default families. They differ, so that a board in view is never mistaken for an object."""
+"""Default families of tags on objects and on calibration boards.
+
+They differ, so that a board in view is never mistaken for an object.
+"""
 QUIET_CELLS = 1
 """Width of the white rim, in cells, that a detector needs around the black square."""
 
@@ -42,9 +45,9 @@ def count(family: str) -> int:
 
 @cache
 def cells(family: str, tag_id: int) -> NDArray[np.bool_]:
-    """Cells (n, n) of a tag, True for white, read-only.
+    """Cells (n, n) of a tag, True for white, with its black border as the outermost ring.
 
-    Row 0 is the top; the outermost ring is the black border.
+    Row 0 is the top. The array is read-only.
 
     Raises:
         TagError: the family is unknown, or has no such id.

@@ -1,4 +1,4 @@
-"""Writes sheets as a true-to-scale PDF; matplotlib writes points of 1/72 inch exactly as given."""
+"""Writes sheets of tags as a true-to-scale PDF; matplotlib keeps its points of 1/72 inch exact."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ def pdf_bytes(pages: Sequence[Page]) -> bytes:
 
 
 def _figure(page: Page) -> Figure:
+    """Draw a page, with its rulers, as a figure of the paper's size."""
     figure = Figure(figsize=(page.width / MM_PER_INCH, page.height / MM_PER_INCH))
     sheet = _Sheet(figure, page)
     sheet.write(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
@@ -68,7 +69,7 @@ class _Sheet:
         self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
 
     def black(self, rectangles: Sequence[Rect]) -> None:
-        """Fill all rectangles black, as one outline without hairlines between neighbours."""
+        """Fill rectangles [mm] black, as one outline without hairlines between neighbours."""
         corners = [
             [(f.x, f.y), (f.x + f.width, f.y), (f.x + f.width, f.y + f.height), (f.x, f.y + f.height)]
             for f in rectangles
@@ -88,7 +89,7 @@ class _Sheet:
         colour: str = INK,
         dash: bool = False,
     ) -> None:
-        """Draw a straight line between two points (x, y) [mm], of a width in mm, dashed if `dash`."""
+        """Draw a straight line of a width [mm] between two points (x, y) [mm], dashed if `dash`."""
         points = np.array([start, end]) * self._scale
         line = Line2D(
             *points.T,
@@ -128,6 +129,10 @@ class _Sheet:
 
 
 def _draw_tag(sheet: _Sheet, placed: PlacedTag) -> None:
+    """Draw a tag, cutting lines around its white rim and the strip below, and the strip's text.
+
+    The text is the tag's id, size and family, as far as there is room.
+    """
     size, rim = placed.tag.size_mm, placed.quiet_zone
     left, right = placed.x - rim, placed.x + size + rim
     low, high = placed.y - rim, placed.y + size + rim
@@ -168,6 +173,7 @@ def _draw_origin(sheet: _Sheet, x: float, y: float) -> None:
 
 
 def _draw_rulers(sheet: _Sheet) -> None:
+    """Draw a horizontal and a vertical ruler of 100 mm at the lower left, with the text on checking them."""
     across, up = (MARGIN + 14.0, MARGIN + 13.0), (MARGIN + 11.5, MARGIN + RULER_FOOT + 6.0)
     for along, origin in ((np.array([1.0, 0.0]), across), (np.array([0.0, 1.0]), up)):
         start = np.array(origin)

@@ -13,12 +13,12 @@ from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
 
 DEFAULT_SIZE_MM = 30.0
-"""Edge length of a tag's black square."""
+"""Default edge length [mm] of a tag's black square."""
 
 
 @dataclass(frozen=True)
 class PrintOptions:
-    """Options for sheets of tags; None for the default."""
+    """Options for sheets of tags (`analyze print-tags`)."""
 
     family: str | None = None
     """Tag family; None for 36h11."""
@@ -27,32 +27,32 @@ class PrintOptions:
     size_mm: float | None = None
     """Edge length of the black square [mm]; None for 30 mm."""
     object_path: Path | None = None
-    """Object file whose tags are printed, in place of family, ids and size; None to use those."""
+    """Object file whose tags are printed, in place of `family`, `ids` and `size_mm`; None to use these."""
     paper: str = "A4"
     """Paper, A4 or Letter."""
 
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """Options for a calibration board; None for the default."""
+    """Options for a calibration board (ChArUco: a chess board with tags in its white squares)."""
 
     family: str | None = None
     """Tag family; None for 5x5_100."""
     squares: str = "7x9"
-    """Columns x rows."""
+    """Numbers of the board's columns and rows of squares, as columns x rows."""
     square_mm: float = 22.0
     """Edge length of a square [mm]."""
     marker_mm: float | None = None
-    """Edge length of the tags [mm]; None for 0.7 of the squares'."""
+    """Edge length of the tags' black squares [mm]; None for 0.7 of `square_mm`."""
     paper: str = "A4"
     """Paper, A4 or Letter."""
 
 
 def print_tags(options: PrintOptions, output: Path) -> str:
-    """Write sheets of tags as a PDF.
+    """Write sheets of tags, of an object or of a family, as a PDF.
 
     Returns:
-        Line for the user with file, number and sizes of the tags, and pages.
+        Line for the user with file, number and sizes [mm] of the tags, number of pages and paper.
 
     Raises:
         TagError: a family, id or paper is unknown, the ids are not understood, or a size does not fit.
@@ -80,7 +80,7 @@ def print_board(options: BoardOptions, output: Path) -> str:
     """Write a calibration board (ChArUco) as a PDF of one page.
 
     Returns:
-        Line for the user with file and layout of the board.
+        Line for the user with file, layout and sizes [mm] of the board, and paper.
 
     Raises:
         TagError: the family or paper is unknown, `squares` is not understood, or the board is impossible or
@@ -94,7 +94,7 @@ def print_board(options: BoardOptions, output: Path) -> str:
 
 
 def parse_board(options: BoardOptions) -> Board:
-    """Parse the board that the options describe; the paper is not considered.
+    """Board that the options describe, checked to be possible; the paper is not considered.
 
     Raises:
         TagError: `squares` is not columns x rows, the family is unknown, or the board is impossible.
@@ -109,5 +109,6 @@ def parse_board(options: BoardOptions) -> Board:
 
 
 def _print_message(output: Path, contents: str, pages: Sequence[Page], paper: str) -> str:
+    """Line for the user with file, contents, number of pages and paper, and how to print."""
     sheets = f"{len(pages)} {'page' if len(pages) == 1 else 'pages'} {paper}"
     return f"{output}: {contents}; {sheets}: print at 100 %, then measure the rulers"

@@ -17,15 +17,15 @@ PAPERS = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
 MARGIN = 12.0
 """Margin [mm] that printers can leave white."""
 RULER_MM = 100
-"""Length of the printed rulers."""
+"""Length [mm] of the printed rulers."""
 RULER_SIDE, RULER_FOOT, HEADING = 14.0, 24.0, 9.0
-"""Room [mm] for the vertical ruler, for the horizontal ruler with its text, and for the heading."""
+"""Room [mm] inside the margins for the vertical ruler, the horizontal ruler and its text, and the heading."""
 STRIP = 4.5
 """Height [mm] of the strip below each tag, with id, size and family; it marks the tag's lower edge."""
 GAP = 3.0
 """Gap [mm] between tags."""
 MIN_TAG_MM = 5.0
-"""Least edge length of a tag that can be printed and detected."""
+"""Least edge length [mm] of the black square of a tag that can be printed and detected."""
 MIN_SQUARES = 3
 """Least number of a board's columns and rows."""
 
@@ -35,7 +35,7 @@ class Tag:
     """Tag to be printed."""
 
     family: str
-    """Tag family."""
+    """Tag family such as "36h11"."""
     id: int
     """Number of the tag in its family, from 0."""
     size_mm: float
@@ -83,7 +83,8 @@ class PlacedTag:
 class Board:
     """ChArUco board: a chess board with a tag in every white square.
 
-    The upper left square is black, as in OpenCV's pattern since 4.6.
+    The upper left square is black, as in OpenCV's pattern since 4.6. The tags' ids count from 0, row by row
+    from the upper left.
     """
 
     family: str
@@ -121,7 +122,7 @@ class Page:
 
 
 def parse_ids(text: str) -> list[int]:
-    """Parse tag ids in a text such as `0-11`, `3` or `0-3,7`, in the order given, without repetitions.
+    """Parse tag ids from a text such as `0-11`, `3` or `0-3,7`: in the order given, without repetitions.
 
     Raises:
         TagError: the text is not of this form, or a range runs backwards.
@@ -139,7 +140,7 @@ def parse_ids(text: str) -> list[int]:
 
 
 def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
-    """Lay out tags in rows on as many pages as needed, in the order given.
+    """Lay out tags in rows on as many pages as needed, in the order given; one empty page without tags.
 
     Args:
         tags: tags to be printed.
@@ -255,7 +256,7 @@ def refuse_impossible(board: Board) -> None:
 
 
 def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
-    """Black rectangles of a tag, one per run of black cells in a row.
+    """Black rectangles of a tag on a page, one per run of black cells in a row of the tag.
 
     Args:
         cells: (n, n) cells of the tag, True for white, row 0 at the top.
@@ -277,12 +278,26 @@ def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[
 
 
 def _paper(name: str) -> tuple[float, float]:
+    """Width and height [mm] of a paper, A4 or Letter.
+
+    Raises:
+        TagError: the paper is unknown.
+    """
     if name not in PAPERS:
         raise TagError(f"{name}: unknown paper: choose {' or '.join(PAPERS)}")
     return PAPERS[name]
 
 
 def _refuse_small(name: str, size_mm: float) -> None:
+    """Check that a tag is large enough to be printed and detected.
+
+    Args:
+        name: name of the tag, for the error message.
+        size_mm: edge length of its black square [mm].
+
+    Raises:
+        TagError: the size is below `MIN_TAG_MM`, or not a number.
+    """
     if not size_mm >= MIN_TAG_MM:
         raise TagError(
             f"{name}: {size_mm:g} mm is too small to be printed and detected: "
