@@ -261,8 +261,8 @@ def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[i
         board: the board that the user named; its tag family and sizes are used.
 
     Returns:
-        Numbers of squares across and down; None if no board explains more than 70 % of the pairs of
-        neighbouring tags, or has three such pairs.
+        Numbers of squares across and down; None if by no board more than 70 % of the pairs of neighbouring
+        tags, and at least three pairs in all, agree.
     """
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None

@@ -211,8 +211,8 @@ def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
     """Check that the tags in the images may be those of the board, by their ids and arrangement.
 
     Raises:
-        CalibrationError: most images show tags that the board does not have, or half of those with enough
-            tags or more show another arrangement.
+        CalibrationError: more than half of the images show tags that the board does not have, or at least
+            half of those with three or more pairs of neighbouring tags show another arrangement.
     """
     beyond = sorted({tag for sight in sights for tag in sight.foreign_ids})
     another = sum(sight.another_layout for sight in sights)

@@ -85,7 +85,7 @@ class OpenChunk:
 def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
     """Compute a chunk's checksums and message index, and compress it if its pictures are small.
 
-    A chunk that compression would not make smaller stays as it is.
+    A chunk of 4 MiB or more, or one that compression would not make smaller, stays as it is.
     """
     crc = 0
     hashed: list[HashedMessage] = []
@@ -107,7 +107,7 @@ def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
 
 
 def _index_entries(times_ns: NDArray[np.int64], sizes: NDArray[np.int64]) -> bytes:
-    """Packed MCAP message index, by time, of n consecutive records.
+    """Packed MCAP message index of n consecutive records, by time: log time [ns] and offset, 8 bytes each.
 
     Args:
         times_ns: (n,) log times [ns].

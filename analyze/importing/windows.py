@@ -97,8 +97,8 @@ def one_window_per_clip(
         clips: clips in the order in which they were given.
         planned: ids of the plan's strikes, in its order.
         strike_ids: planned ids of the clips' strikes, in the clips' order; `SKIPPED` leaves a clip out. If
-            empty, the clips' file names are the ids if all of them are ids of the plan; otherwise the plan's
-            order applies.
+            empty, the clips' file names without suffix are the ids if all of them are ids of the plan;
+            otherwise the plan's order applies.
 
     Raises:
         ImportRefused: numbers of clips and ids do not fit, or an id is not in the plan.

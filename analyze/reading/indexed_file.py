@@ -1,8 +1,8 @@
 """Maps a recording file into memory and indexes its messages, which are views of file or chunks.
 
 A finished file is opened by the summary at its end, a file that ends early by walking it from its start. A
-chunk's CRC is checked when it is first read. Damaged bytes raise RecordingError and nothing else, except in
-`chunk_messages`.
+chunk's CRC is checked when it is first read. Damaged bytes raise RecordingError, from
+`IndexedFile.chunk_messages` ContainerError; `open_cut` leaves damaged records out.
 """
 
 from __future__ import annotations

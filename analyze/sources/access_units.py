@@ -52,7 +52,7 @@ class AccessUnits:
         self._filter = av.BitStreamFilterContext(_FILTER[video], stream)
 
     def convert(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
-        """Convert each packet to one writable buffer: the free bytes (zeros), then its access unit.
+        """Convert each packet to one writable buffer: `room` free bytes (zeros), then its access unit.
 
         The packets may be consumed and must not be used afterwards.
 

@@ -374,10 +374,8 @@ _Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 def _yaml(text: str) -> Any:
     """Parse the first document of a YAML text; None if the text is empty.
 
-    OpenCV's first line `%YAML:1.0`, which is not valid YAML, is skipped.
-
-    Raises:
-        YAMLError and other errors of the YAML reader: the text is not valid.
+    OpenCV's first line `%YAML:1.0`, which is not valid YAML, is skipped. Invalid text raises YAMLError or
+    another error of the YAML reader.
     """
     lines = text.splitlines()
     if lines and lines[0].startswith("%YAML"):

@@ -140,7 +140,7 @@ def parse_ids(text: str) -> list[int]:
 
 
 def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
-    """Lay out tags in rows on as many pages as needed, in the order given; one empty page without tags.
+    """Lay out tags in rows on as many pages as needed, in the order given; no tags give one empty page.
 
     Args:
         tags: tags to be printed.
