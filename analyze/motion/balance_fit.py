@@ -1,8 +1,6 @@
 """Balance angle phi and k of a strike whose edge slid or hopped, from the moment balance.
 
-The moments about the line of contact with the table balance.
-
-Friction has no moment about the line of contact, so it does not enter.
+Friction has no moment about the line of contact with the table, so it does not enter.
 
 theta(t) is the tipping angle since rest, phi the theta at which the centre of mass c stands above the
 contact, psi = phi - theta, R the distance of c from the edge's centre line, rho the radius of the edge's
@@ -70,6 +68,8 @@ def moment_balance(
 ) -> MotionFit:
     """Fit phi, k, theta0, omega0 by the moment balance, with the edge's measured motion, over one window.
 
+    The moments about the line of contact balance, also while the edge slides or lifts.
+
     Args:
         motion: tipping angle theta, slip (sliding of the edge along the table) and lift (its height) of every
             frame.
@@ -81,9 +81,9 @@ def moment_balance(
             None if the position is exact.
 
     Returns:
-        The fit, with estimator "moment_balance": balance angle phi [rad], k [rad/s^2], theta0 and omega0
-        (theta and its rate at the window's first frame), the (2, 2) covariance of (phi, k), and residuals of
-        theta.
+        The fit, with estimator "moment_balance": balance angle phi [rad], rate k of the tip [rad/s^2], theta0
+        [rad] and omega0 [rad/s] (theta and its rate at the window's first frame), the (2, 2) covariance of
+        (phi, k), and residuals of theta [rad].
 
     Raises:
         EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
@@ -140,12 +140,14 @@ def _covariance(
 ) -> Array:
     """Covariance (2, 2) of phi and k, caused by errors of theta, slip, lift and the edge's position.
 
-    theta is the tipping angle, phi the balance angle, k = m g R / I_edge. The covariance is scaled up if the
-    residuals (outliers clipped) are larger than these errors make them, or correlated from frame to frame.
+    theta is the tipping angle, phi the balance angle, k the rate of the tip [rad/s^2]. The covariance is
+    scaled by the variance of the residuals (outliers clipped, correlation from frame to frame included) over
+    that which these errors make expected, at least by 0.7.
 
     Args:
         sample: the fitted part of theta(t).
-        x: (4,) best parameters phi, k, theta0, Omega0 [rad, rad/s^2, rad, rad/s].
+        x: (4,) best parameters phi, k, and at the first time theta and Omega, the speed with the edge's
+            motion included (see `driven_theta`) [rad, rad/s^2, rad, rad/s].
         jacobian: (n, 4) derivatives of theta by them.
         residual: (n,) measured minus fitted theta [rad].
         edge: slip (n,) [m], lift (n,) [m], radius of the rounding [m].
@@ -200,9 +202,10 @@ def driven_theta(
 
     Args:
         time: (n,) times [s], ascending.
-        parameters: (c, 4 or more) per case: balance angle phi [rad], k [rad/s^2], and at the first time theta
-            [rad] and Omega [rad/s] = theta' + (k / g) [(cos psi + rho / R) s' + sin psi z'], with psi = phi -
-            theta and s', z' the speeds of slip and lift.
+        parameters: (c, 4 or more) per case: balance angle phi [rad], rate k of the tip [rad/s^2], and at the
+            first time theta [rad] and Omega [rad/s] = theta' + (k / g) [(cos psi + rho / R) s' + sin psi z'],
+            with psi = phi - theta, s' and z' the speeds of slip and lift, and R the distance of the centre of
+            mass from the edge (here g / (1.35 k)); further columns are ignored.
         slip: (n,) or (n, c) sliding of the edge [m], linear between the times.
         lift: (n,) or (n, c) height of the edge [m], linear between the times.
         radius: radius rho of the edge's rounding [m].
@@ -219,7 +222,7 @@ def driven_theta(
         """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega [rad/s].
 
         Args:
-            state: (2, c) tipping angle and Omega.
+            state: (2, c) tipping angle, and Omega, the angular speed plus the part by the edge's motion.
             s: (c,) speed of the edge along the table, times k / g.
             z: (c,) speed of the edge off the table, times k / g.
         """

@@ -17,8 +17,8 @@ from analyze.types import MotionFit
 class ContactErrors:
     """Standard deviations of phi and k caused by the contact, in addition to the fit's own.
 
-    phi is the balance angle, k = m g R / I_edge the rate of the tip (R: distance of the centre of mass from
-    the edge).
+    phi is the balance angle, at which the centre of mass stands above the contact, and k the rate of the tip
+    in theta'' = -k sin(phi - theta), with theta the tipping angle.
 
     phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, energy ratio up to 2), fitted to the
     true theta(t); on 35 with other seeds the 95 % intervals held phi in 83 %, before the standard deviation
@@ -28,12 +28,13 @@ class ContactErrors:
     """
 
     edge_phi_sd: float = 7e-5
-    """phi [rad] on a straight edge, which creeps by 10 to 25 um; phi is off by 0.0007 deg (bottles) to 0.004
-    deg (carton, 1 mm rounding), rms"""
+    """sd of phi [rad] on a straight edge, which creeps by 10 to 25 um; phi is off by 0.0007 deg (bottles) to
+    0.004 deg (carton, 1 mm rounding), rms"""
     rim_phi_sd: float = 3.2e-4
-    """phi [rad] on a round rim: the contact wanders along it and the body turns with it; 0.02 deg rms"""
+    """sd of phi [rad] on a round rim: the contact wanders along it and the body turns with it; 0.02 deg
+    rms"""
     k_relative_sd: float = 7e-4
-    """relative standard deviation of k by a stated rounding that is 0.3 mm off, as is usual: 0.03 to 0.1 %"""
+    """relative sd of k, caused by a stated rounding that is 0.3 mm off, as is usual: 0.03 to 0.1 %"""
 
 
 def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:

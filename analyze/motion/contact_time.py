@@ -1,8 +1,8 @@
 """Contact time of a strike from its motion, for a hand or a pendulum without a contact sensor.
 
 The fitted pendulum is extrapolated back to the tipping angle theta = 0, where the object stood until the
-contact: with omega the angular speed after the impact, phi the balance angle and k the pendulum's rate
-[rad/s^2],
+contact: with omega the angular speed after the impact, phi the balance angle, k the pendulum's rate [rad/s^2]
+and t_c the contact time,
 
     theta(t) = omega (t - t_c) - 1/2 k sin(phi) (t - t_c)^2
 
@@ -30,17 +30,17 @@ class ContactTime:
     """Time of an impact, estimated from the motion that follows it, with its standard deviation."""
 
     time_ns: int
-    """time of the impact [ns], on the clock of the fit"""
+    """log_time of the impact [ns]"""
     sd_ns: float
     """standard deviation [ns] as an estimate of the first touch: error of the fit, and a touch that lasts 0
     to `MAX_TOUCH_S`"""
 
 
 def contact_time(fit: MotionFit) -> ContactTime | None:
-    """Contact time, extrapolated from a fit back to tipping angle 0; None if that is impossible.
+    """Contact time (log_time) [ns] and its sd, extrapolated from a fit back to tipping angle 0, or None.
 
-    None if the fit has no k, or its first fitted frame does not tip forward (omega0 <= 0) or lies below rest
-    (theta0 < 0).
+    None if the fit has no rate k, or in its first frame the object does not tip forward (speed omega0 <= 0)
+    or lies below rest (angle theta0 < 0).
 
     Args:
         fit: pendulum fitted to the free motion of one strike.

@@ -184,7 +184,7 @@ class _Curve:
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a scaled position (3,) at a frame number from the curve, over its sd."""
+        """Distance (3,) of a scaled position (3,) at a frame number from the curve, over its predicted sd."""
         at = ((frame - self._middle) / self._half) ** np.arange(4)
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)
 

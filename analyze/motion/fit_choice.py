@@ -1,7 +1,8 @@
 """Choice of the estimator for one strike: hinge, rolling contact, or moment balance, and its window.
 
 The tipping angle theta(t) of a strike (one impact that tips the object about an edge) gives the balance angle
-phi and k = m g R / I_edge. A hinge is an edge that stays in place.
+phi, at which the centre of mass stands above the edge, and the rate k [rad/s^2] of the tip. A hinge is an
+edge that stays in place. The moment balance is a fit that allows for the edge's measured sliding and lifting.
 """
 
 from __future__ import annotations
@@ -96,9 +97,10 @@ def fit_strike(
     settings: MotionSettings,
     section: SupportFunction | None = None,
 ) -> StrikeFits:
-    """Fit phi and k to the free motion of a strike with the estimator that its contact requires.
+    """Fit balance angle phi and rate k of a strike by the estimator that its contact requires.
 
-    The window of the fit ends at a fixed angle past the balance angle phi, so that it is found by iteration.
+    The estimators are a hinge (edge in place), a rolling contact, and the moment balance (with the edge's
+    measured motion). The window of the fit ends at a fixed angle past phi, so that it is found by iteration.
 
     Args:
         motion: the motion through the whole window of the strike.
@@ -130,7 +132,8 @@ def _fits(
 ) -> StrikeFits:
     """Fits of a strike by `estimator`, or by the moment balance where the edge moved.
 
-    If the edge lifts off the table for good, the window ends there, and the chosen fit's note states it.
+    The moment balance is a fit that allows for the edge's measured motion. If the edge lifts off the table
+    for good, and the motion before can be fitted, the window ends there, and the chosen fit's note states it.
 
     Args:
         motion: the motion through the whole window of the strike.
@@ -222,8 +225,9 @@ def _fits_over(
 ) -> StrikeFits:
     """Fits over one window: by the moment balance if the edge moved, else by the estimator.
 
-    Where the speed jumps, the estimator is applied to a part of the window without a jump, and a second
-    impact is reported unless the jump is explained by the first touch or by the table.
+    The moment balance is a fit that allows for the edge's measured motion. Where the speed jumps, the
+    estimator is applied to a part of the window without a jump, and a second impact is reported unless the
+    jump is explained by the first touch or by the table.
 
     Args:
         motion: the motion through the whole window of the strike.
@@ -327,7 +331,9 @@ def _balanced(
 ) -> tuple[MotionFit | None, str]:
     """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
-    The hinge (an edge in place) is also kept if the moment balance fails or leaves a jump in speed.
+    A hinge is an edge in place; the moment balance allows for the edge's measured motion. The hinge is kept
+    if the moment balance fails or leaves a jump in speed, or if the edge was not seen to move and the moment
+    balance is no better, or the angle is too noisy to tell.
 
     Args:
         edge: sliding and lifting of the edge.
@@ -343,7 +349,7 @@ def _balanced(
     phi = None if hinge is not None else planned.phi_predicted_rad
 
     def balance(frames: tuple[int, int]) -> MotionFit:
-        """Moment-balance fit over frames [start, stop)."""
+        """Moment-balance fit over frames [start, stop); EstimationError if it fails."""
         return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
 
     try:
@@ -376,6 +382,9 @@ def _reason_for_balance(
 ) -> str:
     """Reason to prefer a moment balance although the edge was not seen to move; empty if there is none.
 
+    A moment balance is a fit that allows for the edge's measured motion. It is preferred if it explains a
+    jump in speed that the hinge shows, or if its balance angle is more certain and clearly another.
+
     Args:
         angle: tipping angle theta(t).
         window: frames [start, stop).
@@ -399,10 +408,10 @@ def _reason_for_balance(
 
 
 def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
-    """True if a moment balance explains a jump in speed that a hinge fit shows.
+    """True if a moment balance explains a jump in speed that a hinge fit (edge in place) shows.
 
-    That is, if it fits no worse than two impacts, and its balance angle phi agrees with that of the part
-    without a jump; False if there is no such part.
+    That is, if it fits no worse than two impacts, and its balance angle phi agrees with that of a hinge
+    fitted to the part of the window without a jump; False if there is no such part.
 
     Args:
         angle: tipping angle theta(t).
@@ -433,7 +442,8 @@ def _with_second_impact(
         radius: radius of the edge's rounding [m].
 
     Returns:
-        The fit and the verdict "struck twice"; without a fit, with `problem`, if there is no such jump.
+        The fit and the verdict "struck twice"; if there is no such jump, no fit and no verdict, but
+        `problem`.
     """
     found = fit_two_impacts(motion.angle, window, radius)
     if found is None or not _is_jump(found.fit, found.size, found.gain, limits):

@@ -111,7 +111,7 @@ class Fall:
     frames: int
     """number of frames"""
     dropped: float
-    """1/2 a T^2 over the time T from the first to the last frame [m]"""
+    """fall from rest in the time T from the first to the last frame, 1/2 a T^2 with a the acceleration [m]"""
     frame_s: float
     """stated time between frames [s]"""
     time_ratio: float
@@ -136,14 +136,15 @@ class Fall:
 def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall | None:
     """Fit of a fall, its ends cut where a hand or the ground still acts; None if no fall is left.
 
-    Frames are cut at the worse end while that clearly reduces the misfit; a margin at both ends is then left
-    out. None if the misfit stays above `MAX_MISFIT`, or the remaining fall is shorter than `MIN_FALL_M`.
+    Frames are cut at the worse end while that clearly reduces the misfit (ninth decile of the residuals over
+    the expected one); a margin at both ends is then left out. None if the misfit stays above `MAX_MISFIT`
+    (3), or the remaining fall is shorter than `MIN_FALL_M` (0.2 m).
 
     Args:
-        track: track of the tag.
-        covariance: (n, 3, 3) covariance of its positions [m^2].
+        track: track of the tag, not yet corrected for a rolling shutter.
+        covariance: (n, 3, 3) covariance of its positions in the camera frame [m^2].
         window: stretch of the track that looks like a fall.
-        setup: tag, gravity, camera.
+        setup: tag, gravity, falling mass and camera.
 
     Raises:
         EstimationError: the stretch has no acceleration.
@@ -175,7 +176,7 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
         track: track of the tag, not yet corrected for a rolling shutter.
         covariance: (n, 3, 3) covariance of its positions in the camera frame [m^2].
         window: the frames of the fall.
-        setup: tag, gravity, camera.
+        setup: tag, gravity, falling mass and camera.
 
     Returns:
         The fall with q, the ratio of true to stated time, its errors and its misfit.
@@ -256,7 +257,8 @@ class _Solved:
     stated: Array
     """(n,) stated time since the middle of the fall [s]"""
     solution: Array
-    """(15,) p0, v0, a [m, m/s, m/s^2], arm [m], drag [1/m], shutter [s/px]"""
+    """(15,) at the fall's middle the tag's position, and velocity and acceleration of the centre of mass (3
+    each) [m, m/s, m/s^2]; arm (3) [m], drag [1/m], delay per row and per column [s/px]"""
     inverse: Array
     """(15, 15) covariance of `solution`"""
     time_ratio: float
@@ -333,7 +335,10 @@ def _frame_s(stated: Array) -> float:
 
 
 def _powers(time: Array) -> Array:
-    """Derivatives (n, 3, 9) of the position by start p0, velocity v0 and acceleration a at times (n,)."""
+    """Derivatives (n, 3, 9) of the position at times (n,) [s] by p0, v0 and a, in the units 1, s and s^2.
+
+    These are position, velocity and (constant) acceleration at time 0.
+    """
     eye = np.eye(3)
     return np.concatenate(
         [each[:, None, None] * eye for each in (np.ones_like(time), time, 0.5 * time**2)], axis=2
@@ -341,9 +346,9 @@ def _powers(time: Array) -> Array:
 
 
 def _turn_columns(R: Array, time: Array) -> Array:
-    """Derivatives (n, 3, 3) of the position by the arm from the centre of mass: R(tau) - R(middle).
+    """Derivatives (n, 3, 3) of the tag's position by its arm from the centre of mass: R(tau) - R(middle).
 
-    The rotations are smoothed over time by a polynomial.
+    R is the rotation from the marker frame to the camera frame, smoothed over time by a polynomial.
 
     Args:
         R: (n, 3, 3) rotations from the marker frame to the camera frame.
@@ -359,7 +364,10 @@ def _turn_columns(R: Array, time: Array) -> Array:
 
 
 def _drag(speed: Array, time: Array) -> Array:
-    """Displacement (n, 3) by air of drag beta = 1 /m, up to a straight line: norm(v) v integrated twice [m].
+    """Double integral (n, 3) of norm(v) v over time from the first time on [m^2].
+
+    Times the drag beta [1/m] (deceleration over squared speed), it is the distance by which air holds the
+    body back.
 
     Args:
         speed: (n, 3) velocities v [m/s].
@@ -389,9 +397,10 @@ class TrueTime:
 
 
 def true_time(falls: list[Fall], setup: FallSetup) -> TrueTime:
-    """Weighted mean of q over all falls, its error widened by their scatter (Birge 1932).
+    """Weighted mean of q, the ratio of true to stated time, over all falls, with its standard deviation.
 
-    q is the ratio of true to stated time. Errors that the falls share do not shrink with their number.
+    The part of the error by the falls' own noise is widened by their scatter (Birge 1932). Errors that the
+    falls share do not shrink with their number.
 
     Args:
         falls: at least one fall.

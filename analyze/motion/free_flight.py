@@ -127,7 +127,9 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
 
 
 def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
-    """Rms distance (flights,) [m] of a point of the body from its best parabola, in each flight.
+    """Rms distance (flights,) [m] of a point of the body from its best-fitting free fall, in each flight.
+
+    Start and velocity of the fall are fitted per flight, gravity and drag are given.
 
     Args:
         flights: flights of one body.

@@ -47,7 +47,8 @@ def largest_jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
         fit: fit of the pendulum to it.
 
     Returns:
-        Index into the angle's frames, size [rad/s], and the decrease of chi^2.
+        Index into the angle's frames, size [rad/s], and the decrease of chi^2; if no jump decreases it, the
+        first frame of the fit, 0 and 0.
     """
     window = slice(*fit.window)
     time = np.asarray((angle.time_ns[window] - fit.time0_ns) * 1e-9, dtype=np.float64)
@@ -61,7 +62,8 @@ def longest_clean_fit(
 ) -> MotionFit | None:
     """Fit over the longest stretch of a window that shows no jump in speed; None if there is none.
 
-    The stretch has at least 2 `MIN_FRAMES` frames, small residuals, and holds the balance point.
+    The stretch begins in the window's first 9 frames, has at least 16 frames and a mean squared residual
+    below 2.5 times the frames' variance, and passes the balance point or turns back below it.
 
     Args:
         angle: tipping angle theta(t).
@@ -99,7 +101,8 @@ def settled_fit(fit: MotionFit, refit: Callable[[tuple[int, int]], MotionFit]) -
         refit: function that fits the same angle by the same estimator over another window [start, stop).
 
     Returns:
-        `fit` itself, or the later fit with a note that states the delay.
+        `fit` itself if its residuals are small or no later start makes them much smaller; otherwise the later
+        fit, with a note that states the delay.
     """
     if _rms(fit) < UNSETTLED_RATIO * frame_noise(fit.residual):
         return fit

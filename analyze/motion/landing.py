@@ -6,8 +6,9 @@ edge, with another balance angle phi and another k.
 
 Turned by theta about the pivot p, at the height of its rounding's radius, the body would penetrate the table
 by height(theta) - radius, where height is the support function: the height that p needs for the lowest point
-to touch. A face at angle a that reaches L ahead penetrates by L sin(theta - a). A face counts only if it
-penetrates deeper than the error of the surface: neither a scan's facets nor a narrow bevel carry the body.
+to touch. A face at angle a to the table that reaches a distance L ahead of p penetrates by L sin(theta - a).
+A face counts only if it penetrates deeper than the error of the surface: neither a scan's facets nor a narrow
+bevel carry the body.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ _LIFTED_RAD = math.radians(1.0)
 def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | None:
     """Landing angle: tipping angle theta [rad] from which the next face may touch the table.
 
-    None if no flat face touches within the section's range of angles, or only before the predicted balance.
+    It is the angle of the shape less a margin of 1 deg and the angle by which the face's far end may be off.
+    None if no flat face touches within the section's range of angles, or if the first one touches before the
+    predicted balance.
 
     Args:
         section: cross-section of the object about the pivot point.

@@ -25,8 +25,8 @@ _MIN_FACE_RATIO = 0.5
 def moulded_radius(points: Array, phi: float) -> float | None:
     """Radius [m] of the shape's own rounding, centred above the end of the resting face, or None.
 
-    None if the section is not a circle of one centre and radius from rest to past the balance angle, if the
-    resting face is short against the radius, or if the points span no area.
+    None if the section is not a circle of one centre and radius (to 10 %) from 3 deg after rest to 5 deg past
+    the balance angle, if the resting face is at most half the radius long, or if the points span no area.
 
     Args:
         points: (n, 2) corners of the section's hull from the end of the face [m]: x in the direction of

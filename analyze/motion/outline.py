@@ -55,8 +55,8 @@ class Outline:
     length: Array
     """(n,) facet lengths [m]"""
     angle: Array
-    """(n,) angle of each facet against the table at rest [rad], ascending from -180 deg; turned by it the
-    facet lies on the table"""
+    """(n,) angle of each facet against the table at rest [rad], ascending from -180 deg; at this tipping
+    angle the facet lies on the table"""
 
     def __len__(self) -> int:
         return len(self.length)
@@ -174,7 +174,8 @@ class Curve:
 
         Returns:
             (k,) indices of the angles at which this curve touches, (k, 2) contact points in the outline's
-            coordinates [m], and (k,) radii of curvature there [m].
+            coordinates (those of the body at rest, from the pivot point) [m], and (k,) radii of curvature
+            there [m].
         """
         length, nodes = outline.length[self.facets], self._tangents(outline)
         whole = nodes[0] + np.remainder(theta - nodes[0], 2 * math.pi)

@@ -1,8 +1,9 @@
 """Free tipping motion theta'' = -k sin(phi - theta), and its derivatives.
 
-theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate [rad/s^2]. In psi = theta - phi
-this is the inverted pendulum psi'' = k sin psi. It is integrated in fixed steps of fourth order, together
-with its variational equations: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays below 6e-6 rad
+theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate [rad/s^2] (mass m, gravity g, R
+the distance of the centre of mass from the edge, I_edge the moment of inertia about the edge). In psi = theta
+- phi this is the inverted pendulum psi'' = k sin psi. It is integrated in equal steps of fourth order,
+together with its variational equations: at a step of 8 ms and k = 100 rad/s^2 the error stays below 6e-6 rad
 over 0.5 s, a tenth of the best camera's noise. Plain floats, because arrays of four numbers would cost twenty
 times as much.
 """
@@ -49,7 +50,7 @@ def trajectory(
     Args:
         time: (n,) time since the initial state [s], ascending, the first may be 0.
         phi: balance angle [rad], at which the centre of mass stands above the contact.
-        k: rate m g R / I_edge [rad/s^2] of the tip.
+        k: rate [rad/s^2] of the tip.
         theta0: tipping angle theta at time 0 [rad].
         omega0: angular speed at time 0 [rad/s].
         radius: radius rho of the edge's rounding [m].
@@ -66,7 +67,7 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """Acceleration psi'' at the angle psi from balance, and its derivatives by psi and energy."""
+        """Acceleration psi'' [rad/s^2] at angle psi from balance, and derivatives by psi and energy."""
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))
         strength = (k + e * (energy - 2.0 * k * c) * by_inertia) * by_inertia
@@ -150,8 +151,9 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
         frames: indices of `time` at which a jump is tried.
 
     Returns:
-        (sum of squares [rad^2], frame, (5,) balance angle phi, k, theta0, omega0, jump) for each frame, the
-        best first.
+        (sum of squares [rad^2], frame, (5,) parameters) for each frame, the best first. The parameters are
+        balance angle phi [rad], rate k [rad/s^2], theta0 [rad] and omega0 [rad/s] at the first time, and the
+        jump [rad/s].
     """
     columns = _integrated_columns(time, theta)
     found: list[tuple[float, int, Array]] = []
@@ -165,7 +167,8 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
 def _solved(columns: Array, theta: Array) -> tuple[float, Array]:
     """Sum of squares [rad^2] and solution (p,) of the twice integrated pendulum equation.
 
-    The solution is balance angle phi, k, theta0, omega0 and the factors on any further columns.
+    The solution is balance angle phi [rad], rate k [rad/s^2], angle theta0 [rad] and speed omega0 [rad/s] at
+    the first time, and the factors on any further columns.
 
     Args:
         columns: (n, p) columns of `_integrated_columns`, then further ones.

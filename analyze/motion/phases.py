@@ -100,7 +100,7 @@ def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) ->
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """Frame after `released` at which a landing stops the body; the frame count if there is none.
+    """Index of the frame after `released` at which a landing stops the body; the frame count if none does.
 
     A body is stopped if, beyond a tipping angle of 20 deg, it loses a third of an angular speed of over 1
     rad/s between one frame and the next. A loss that had already begun does not count: on the way up gravity
@@ -144,8 +144,8 @@ def _landing(angle: TipAngle, released: int) -> int:
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
     """Frames [start, stop) in which only gravity acts: from release to 25 deg past balance, or a landing.
 
-    It ends earlier if the object returns to rest; (0, 0) if the object did not move. The 25 deg are the
-    default of `limits.past_phi`.
+    It ends earlier if the object returns to rest, and a frame before a landing or return; (0, 0) if the
+    object did not move. The 25 deg are the default of `limits.past_phi`.
 
     Args:
         angle: tipping angle theta(t).

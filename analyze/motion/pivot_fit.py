@@ -1,12 +1,13 @@
 """Balance angle phi and k of one strike: the pendulum fitted to theta(t) while only gravity acts.
 
 theta(t) is the tipping angle, phi the theta at which the centre of mass stands above the pivot edge, and k =
-m g R / I_edge [rad/s^2] the pendulum's rate. Levenberg-Marquardt with exact derivatives and Huber's loss
-(analyze/least_squares), because the error of a misread frame is not Gaussian. The covariance is that of the
-linearised fit, scaled by the residuals' own variance and by their correlation from frame to frame, so that it
-stays correct where the camera's noise is misjudged or the contact is not quite a hinge. If phi is then
-uncertain by more than 0.3 deg, the interval of the profile likelihood replaces it. An error of theta's zero
-moves phi by the same amount; its variance is added at the end.
+m g R / I_edge [rad/s^2] the pendulum's rate (mass m, gravity g, R the distance of the centre of mass from the
+edge, I_edge the moment of inertia about the edge). Levenberg-Marquardt with exact derivatives and Huber's
+loss (analyze/least_squares), because the error of a misread frame is not Gaussian. The covariance is that of
+the linearised fit, scaled by the residuals' own variance and by their correlation from frame to frame, so
+that it stays correct where the camera's noise is misjudged or the contact is not quite a hinge. If phi is
+then uncertain by more than 0.3 deg, the interval of the profile likelihood replaces it. An error of theta's
+zero moves phi by the same amount; its variance is added at the end.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class FittedModel:
     """Best parameters of a model of the tipping angle theta(t), with residuals and covariance."""
 
     parameters: Array
-    """(p,) phi, k, theta0, omega0[, more] [rad, rad/s^2, rad, rad/s]"""
+    """(p,) phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s], then any further parameters of the model"""
     residual: Array
     """(n,) measured minus fitted theta [rad]"""
     covariance: Array
@@ -75,11 +76,12 @@ def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> 
     Args:
         angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) in which only gravity acts.
-        radius: radius of the edge's rounding [m], on which the edge rolls.
+        radius: radius of the edge's rounding [m], on which the edge rolls; 0 for a sharp edge.
 
     Returns:
-        The fit: balance angle phi [rad], k = m g R / I_edge [rad/s^2], theta and its rate at the window's
-        first frame, the (2, 2) covariance of (phi, k), and residuals.
+        The fit: balance angle phi [rad], rate k [rad/s^2] of theta'' = -k sin(phi - theta), theta0 [rad] and
+        omega0 [rad/s] (theta and its rate at the window's first frame), the (2, 2) covariance of (phi, k),
+        and the residuals of theta [rad].
 
     Raises:
         EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
@@ -145,12 +147,13 @@ def fit_model(sample: Sample, model: Model, start: Array, radius: float | None =
     Args:
         sample: measured tipping angle theta(t).
         model: theta (n,) and its derivatives (n, p) at parameters (p,).
-        start: (p,) first parameters phi [rad], k [rad/s^2], theta0 [rad], omega0 [rad/s][, more].
+        start: (p,) first parameters phi [rad], k [rad/s^2], theta0 [rad], omega0 [rad/s], and for p = 5 a
+            jump in speed [rad/s].
         radius: radius of the edge's rounding [m] if the model is the pendulum itself (`hinge_model`), so that
             the profile likelihood may replace the linearised interval of an uncertain phi; None otherwise.
 
     Returns:
-        The best parameters, the residuals, and the covariance of (phi, k).
+        The best parameters (p,), the residuals (n,) [rad], and the covariance (2, 2) of (phi, k).
 
     Raises:
         EstimationError: the best fit is not a tip over an edge: phi outside 0 to 2.5 rad, or k outside 0.5 to

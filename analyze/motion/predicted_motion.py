@@ -45,16 +45,19 @@ class PredictedValues:
     phi: float
     """balance angle [rad]"""
     k: float
-    """m g R / I_edge [rad/s^2], as in MotionFit"""
+    """rate of the tip, the k of theta'' = -k sin(phi - theta) [rad/s^2]"""
     covariance: Array
-    """(2, 2) covariance of (phi, ln k) caused by the errors of the other strikes"""
+    """(2, 2) covariance of (phi, ln k) [rad, 1] caused by the errors of the other strikes"""
     own: Array
-    """(2, 2) covariance of the strike's own (phi, ln k), its frames' noise included"""
+    """(2, 2) covariance of the strike's own (phi, ln k) [rad, 1], its frames' noise included"""
 
 
 @dataclass(frozen=True)
 class PredictedMotion:
-    """Measured minus predicted tipping angle theta(t) over the strike's free frames."""
+    """Measured minus predicted tipping angle theta(t) over the n free frames up to the prediction's end.
+
+    Free frames are those in which only gravity and the table act. phi is the balance angle.
+    """
 
     strike_id: str
     """id of the strike"""
@@ -75,7 +78,7 @@ class PredictedMotion:
 
     @property
     def worst(self) -> int:
-        """Index of the predicted frame with the largest offset from the prediction over its sd."""
+        """Index, into `offset`, of the predicted frame with the largest offset over its sd."""
         return self.start + int(np.argmax(np.abs(self.offset[self.start :]) / self.sd[self.start :]))
 
     @property
@@ -96,7 +99,8 @@ def predicted_motion(
         predicted: balance angle phi and rate k from other strikes.
 
     Returns:
-        Offset of every free frame up to the end of the prediction, with its standard deviation and a chi^2.
+        Offset [rad] of every free frame up to the end of the prediction, with its standard deviation, and the
+        chi^2 of the shift of phi and ln k that the offsets imply.
     """
     inside, first = slice(*fit.window), int(angle.time_ns[fit.window[0]])
     time = np.asarray((angle.time_ns[inside] - first) * 1e-9, dtype=np.float64)
@@ -188,7 +192,9 @@ def _noise(residual: Array, sd: Array) -> Array:
 
 
 def _excess_scatter(own: Array, by_frames: Array) -> Array:
-    """Part (2, 2) of the strike's own covariance of (phi, ln k) that frame noise does not explain.
+    """Part (2, 2) of a strike's own covariance of (phi, ln k) that frame noise does not explain.
+
+    phi is the balance angle [rad], k the rate of the tip; variances below 0 count as 0.
 
     Args:
         own: (2, 2) the strike's own covariance.

@@ -46,7 +46,7 @@ class FittedTip:
     weight: Array
     """(n,) factor on the residuals [1/rad]; 0 if not used"""
     parameters: Array
-    """(4,) best phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s]"""
+    """(4,) best phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s]; the last two at time 0"""
     covariance: Array
     """(4, 4) linearised covariance for weighted residuals of variance 1"""
     radius: float = 0.0
@@ -101,17 +101,17 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
     columns = np.empty(0)
 
     def rate(x: Array) -> float:
-        """Rate k [rad/s^2] of x: ln k, theta0, omega0."""
+        """Rate k [rad/s^2] of x (ln k, theta0, omega0), limited to 0.5 to 5000."""
         return math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
 
     def residual(x: Array) -> Array:
-        """Weighted residuals (n,) at x: ln k, theta0, omega0."""
+        """Weighted residuals (n,) of theta at x: ln k, and theta0 [rad], omega0 [rad/s] at time 0."""
         nonlocal columns
         model, _, columns = trajectory(tip.time, phi, rate(x), float(x[1]), float(x[2]), tip.radius)
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
-        """Derivatives (n, 3) of the residuals by x, from the columns of the last residuals."""
+        """Derivatives (n, 3) of the weighted residuals by x, kept from the last call of `residual`."""
         part = -columns[:, 1:] * tip.weight[:, None]
         part[:, 0] *= rate(x)
         return np.clip(part, -1e9, 1e9)

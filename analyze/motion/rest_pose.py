@@ -45,13 +45,14 @@ def rest_pose(
 ) -> tuple[Array, Array]:
     """Rotation R_camera_marker (3, 3) and position p_camera_marker (3,) [m] of a marker at rest.
 
-    They map the marker frame to the camera frame. If the marker's place on the object is unknown, the
-    solution for the mean corners nearest to the tracked pose is taken, without a prior.
+    They map the marker frame to the camera frame, and fit the median corners, with the planned orientation as
+    a prior. If the marker's place on the object is unknown there is no prior: of the two poses that fit a
+    square, the one nearer to the tracked pose is taken; if the corners give no pose, the tracked one.
 
     Args:
         corners_ideal: (n, 4, 2) corners in the still frames [ideal px: without lens distortion].
         track: the marker's track, with the pose solution chosen by the motion.
-        still: (frames of the track,) True for its still frames.
+        still: (frames of the track,) True for its still frames, of which there is at least one.
         marker: marker with its place on the object, if known.
         camera: camera with its pose in the world frame W.
         R_world_object: (3, 3) nominal rotation from object frame O to W.
@@ -74,7 +75,10 @@ def rest_pose(
     def linearise(pose: tuple[Array, Array]) -> Linearised:
         # The rotation is R exp(w): derivatives about the marker's own axes, so that the prior separates tilt
         # from direction.
-        """Weighted residuals (11,) at a pose, and their derivatives (11, 6) by turn and position."""
+        """Residuals (11,) at a pose over their sd, and derivatives (11, 6) by turn [rad] and position [m].
+
+        The residuals are those of eight corner coordinates and of the three angles of the prior.
+        """
         R, p = pose
         in_camera = points @ R.T + p
         by_translation = project_jacobian(camera, in_camera)

@@ -37,8 +37,9 @@ def rolling_curve(
         planned: the planned strike, with the rounding of its edge.
 
     Returns:
-        The support function of the section itself if it is curved there, or of a circle of the edge's
-        rounding if that is large (or a round rim's); and the reason in words.
+        The support function (height of the pivot over the table against the tipping angle) of the section
+        itself if it is curved there, or of a circle of the edge's rounding if that is at least 2.5 mm (or a
+        round rim's, of any radius above 0); and the reason in words.
     """
     radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
     if section is not None and is_curved(section, planned.phi_predicted_rad):
@@ -52,9 +53,10 @@ def rolling_curve(
 
 
 def is_curved(section: SupportFunction, phi: float) -> bool:
-    """True if the section is a curve where it touches, from rest to past a balance at `phi` [rad].
+    """True if the section is a curve where it touches the table, from rest to 25 deg past `phi`.
 
-    False for a corner, for a curve over less than 15 deg, or with a flat face (a bevel) of over 0.5 mm in it.
+    `phi` is the balance angle [rad]. False for a corner, for a curve over at most 15 deg, or with a flat face
+    (a bevel) of 0.5 mm or more in it.
     """
     last = phi + _PAST_PHI
     return (

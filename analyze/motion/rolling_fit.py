@@ -3,10 +3,10 @@
 The equations are those of rolling_motion.py. phi is the tipping angle at which the centre of mass c stands
 over the contact. The centre of curvature of the section, at the point that touches at phi, replaces a hinge's
 centre line p: near phi the section rolls like the circle about that point. With R the distance of c from
-there, rho that circle's radius and I_c the inertia about the axis through c, k = g R / (I_c / m + (R +
-rho)^2) as for a hinge, and the plane through that point at phi holds c (docs/decisions/0017). On a circle the
-motion determines phi and k alone. On any other curve it depends on R too, which is a fifth unknown with a
-wide prior: c is expected near the section's middle.
+there, rho that circle's radius, m the mass and I_c the inertia about the axis through c, the rate of the tip
+is k = g R / (I_c / m + (R + rho)^2) [rad/s^2] as for a hinge, and the plane through that point at phi
+contains c (docs/decisions/0017). On a circle the motion determines phi and k alone. On any other curve it
+depends on R too, which is a fifth unknown with a wide prior: c is expected near the section's middle.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 ESTIMATOR = "rolling_fit"
 """name of this estimator"""
 _SOLID_RATIO = 1.35
-"""J over a^2 + b^2 of a solid body; on a circle the motion does not depend on it"""
+"""J / (a^2 + b^2) of a solid body, with c at (-b, a) from the pivot point and J = I_c / m + a^2 + b^2; on a
+circle the motion does not depend on it"""
 _GYRATION_RATIO = 5.0
 """I_c / m over the variance of c's expected position: a fifth of the section's area"""
 _VAGUE_SD_RATIO = 1.0
@@ -59,8 +60,10 @@ _STEPS = 1e-5 * _SCALE
 def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFunction) -> MotionFit:
     """Fit a body that rolls on a known section to theta(t) over one window.
 
-    Five parameters are fitted: 1 / J, a / J, b / J (the body: centre of mass c at (-b, a) from the pivot
-    point, J = I_c / m + a^2 + b^2), theta and its rate at the window's first frame.
+    Five parameters are fitted: 1 / J, a / J, b / J, and theta0 and omega0, theta and its rate at the window's
+    first frame. The body's centre of mass c is at (-b, a) [m] from the pivot point at rest (x in the
+    direction of tipping, z up), and J = I_c / m + a^2 + b^2, I_c / m the inertia per mass about the axis
+    through c.
 
     Args:
         angle: tipping angle theta(t) of the strike.
@@ -68,8 +71,9 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
         section: the body's cross-section about the pivot point.
 
     Returns:
-        The fit: balance angle phi [rad], k [rad/s^2], theta0, omega0, the (2, 2) covariance of (phi, k),
-        residuals, and in `rolling` the circle of curvature at phi.
+        The fit: balance angle phi [rad], rate k [rad/s^2], theta0 [rad], omega0 [rad/s], the (2, 2)
+        covariance of (phi, k), residuals of theta [rad], and in `rolling` the section's circle of curvature
+        at phi.
 
     Raises:
         EstimationError: the window has too few frames, the body has no balance on the section, or k is
@@ -123,8 +127,9 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
     """Prior of the centre of mass: near the middle of a known section, otherwise wide.
 
-    Without a known section it lies in the direction of the first guess of the balance angle, at the distance
-    that a solid body with the first guess of k has, with an sd of that distance.
+    For a circle of unknown section (`middle_sd` infinite) it lies in the direction of the sample's first
+    guess of the balance angle, at the distance that a solid body with the first guess of k has, with an sd of
+    that distance.
     """
     if math.isfinite(section.middle_sd):
         ahead, above = section.middle
@@ -138,9 +143,10 @@ def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
 
 
 def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
-    """Ratio of profiled to linearised interval of balance angle phi, for a similar hinge; at least 1.
+    """Ratio of profile-likelihood to linearised interval of the balance angle phi; at least 1.
 
-    The hinge has the same phi and k as the rolling fit, and its residuals. 1 if phi's sd is at most 0.3 deg.
+    It is computed for a hinge (edge in place) with the phi, k and residuals of the rolling fit. 1 if phi's sd
+    is at most 0.3 deg.
 
     Args:
         sample: the fitted part of theta(t).

@@ -1,13 +1,15 @@
 """First guess for a rolling contact, by linear least squares on the integrated equation of motion.
 
 `pendulum.first_guess` is the equivalent for a hinge. With theta the tipping angle, rho the section's radius
-of curvature, and x = (1, a, b) / J, m and f as in rolling_motion (centre of mass at (-b, a) from the pivot
-point; m and f depend on the section alone),
+of curvature, and the unknowns x = (1, a, b) / J of the body (centre of mass at (-b, a) from the pivot point,
+J its inertia per mass about that point),
 
-    theta + x . M(theta) + x . II f (g - rho theta'^2) = theta0 + c t
+    theta + x . M(theta) + x . II f (g - rho theta'^2) = theta0 + v t
 
-with M the integral of m over theta, II the double integral over time, and constants theta0 and c; only the
-small term with rho needs a speed, taken from a polynomial.
+Two functions of theta that depend on the section alone enter: m, such that J (1 + m . x) is the inertia per
+mass about the contact, and f, such that J f . x is the horizontal distance from the centre of mass to the
+contact. M is the integral of m over theta, II the double integral over time, theta0 and v are constants; only
+the small term with rho needs a speed, taken from a polynomial.
 """
 
 # scipy is only partly typed.
@@ -33,7 +35,7 @@ _SPEED_DEGREE = 6
 _GRID_ANGLES = 200
 """number of angles of the integral over theta"""
 _INERTIA_SD_SHARE = 0.5
-"""standard deviation of 1 / J over its expected value"""
+"""standard deviation of 1 / J over its expected value, with J the inertia per mass about the pivot point"""
 _DRIFT_RAD, _NOISE_FACTOR = 2e-3, 5.0
 """error of the integrals over noisy angles: a constant [rad], and a multiple of the noise"""
 
@@ -49,7 +51,7 @@ class ComPrior:
     sd: float
     """standard deviation of either offset [m]"""
     J: float
-    """expected I_c / m + distance^2 [m^2], with a standard deviation of half of it"""
+    """expected inertia per mass about the pivot point [m^2]; its reciprocal has a relative sd of 50 %"""
 
     def rows(self) -> Array:
         """Coefficients (3, 3) of the prior on (1 / J, a / J, b / J), each row divided by its sd.
@@ -76,8 +78,9 @@ def first_rolling_guess(
 ) -> Array:
     """First guess (5,) of 1 / J, a / J, b / J, theta0, omega0 [1/m^2, 1/m, 1/m, rad, rad/s].
 
-    Centre of mass c at (-b, a) from the pivot point at rest, J = I_c / m + a^2 + b^2, theta0 and omega0 the
-    tipping angle and its rate at the first time.
+    Centre of mass c at (-b, a) from the pivot point at rest (x in the direction of tipping, z up), J = I_c /
+    m + a^2 + b^2 with I_c / m the inertia per mass about c, theta0 and omega0 the tipping angle and its rate
+    at the first time.
 
     Args:
         time: (n,) time [s].

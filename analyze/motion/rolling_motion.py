@@ -1,16 +1,16 @@
 """Motion of a body that rolls on a curved section, in linear parameters x, and its phi and k.
 
-theta is the tipping angle, phi the balance angle, k = m g R / I_edge the rate at balance. With the centre of
-mass c at (-b, a) from the pivot point p at rest (x in the direction of tipping, z up), I_c the inertia about
-the axis through c, J = I_c / m + a^2 + b^2, s the height of c over the table, s' the horizontal distance from
-c to the contact, rho the section's radius of curvature there and M = I_c / m + s^2 + s'^2, rolling without
-sliding means (method 3)
+theta is the tipping angle, phi the balance angle, k [rad/s^2] the rate of the tip at balance. With the centre
+of mass c at (-b, a) from the pivot point p at rest (horizontal in the direction of tipping, and up), m the
+mass, I_c the inertia about the axis through c, J = I_c / m + a^2 + b^2, s the height of c over the table, s'
+the horizontal distance from c to the contact, rho the section's radius of curvature there and M = I_c / m +
+s^2 + s'^2, rolling without sliding means (method 3)
 
     M theta'' = -s' (g + rho theta'^2)
     M / J = 1 + m(theta) . x,    s' / J = f(theta) . x,    x = (1, a, b) / J
 
-m and f depend on the section alone. Integrated are theta and the moment of momentum about the contact per
-mass,
+The functions m and f depend on the section alone. Integrated are theta and the moment of momentum about the
+contact per mass,
 
     Omega = M theta',    Omega' = -s' (g - rho theta'^2)
 """
@@ -80,7 +80,10 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
     found[0] = theta
 
     def rate(state: Array) -> Array:
-        """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega / J [rad/s]."""
+        """Time derivative (2, c) of the state: tipping angle [rad], and speed times (1 + m . x) [rad/s].
+
+        1 + m . x is the inertia about the contact over J.
+        """
         theta, turn = state
         h, ahead, radius = section.evaluate(theta)
         cos, sin = np.cos(theta), np.sin(theta)
@@ -100,6 +103,8 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
 def balance_angle(section: SupportFunction, body: Array) -> float | None:
     """Least tipping angle [rad] at which c passes over the contact; None if it never does up to 2 rad.
 
+    It is accurate to 0.3 deg: the last angle of a grid before the passage.
+
     Args:
         section: support function of the section on which the body rolls.
         body: (3,) 1 / J, a / J, b / J: centre of mass c at (-b, a) from the pivot point, J = I_c / m + a^2 +
@@ -114,7 +119,9 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
 def balance_parameters(section: SupportFunction, body: Array, start: float) -> tuple[Array, Array]:
     """Balance angle phi [rad] and k [rad/s^2], (c,) each, of c bodies; NaN where a body has none.
 
-    k = m g R / I_edge, R the distance of the centre of mass from the section's centre of curvature at phi.
+    k = g R / (I_c / m + (R + rho)^2), with R the distance of the centre of mass from the section's centre of
+    curvature at phi, rho the radius of curvature there and I_c / m the inertia per mass about the centre of
+    mass.
 
     Args:
         section: support function of the section.
@@ -140,6 +147,8 @@ def balance_parameters(section: SupportFunction, body: Array, start: float) -> t
 
 def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float, omega: float) -> float:
     """Energy ratio: energy at (theta, omega) over that at balance phi, both relative to rest at theta = 0.
+
+    The first is kinetic plus potential energy, the second potential energy; 1 just reaches the balance.
 
     Args:
         section: support function of the section on which the body rolls.

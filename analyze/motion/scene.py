@@ -58,10 +58,10 @@ class Scene:
 def read_scene(
     frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)
 ) -> Scene:
-    """Find the markers of `families` in one image, with corners refined to sub-pixel accuracy.
+    """Find the markers in one image, with sub-pixel corners [raw px], and measure its brightness.
 
-    A marker whose edges cannot be fitted keeps the detector's corners; of a marker found twice, the larger
-    contour is kept and its id noted.
+    A marker whose edges cannot be fitted keeps the detector's corners. Of a marker found twice, the larger
+    view is kept, and its id is listed in `duplicate_ids`.
 
     Args:
         frame: the image, with its time.
@@ -88,9 +88,11 @@ def read_scene(
 
 
 def at_rest(scenes: Sequence[Scene]) -> bool:
-    """True if nothing has moved over the last quarter of a second (one interval of the previews).
+    """True if nothing has moved over the last 0.24 s (one interval of the preview images).
 
-    False also if the images do not cover that time, or if different markers are seen in them.
+    Nothing has moved if no marker's corner is off by more than 0.3 px, or, with no marker in view, the grey
+    levels by more than 5 on average. False also if there are fewer than two images over that time, or if
+    different markers are seen in them.
 
     Args:
         scenes: markers of successive images, in order of time.
@@ -134,8 +136,9 @@ def check_placement(
             view.
 
     Returns:
-        Angle to the planned orientation, and an instruction to the user; the angle is None, with the reason
-        as text, if a marker is in view twice or no marker with a known place is in view.
+        Angle to the planned orientation [rad], and an instruction to the user, empty below 8 deg. The angle
+        is None, with the reason as text, if a marker is in view twice, or if no marker in view has both a
+        known place on the object and a pose.
     """
     wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
     if scene.duplicate_ids:
@@ -175,10 +178,10 @@ def check_placement(
 def _pose_near_plan(
     corners_ideal: Array, marker: Marker, camera: CameraModel, R_world_object: Array
 ) -> Array | None:
-    """Rotation R_camera_marker (3, 3) of a marker; None if its corners are not the view of a square.
+    """Rotation (3, 3) from a marker's frame to the camera frame; None if its corners give no finite pose.
 
-    If both pose solutions of the square fit the image and the marker's place on the object is known, the one
-    nearer the plan is taken, otherwise the one that fits better.
+    A square has two pose solutions. If both fit the image and the marker's place on the object is known, the
+    one nearer the plan is taken, otherwise the one that fits better.
 
     Args:
         corners_ideal: (4, 2) corners without lens distortion [ideal px].

@@ -15,7 +15,7 @@ class WindowLimits:
     guard_frames: int = 2
     """number of frames left out after the impact, because the striker may still touch the object"""
     guard_s: float = 0.008
-    """least time left out after the impact [s]; it decides at frame rates above 240 Hz"""
+    """least time left out after the impact [s]; it decides at frame rates above 250 Hz"""
     past_phi: float = math.radians(25.0)
     """angle past the balance angle phi [rad] at which the window ends; beyond it the edge may lose its grip
     and slide"""

@@ -39,8 +39,8 @@ def _smooth(values: Array, points: int) -> Array:
 def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array]:
     """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] of the tipping angle theta(t).
 
-    They are central differences of moving means. A moving mean across missing frames would be biased. They
-    are interpolated by a cubic spline first, and left out of the result.
+    They are central differences of moving means. A moving mean across missing frames would be biased: missing
+    frames are interpolated by a cubic spline first, and left out of the result.
 
     Args:
         angle: theta(t) of n frames.
@@ -84,7 +84,7 @@ def acceleration_noise(points: int) -> float:
 def sign_change(
     angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None
 ) -> MotionFit:
-    """Balance angle phi as the paper estimates it, from theta(t) over one window.
+    """Balance angle phi by the estimator of VISAPP 2013 (section 3.2.1), from theta(t) over one window.
 
     phi is the tipping angle theta at the second sign change of its acceleration alpha. The sd of phi is
     sd(alpha) over the slope of alpha by theta, at the crossing. With a `fit` of the same motion the slope is

@@ -1,9 +1,9 @@
 """True frame rate of slow-motion videos, found by analysing strikes at the usual slow-motion ratios.
 
-If the stated times are up to about ten times too slow, a strike is analysed as it is, and its rate k = m g R
-/ I_edge, which scales with the square of the frame rate, shows the ratio (estimation/rate.py). Beyond that
-the motion is not a tip by the stated times: the object seems to stand still after the impact, or to fall
-without end. At the right ratio it is a tip.
+If the stated times are up to about ten times too slow, a strike is analysed as it is, and the rate k
+[rad/s^2] of its tip, which scales with the square of the frame rate, shows the ratio (estimation/rate.py).
+Beyond that the motion is not a tip by the stated times: the object seems to stand still after the impact, or
+to fall without end. At the right ratio it is a tip.
 """
 
 from __future__ import annotations
@@ -51,8 +51,10 @@ def slow_motion_ratio(
 ) -> int | None:
     """Ratio of true to stated frame rate at which the motion of a strike is a tip, or None.
 
-    None if it is a clean tip at the stated rate, if the object turned by less than 15 deg, or if it is a tip
-    at none of the ratios `RATE_RATIOS`.
+    Tried are those of the ratios 8, 16, 32 and 64 at which the object's rise takes 0.4 to 2.5 times the time
+    expected from `k_predicted`. None if the motion is a clean tip at the stated rate, if it has no tipping
+    angle or turned by less than 15 deg, or if at none of these ratios it is a clean tip with a k within a
+    factor of 4 of `k_predicted`.
 
     Args:
         motion: motion by the stated times.
@@ -60,7 +62,8 @@ def slow_motion_ratio(
         markers: the object's markers.
         camera: camera with its pose in the world frame W.
         task: the strike as planned and as carried out.
-        k_predicted: rough prediction of k = m g R / I_edge [rad/s^2].
+        k_predicted: rough prediction of the rate k of the tip [rad/s^2], k = m g R / I_edge with mass m,
+            gravity g, distance R of the centre of mass from the edge, and moment of inertia I_edge about it.
     """
     if (
         motion.verdict is Verdict.GOOD
@@ -84,7 +87,7 @@ def slow_motion_ratio(
 
 
 def _rise_time_s(angle: TipAngle) -> float:
-    """Time from the first motion to 90 % of the largest tipping angle, by the stated times [s]."""
+    """Time [s], as stated, from the last frame below 0.5 deg to 90 % of the largest tipping angle."""
     theta = angle.theta
     end = int(np.argmax(theta >= 0.9 * float(theta.max())))
     start = np.max(np.flatnonzero(theta[: end + 1] <= MOVED_RAD), initial=0)
@@ -96,7 +99,7 @@ def _tip_time_s(phi: float, k: float) -> float:
 
     Args:
         phi: balance angle [rad].
-        k: rate of the tip, m g R / I_edge [rad/s^2].
+        k: rate of the tip [rad/s^2].
     """
     theta = np.linspace(0.0, phi + FALL_RAD, 200)
     rate = np.sqrt(2 * k * (SPARE_ENERGY * (1 - math.cos(phi)) + 1 - np.cos(phi - theta)))
@@ -104,7 +107,7 @@ def _tip_time_s(phi: float, k: float) -> float:
 
 
 def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
-    """Track with its times divided by `ratio`, thinned to 100 to 200 frames if it has more.
+    """Track with its times divided by `ratio`, thinned to fewer than 200 frames if it has more.
 
     A rough k and verdict need few frames.
     """

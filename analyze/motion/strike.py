@@ -1,7 +1,8 @@
 """Analysis of one strike: from marker tracks to balance angle phi, k and a verdict.
 
 A strike is one impact that tips the object about an edge; phi is the tipping angle at which its centre of
-mass stands above that edge, k = m g R / I_edge the rate of the tip.
+mass stands above that edge, k = m g R / I_edge [rad/s^2] the rate of the tip (mass m, gravity g, R the
+distance of the centre of mass from the edge, I_edge the moment of inertia about the edge).
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _MIN_SEEN_NS = 200_000_000
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
-    """Planned pose of the object and pivot point of a strike, as arrays."""
+    """Planned pose of the object in the world frame W, and its pivot point and rounding, as arrays [m]."""
     return Placement(
         R_world_object=np.array(planned.R_world_object, dtype=float),
         p_world_object=np.array(planned.p_world_object, dtype=float),
@@ -74,8 +75,8 @@ def analyse_strike(
         settings: limits; None for the defaults.
 
     Returns:
-        The motion with its verdict; tipping angle, phases and fit are None where they could not be
-        determined.
+        The motion with its verdict; tipping angle, phases, fit and energy ratio are None where they could
+        not be determined.
     """
     settings = settings or MotionSettings()
     if (unseen := _judge_unseen(task)) is not None:
@@ -97,7 +98,8 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         settings: limits of the fit's window, of a clean tip and of the contact.
 
     Returns:
-        The motion with its verdict; the fit is None if nothing fits or the balance angle is too uncertain.
+        The motion with its verdict. Fit and energy ratio are None if the object did not tip, nothing fits, or
+        the balance angle is too uncertain; tipping angle and phases too if the images end too early.
     """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
@@ -142,8 +144,8 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 def verdict_of(motion: TipMotion) -> StrikeVerdict:
     """Verdict on an analysed strike in the form in which the session reports it.
 
-    It holds code, reason, balance angle phi with its sd [rad] (None without a fit), energy ratio, and the
-    largest tipping angle [rad] if the object rocked back, otherwise None.
+    It holds code and reason; balance angle phi and its sd [rad] and the energy ratio, None without a fit; and
+    the largest tipping angle [rad] of an object that rocked back, None for other verdicts or if unknown.
     """
     fit, top = motion.fit, None
     if (
@@ -165,7 +167,7 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
 
 
 def _judge_unseen(task: StrikeTask) -> Judgement | None:
-    """Verdict "unreadable" if the images end before a tip could show in them; None if they do not.
+    """Verdict "unreadable" if a strike has no images up to 0.2 s after the contact; None if it has.
 
     Such a strike must not be reported as "not moved". None also if the end of the images is unknown, or there
     are images and no measured contact time.
@@ -180,9 +182,10 @@ def _judge_unseen(task: StrikeTask) -> Judgement | None:
 
 
 def end_of_rest_ns(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
-    """log_time [ns] at which rest ends: shortly before the contact, or at a marker's earlier motion.
+    """log_time [ns] at which rest ends: 4 ms before the contact, or at a marker's earlier motion.
 
-    If neither is known it is just after the last tracked frame; 0 without tracks.
+    Without a known contact time and without motion it is 1 ns after the last tracked frame; then 0 if there
+    are no tracks either.
 
     Args:
         tracks: the object's markers.
@@ -209,8 +212,8 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 
     Args:
         angle: theta(t).
-        course: its events.
-        reason: why no fit was possible, for the verdict "unreadable".
+        course: its events (first motion, release, top, end).
+        reason: why no fit was possible; it becomes the reason of the verdict "unreadable".
     """
     if course.came_back and course.top_frame is not None:
         top = math.degrees(float(angle.theta[course.top_frame]))
@@ -305,7 +308,7 @@ def _result(
 
 
 def _energy_ratio(fit: MotionFit) -> float:
-    """Energy of the strike over the energy needed to reach balance, of a hinge or rolling contact."""
+    """Energy of the strike over the energy needed to reach the balance, for a hinge or a rolling contact."""
     return (
         fit.rolling.energy_ratio
         if fit.rolling

@@ -80,8 +80,9 @@ class SupportFunction:
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
         """Support function h, its derivative h' and radius rho [m] at tipping angles, interpolated.
 
-        h is the height of the pivot point over the table, h' the horizontal distance from it to the contact.
-        Beyond the grid the values at its ends are taken.
+        h is the height of the pivot point over the table, h' the horizontal distance from it to the contact
+        in the direction of tipping, rho the radius of curvature at the contact. Beyond the grid the values at
+        its ends are taken.
 
         Args:
             theta: (...) tipping angles [rad]; each result has this shape.
@@ -242,7 +243,8 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
 def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: float) -> tuple[Array, Array]:
     """Lowest corner, or centre of its rounding, (n, 2) [m], and the rounding's radius (n,) [m].
 
-    Both are for each of n tipping angles. Corners that are part of a curve stay sharp.
+    Both are for each of n tipping angles; the points are in the outline's coordinates, those of the body at
+    rest. Corners that are part of a curve stay sharp.
 
     Args:
         outline: the cross-section, with coordinates relative to the pivot point.

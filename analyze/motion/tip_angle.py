@@ -65,7 +65,8 @@ class PlanarMotion:
     """Motion of a strike in the plane across the pivot axis, and its deviations from a pure tip."""
 
     angle: TipAngle
-    """tipping angle theta, slip (sliding of the edge along the table) and rotation about other axes"""
+    """tipping angle theta since rest, slip (sliding of the edge along the table) and rotation about other
+    axes"""
     lift: Array
     """(n,) height of the pivot over its position at rest [m]"""
     position_sd: Array
@@ -170,9 +171,9 @@ def tip_angle(
 def _random_scale(theta: Array, sd: Array) -> float:
     """Ratio of the scatter of theta between neighbouring resting frames to its stated standard deviation.
 
-    It is shrunk towards 1 if frames are few. Residuals within a frame do not measure it: their systematic
-    part (from a lens, a code or a placement that is not quite as modelled) is the same in all frames, so that
-    it moves theta's zero but does not add scatter.
+    It is shrunk towards 1 if frames are few; 1 for fewer than five. Residuals within a frame do not measure
+    it: their systematic part (from a lens, a code or a placement that is not quite as modelled) is the same
+    in all frames, so that it moves theta's zero but does not add scatter.
 
     Args:
         theta: (n,) tipping angle of the resting frames [rad].
@@ -279,7 +280,8 @@ class _Solution:
     """Fitted displacement of every frame, with p = 3 (planar motion) or 6 (full motion) unknowns."""
 
     x: Array
-    """(n, p) theta, x, z[, yaw, roll, y] [rad, m]"""
+    """(n, p) theta and the pivot's displacement x (across the axis) and z (up); for p = 6 also the rotations
+    yaw (about the vertical) and roll (about x), and the displacement y along the axis [rad, m]"""
     covariance: Array
     """(n, p, p) covariance of a frame's x"""
     chi2: Array
@@ -306,6 +308,8 @@ def _rotated(points: Array, axis: Array, theta: Array) -> Array:
 
 def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel) -> _Solution:
     """Fit of a planar motion: theta, and the pivot's displacement along and off the table, in every frame.
+
+    theta is the tipping angle [rad]; the displacements are horizontal across the pivot axis and up [m].
 
     Args:
         views: corners of all markers in all frames.

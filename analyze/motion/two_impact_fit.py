@@ -34,11 +34,11 @@ class TwoImpactFit:
     """Pendulum fitted to a tip whose angular speed jumps at one frame."""
 
     fit: MotionFit
-    """balance angle phi, k and the motion before the jump"""
+    """balance angle phi, rate k of the tip, and theta0 and omega0 at the window's first frame"""
     index: int
-    """frame of the tipping angle at which the speed jumped"""
+    """index, into the strike's frames, of the frame at which the speed jumped"""
     size: float
-    """jump in speed [rad/s]"""
+    """jump in angular speed [rad/s]"""
     gain: float
     """squared ratio of the jump to its standard deviation, a chi^2 with one degree of freedom"""
 
@@ -46,12 +46,13 @@ class TwoImpactFit:
 def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> TwoImpactFit | None:
     """Best fit of the pendulum with one jump in speed; None if no such motion fits theta(t).
 
-    None also if the window has too few frames, or if the residuals of the best fit are far above the noise.
+    None also if the window has fewer than 8 frames, or if the mean squared residual of the best fit is at
+    least 6 times the frames' variance.
 
     Args:
         angle: tipping angle theta(t) of the strike.
         window: frames [start, stop).
-        radius: radius of the edge's rounding [m].
+        radius: radius of the edge's rounding [m]; 0 for a sharp edge.
     """
     try:
         sample = cut_sample(angle, window, 5)
@@ -87,7 +88,8 @@ def _theta_with_jump(time: Array, frame: int, radius: float, sets: Array) -> Arr
         time: (n,) times [s].
         frame: index of the jump.
         radius: radius of the edge's rounding [m].
-        sets: (c, 5) balance angle phi, k, theta0, omega0 and jump [rad, rad/s^2, rad, rad/s, rad/s].
+        sets: (c, 5) balance angle phi, rate k of the tip, theta0 and omega0 (tipping angle and speed at the
+            first time), and jump in speed [rad, rad/s^2, rad, rad/s, rad/s].
     """
     still = np.zeros_like(time)
     return driven_theta(time, sets, still, still, radius, jump=(frame, sets[:, 4]))

@@ -211,7 +211,7 @@ def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: fl
 
 
 def _smooth_peak(values: Array, sd: Array) -> float:
-    """Largest running median over five values, less twice the mean of their sd there; at least 0.
+    """Largest running median over five values, less twice the mean of their sd; at least 0.
 
     In the unit of the values; 0 if there are none.
 
