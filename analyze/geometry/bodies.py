@@ -20,22 +20,23 @@ body they touch."""
 
 @dataclass(frozen=True)
 class Body:
-    """One closed body of a mesh file, in the object frame O."""
+    """One body of a mesh file, in the object frame O; closed unless it has open edges."""
 
     properties: MassProperties
     """Mass properties as a uniform solid, in O."""
     vertices: Array
     """(n, 3) vertices of the whole mesh [m], in O."""
     faces: IntArray
-    """(f, 3) faces of this body, counter-clockwise from outside."""
+    """(f, 3) faces of this body and its cavities, counter-clockwise from outside the material."""
     open_edges: int
     """Number of open edges; 0 if the body is closed."""
 
 
 def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> list[Body]:
-    """Closed bodies of an object's mesh file, largest first, with cavities subtracted from hollow ones.
+    """Bodies of an object's mesh file, largest first, with cavities subtracted from hollow ones.
 
-    A cavity is a body of the opposite winding inside a larger one.
+    A body is a connected part of the mesh; whether it is closed is not checked, but reported as
+    `Body.open_edges`. A cavity is a body of the opposite winding inside a larger one.
 
     Args:
         spec: Object, for its shape's unit.
@@ -89,14 +90,14 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
 
 
 def _with_seams(faces: IntArray, body: IntArray) -> IntArray:
-    """Body (f,) of each face, numbered from 0, with loose faces added to the body that they touch most.
+    """Number (f,) of each face's body, from 0, with loose faces added to the body that they touch most.
 
     Loose faces belong to a part of fewer than `MIN_FACES`; they go to the larger part that shares most of
     their corners. If all parts are that small, they count as one body.
 
     Args:
         faces: (f, 3) indices of the corners of each face.
-        body: (f,) connected part of the mesh to which each face belongs.
+        body: (f,) number of the connected part of the mesh to which each face belongs.
     """
     sizes = np.bincount(body)
     large = np.flatnonzero(sizes >= MIN_FACES)

@@ -31,6 +31,7 @@ MAX_UNPACKED_RATIO = 100
 PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{letter}{size}" for kind, letter in (("I", "i"), ("U", "u")) for size in (1, 2, 4, 8)
 }
+"""numpy type of a PCD file's numbers by kind (float, integer, unsigned) and size [bytes]."""
 
 
 def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, ...]]:
@@ -44,7 +45,7 @@ def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, .
         suffix: Format, one of `FORMATS`.
 
     Returns:
-        Points (n, 3), and notes on decimal commas and on what was left out.
+        Points (n, 3) in the file's unit, and notes for the user on decimal commas and on what was left out.
 
     Raises:
         ShapeError: the file is not readable, its decimal separator is ambiguous, or it has fewer than
@@ -124,10 +125,11 @@ def _xyz(data: bytes) -> Array:
 
 
 def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
-    """Text of an XYZ file with decimal points for decimal commas, and True if it had any.
+    """Text of an XYZ file with decimal points for decimal commas, and True if it had decimal commas.
 
-    Commas are decimal if semicolons or blanks separate three or more columns, each with at most one comma.
-    The first two lines, which may have column names, are not considered.
+    Without them it is returned as it is. Commas are decimal if semicolons or blanks separate three or more
+    columns, each with at most one comma. The first two lines, which may have column names, are not
+    considered.
 
     Args:
         data: Content of the file.
@@ -266,7 +268,8 @@ def _lzf(packed: bytes, size: int) -> bytes:
         size: Size of the result [bytes].
 
     Raises:
-        ValueError: the result has another size, or a copy starts before the beginning.
+        ValueError: the result has another size, or a copy starts before the beginning; cut data raise
+            IndexError too.
     """
     out = bytearray()
     at = 0

@@ -36,7 +36,7 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
 
     The noise is the scatter in the flattest quarter of small patches, about a quadric. Patches are enlarged
     until their radius exceeds 4 sd, or they would include the shape: smaller ones lie within the noise and
-    underestimate it.
+    underestimate it. Clouds of fewer than 96 points have the noise 0.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -66,7 +66,8 @@ def patch_scatter(patches: Array) -> Array:
     """1 sigma (p,) [m] of the points of each patch across the quadric fitted to it.
 
     Args:
-        patches: (p, k, 3) k > 6 points of each patch [m]; heights are taken over the patch's plane.
+        patches: (p, k, 3) k > 6 points of each patch [m]; the quadric is one of heights over the patch's
+            least-squares plane.
     """
     many = patches.shape[1]
     centred = patches - patches.mean(axis=1, keepdims=True)

@@ -41,12 +41,12 @@ def rim_of_face(
     """Points (k, 3) [m] of the rim in which curved walls, extrapolated, meet a face.
 
     Each wall is continued along its tangent from its lowest smoothed points. If the points of the rim lie on
-    a circle, they are replaced by a regular polygon on it. The result is empty if no wall comes near the
-    face.
+    a circle, they are replaced by a regular polygon on it. The result is empty if fewer than three smoothed
+    points lie close below the face on a wall steeper than `MIN_STEEPNESS`.
 
     Args:
         smoothed: (n, 3) smoothed points of the walls [m].
-        normals: (n, 3) unit normals there.
+        normals: (n, 3) unit normals of the walls there, of either sign.
         plane: Plane of the face.
         planes: Planes of all faces; the rim lies inside them.
         sd: 1 sigma of the noise [m].
@@ -71,9 +71,10 @@ def rim_of_face(
 def rim_within_outline(
     rim: Array, points: Array, plane: FittedPlane, sd: float, spacing: float
 ) -> tuple[Array, bool]:
-    """Limit a rim to the outline of its face's points.
+    """Limit the rim of a planar face to the outline of the face's points.
 
-    A low wall, extrapolated from above its top, meets the face beyond its points. The noise moves the outline
+    A wall too low to have points of its own is extrapolated from the surface above it, and then meets the
+    face beyond the face's points. The noise moves the outline
     of the points outwards by about `OUTLINE_NOISE_SDS` sd; where they are sparse, the outermost ones lie up
     to a spacing inside the true outline.
 
@@ -85,7 +86,8 @@ def rim_within_outline(
         spacing: Distance of neighbouring points [m].
 
     Returns:
-        Points (k, 3) [m] of the rim, and True if they were changed.
+        Points (k, 3) [m] of the rim, and True if they were changed; they are not if all lie within a spacing
+        and one sd of the outline, or the face has fewer than `MIN_OUTLINE_POINTS` points.
     """
     face = points[np.abs(plane.heights(points)) <= FACE_BAND_SCATTERS * plane.scatter]
     if not len(rim) or len(face) < MIN_OUTLINE_POINTS:
@@ -105,12 +107,12 @@ def rim_within_outline(
 
 
 def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
-    """Rim (k, 3) [m], replaced by a regular polygon if a circle fits it (Kasa 1976, trimmed).
+    """Points of a rim, replaced by a regular polygon if a circle fits them (Kasa 1976, trimmed).
 
     Args:
         rim: (k, 3) points of the rim [m], in the plane.
         plane: Plane of the face.
-        tolerance: Largest rms distance of the points from the circle [m].
+        tolerance: Largest rms distance [m] of the points from the circle, outliers excepted.
 
     Returns:
         The corners (`CIRCLE_SIDES`, 3) [m] of the polygon, or `rim` if no circle fits, the points leave a gap

@@ -64,7 +64,7 @@ MIN_TABLE_SHARE = 0.15
 
 @dataclass(frozen=True, eq=False)
 class CloudSurface:
-    """Closed convex surface fitted to a point cloud, with the quality of the fit."""
+    """Closed convex surface fitted to a point cloud, in the cloud's frame, with the quality of the fit."""
 
     vertices: Array
     """(n, 3) vertices [m]."""
@@ -79,7 +79,7 @@ class CloudSurface:
     strays: int
     """Number of stray points left out."""
     hollow_share: float
-    """Fraction of the points deep below the hull."""
+    """Fraction of the points in hollows: deeper below the hull than 4 sd and `MIN_HOLLOW_DEPTH`."""
     hollow_depth: float
     """99 % quantile of the depth of these points [m]; 0 if there are none."""
     scanned: ScannedSurface
@@ -99,7 +99,7 @@ def cloud_surface(points: Array) -> CloudSurface:
         points: (n, 3) points [m]; the result is in their frame.
 
     Raises:
-        ValueError: the points lie in one plane or are too few.
+        ValueError: the points lie in one plane, or there are fewer than 50.
     """
     kept, strays = _without_strays(points)
     try:
@@ -245,7 +245,8 @@ def _corners(
 ) -> Array:
     """Places (k, 3) [m] along the edges, and corners, of the body that the fitted planes bound.
 
-    Only places with points of the cloud nearby are returned; none if there are no planes.
+    Only places with points of the cloud nearby are returned; none if there are no planes, or they bound no
+    body.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -311,7 +312,7 @@ def _smoothed(
 
     Returns:
         Smoothed points (k, 3) [m], unit normals (k, 3) there (either sign), and the points' 1 sigma [m]; no
-        points if fewer than `MIN_NEIGHBOURS` belong to curved parts.
+        points, and the noise's 1 sigma, if fewer than `MIN_NEIGHBOURS` belong to curved parts.
     """
     heights = (
         np.column_stack([plane.heights(points) for plane in planes])
@@ -338,11 +339,11 @@ def _smoothed(
 
 
 def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
-    """Project points onto quadrics fitted to their patches.
+    """Project points onto quadrics fitted to the patches of the cloud around them.
 
     Args:
         points: (p, 3) points [m].
-        patches: (p, k, 3) points of the patch of each [m].
+        patches: (p, k, 3) k points of the cloud [m] nearest to each of these.
 
     Returns:
         Projected points (p, 3) [m], unit normals (p, 3) of the quadrics there (either sign), and variances

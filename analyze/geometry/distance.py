@@ -38,11 +38,13 @@ class Depth:
     value: Array
     """(n,) depth [m], positive inside."""
     gradient: Array
-    """(n, 3) gradient of the depth: a unit vector inwards."""
+    """(n, 3) gradient of the depth: a unit vector inwards; 0 on the axis of a cylinder."""
 
 
 def box_depth(half_size: Array, points: Array) -> Depth:
-    """Exact depth of points in a box with its centre at the origin and edges along the axes.
+    """Depth of points below the surface of a box centred on the origin, with edges along the axes.
+
+    Outside it is minus the distance.
 
     Args:
         half_size: (3,) half edges [m].
@@ -60,9 +62,9 @@ def box_depth(half_size: Array, points: Array) -> Depth:
 
 
 def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
-    """Exact depth of points in a cylinder with its centre at the origin and its axis along z.
+    """Depth of points below the surface of a cylinder centred on the origin, with its axis along z.
 
-    The gradient is 0 on the axis where the flank is nearest.
+    Outside it is minus the distance. The gradient is 0 on the axis where the flank is nearest.
 
     Args:
         radius: Radius [m].
@@ -90,7 +92,7 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Depth of points in a convex body: minus the largest height over a face's plane.
+    """Depth of points below the surface of a convex body: minus the largest height over a face's plane.
 
     Outside, beside edges and corners, this is less than the distance from the body. For speed, successive
     points should lie close together if there are `MANY_PLANES` planes or more.
@@ -115,7 +117,7 @@ def convex_depth(planes: Array, points: Array) -> Depth:
 def largest_height(planes: Array, points: Array) -> Array:
     """Largest height (n,) [m] of points over any of several planes.
 
-    Unlike in `convex_depth`, successive points need not lie close together.
+    The points may be in any order: successive ones need not lie close together.
 
     Args:
         planes: (p, 4) unit normals n and d [m], n.x + d = 0.
@@ -129,7 +131,8 @@ def largest_height(planes: Array, points: Array) -> Array:
 def _candidate_planes(planes: Array, points: Array) -> Array:
     """Planes (k, 4) over which one of `points` (n, 3) [m] can have its largest height.
 
-    At the points' middle, their heights are below the largest one by at most twice the points' reach.
+    The height of the points' middle over these planes is below its largest one by at most twice the largest
+    distance of a point from the middle.
 
     Args:
         planes: (p, 4) unit normals n and d [m], n.x + d = 0.
@@ -150,7 +153,7 @@ class SurfaceIndex:
     tree: KDTree
     """Search tree of the samples."""
     face: IntArray
-    """(samples,) face of each sample."""
+    """(samples,) index of each sample's face."""
 
 
 def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
@@ -179,13 +182,13 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
-    """Depth of points in a closed mesh: distance to the nearest face, sign by ray crossings.
+    """Depth of points below the surface of a closed mesh: distance to the nearest face, negative outside.
 
-    Only the faces of the `NEAREST_SAMPLES` nearest samples are examined. The gradient is the unit vector
-    straight inwards, for a point on the surface minus the face's normal.
+    The sign follows from ray crossings. Only the faces of the `NEAREST_SAMPLES` nearest samples are examined.
+    The gradient is the unit vector straight inwards, for a point on the surface minus the face's normal.
 
     Args:
-        index: Index of the mesh.
+        index: Index of the mesh's surface.
         vertices: (v, 3) vertices [m].
         faces: (f, 3) faces, counter-clockwise from outside.
         points: (n, 3) points [m].

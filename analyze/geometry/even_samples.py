@@ -21,7 +21,7 @@ def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, I
         count: Number n of points.
 
     Returns:
-        Points (n, 3) [m], and the index (n,) of each one's face.
+        Points (n, 3) [m], and the index (n,) of the face that each lies on.
     """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     border = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))])
@@ -36,12 +36,12 @@ def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, I
 
 
 def bisected(triangles: Array, longest: float, rounds: float = np.inf) -> tuple[Array, IntArray]:
-    """Pieces of triangles, halved at the middle of their longest edges until no edge exceeds `longest` [m].
+    """Pieces of triangles, halved across their longest edges until no edge exceeds `longest` [m].
 
     Args:
         triangles: (n, 3, 3) corners of the triangles [m]; the second index is the corner.
         longest: Largest length of an edge [m].
-        rounds: Largest number of times that a triangle and its pieces are halved.
+        rounds: Largest number of times that a triangle and its pieces are halved; edges may stay longer then.
 
     Returns:
         Triangles (m, 3, 3) [m], and the index (m,) in `triangles` of the one that each is a piece of.

@@ -117,9 +117,9 @@ def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
 def _refined_planes(
     points: Array, planes: list[tuple[Array, float]], sd: float, spacing: float, rounds: int
 ) -> list[FittedPlane]:
-    """Planes fitted to the faces' points, again and again until they settle; most points first.
+    """Planes fitted to the points of their faces repeatedly until they settle; most points first.
 
-    Planes with too few points, and those that coincide with an earlier one, are dropped.
+    Planes with fewer than `MIN_FACE_POINTS` points, and those that coincide with an earlier one, are dropped.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -156,7 +156,7 @@ def _refined_planes(
 def _heights(points: Array, planes: list[tuple[Array, float]], sd: float) -> Array:
     """Heights (n, p) of `points` (n, 3) [m] over each of p planes, in units of `sd` [m].
 
-    A plane is given by its unit normal (3,) and offset [m].
+    A plane is given by its outward unit normal (3,) and offset [m]; heights are positive outside.
     """
     return (
         np.column_stack([points @ normal - offset for normal, offset in planes]) / sd
@@ -175,7 +175,7 @@ def face_weights(
     normal density and distribution; the probability of face i is its share of the sum over the faces
     (McLachlan and Peel, Finite Mixture Models, 2000, section 2.8). With these weights, points of the walls do
     not pull the face inwards, however near the edge. All are 0 if fewer than `MIN_FACE_POINTS` points lie in
-    the face's band.
+    the face's band (`FIT_BAND_SDS`), or these lie on a line.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -227,7 +227,7 @@ def _has_walls_all_round(walls: Array, normal: Array) -> bool:
 
 
 def widest_gap(flat: Array) -> float:
-    """Largest angle [rad] between successive directions of n vectors `flat` (n, 2) in a plane."""
+    """Largest angle [rad] between successive directions of n >= 1 vectors `flat` (n, 2); 2 pi for one."""
     angle = np.sort(np.arctan2(flat[:, 1], flat[:, 0]))
     return float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
 
@@ -237,11 +237,11 @@ def _weighted_fit(points: Array, weights: Array, inside: Array) -> FittedPlane |
 
     Args:
         points: (n, 3) points of the cloud [m].
-        weights: (n,) weights, 0 to 1.
+        weights: (n,) weights of the points, 0 to 1.
         inside: (3,) point within the body [m]; the normal points away from it.
 
     Returns:
-        None if the weights add up to less than `MIN_FACE_POINTS`.
+        The plane; None if the weights add up to less than `MIN_FACE_POINTS`.
     """
     used = weights > 1e-3
     if weights.sum() < MIN_FACE_POINTS:

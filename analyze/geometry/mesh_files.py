@@ -42,7 +42,7 @@ PLY_TYPES = {
     "float": "f4",
     "double": "f8",
 } | {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint", "float") for size in (1, 2, 4, 8)}
-"""Kind (i, u or f: integer, unsigned, float) and size [bytes] of a PLY file's numbers, by their names."""
+"""Kind (i, u or f: integer, unsigned, float) and size [bytes], such as i2, of a PLY file's types by name."""
 UNITS_3MF = {
     "millimeter": LengthUnit.MILLIMETRE,
     "centimeter": LengthUnit.CENTIMETRE,
@@ -68,8 +68,8 @@ def read_mesh(
         twice.
 
     Raises:
-        ShapeError: the file is not readable, has no faces of a closed body, infinite coordinates or
-            coinciding vertices, or states another unit.
+        ShapeError: the file is not readable, has fewer than 4 faces, infinite coordinates or only coinciding
+            vertices, or states another unit.
     """
     # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh
@@ -116,7 +116,7 @@ def is_mesh(data: bytes, suffix: str) -> bool:
 
 
 def ply_has_faces(data: bytes) -> bool:
-    """True if a PLY's header announces faces; without faces it is a point cloud."""
+    """True if a PLY file's header announces faces or triangle strips; else it is a point cloud."""
     header = data[:10_000].split(b"end_header")[0].decode("ascii", errors="replace")
     words = [line.split() for line in header.splitlines()]
     return any(
@@ -126,13 +126,19 @@ def ply_has_faces(data: bytes) -> bool:
 
 
 class _Contradiction(Exception):
-    """Mesh file that must not, or cannot, be read as it is; the message has the remedy.
+    """A mesh file must not, or cannot, be read as it is; the message has the remedy.
 
     It unpacks to an implausible size, keeps its numbers in another file, or is compressed by Draco.
     """
 
 
 def _refuse_false_counts(data: bytes, suffix: str) -> None:
+    """Raise an exception if a file announces more than it can hold, or is of another format.
+
+    Raises:
+        _Contradiction: a 3MF unpacks to an implausible size, or a GLB or glTF needs another file or Draco.
+        ValueError: a count contradicts the file's size; on a damaged header other exceptions too.
+    """
     if suffix == "ply":
         refuse_false_ply_counts(data)
     elif suffix == "stl":
@@ -159,7 +165,8 @@ def _binary_stl_size(data: bytes) -> int:
 def refuse_false_ply_counts(data: bytes) -> None:
     """Raise ValueError if the header of the PLY file `data` announces more than the file can hold.
 
-    A header that does not end, or has a negative count, raises it too.
+    A header that does not end, or has a negative count, raises it too; an unknown type of number raises
+    KeyError, a cut line IndexError.
     """
     head, found, _ = data[:1_000_000].partition(b"end_header")
     if not found:

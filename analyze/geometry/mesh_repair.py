@@ -65,7 +65,8 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         name: Name of the file, for messages.
 
     Raises:
-        ShapeError: the holes are too large or too uneven, the surface intersects itself, or it is flat.
+        ShapeError: there are too many holes, holes without a simple rim, or large and uneven ones; the
+            surface intersects itself; or it is flat.
     """
     notes: list[str] = []
     try:
@@ -102,14 +103,14 @@ def _without_repeats(faces: IntArray) -> IntArray:
 
 
 def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Mesh with vertices merged that coincide to `CRACK`, if fewer edges are open then.
+    """Mesh with vertices merged that coincide within `CRACK` of the extent, if fewer edges are open then.
 
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces.
 
     Returns:
-        Vertices and faces of the merged mesh, or those given.
+        Vertices (k, 3) [m] and faces (g, 3) of the merged mesh, or those given.
     """
     step = float(np.ptp(vertices, axis=0).max()) * CRACK
     _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
@@ -128,7 +129,8 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
         name: Name of the file, for messages.
 
     Returns:
-        Vertices, faces (those that close holes come last), and a note on the holes.
+        Vertices (k, 3) [m], faces (g, 3) (those that close holes come last), and a note on the holes for the
+        user.
 
     Raises:
         ShapeError: open edges do not form simple rings, there are more than `MAX_HOLES` holes, one is too
@@ -188,7 +190,11 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
 
 
 def _flat_fill(outline: Array) -> IntArray | None:
-    """Triangles (n - 2, 3), as indices, that fill an `outline` (n, 2); None if it intersects itself."""
+    """Triangles (n - 2, 3), as vertex indices, that fill a polygon; None if it intersects itself.
+
+    Args:
+        outline: (n, 2) corners of the polygon, in either sense.
+    """
     if _signed_area(outline) < 0:
         outline = outline * [1.0, -1.0]
     try:
@@ -204,7 +210,7 @@ def _flat_fill(outline: Array) -> IntArray | None:
 
 
 def _loops(faces: IntArray) -> list[IntArray] | None:
-    """Vertex indices round each hole, in the direction of the adjoining faces' edges.
+    """Vertex indices (k,) round each of the mesh's holes, in the direction of the adjoining faces' edges.
 
     None if the open edges form no simple rings, or an edge has more than two of `faces` (f, 3).
     """
@@ -235,11 +241,14 @@ def _exterior(
 ) -> tuple[Array, IntArray, BoolArray]:
     """Keep the outer bodies of a mesh, and unite those that overlap.
 
+    Bodies within another one, and specks almost without volume, are left out. If the bodies cannot be united
+    they are kept as they are, with a note.
+
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces, counter-clockwise from outside.
         added: (f,) True for faces that close holes.
-        body: (f,) number of the body of each face.
+        body: (f,) number of the body (connected part) of each face, from 0.
         name: Name of the file, for the notes.
         notes: Notes on repairs, to which this function appends.
 
@@ -285,12 +294,12 @@ def _exterior(
 def _buried(
     vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray
 ) -> polyhedron.BoolArray:
-    """Mask (b,) of the bodies that lie inside another one, judged by the centroids of some faces.
+    """Mask (b,) of the bodies that lie inside another one, judged by the centroids of some of their faces.
 
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces, counter-clockwise from outside.
-        body: (f,) number of the body of each face.
+        body: (f,) number of the body (connected part) of each face, from 0.
         dust: (b,) True for bodies almost without volume, which are ignored.
     """
     count = len(dust)
@@ -379,6 +388,7 @@ def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
 
 
 def _pieces(faces: IntArray) -> int:
+    """Number of parts of a mesh with `faces` (f, 3) that share no vertex."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     size = int(faces.max()) + 1
     _, label = connected_components(
@@ -388,5 +398,6 @@ def _pieces(faces: IntArray) -> int:
 
 
 def _signed_area(flat: Array) -> float:
+    """Twice the area of the polygon `flat` (n, 2), positive if its corners are anticlockwise."""
     following = np.roll(flat, -1, axis=0)
     return float(np.sum(flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]))

@@ -35,9 +35,9 @@ MAX_EXTENT = 1.5
 DENSITIES = (2.0, 12_000.0)
 """Plausible densities [kg/m^3]; lead has 11 300."""
 MODEL_ERROR = 0.004
-"""Relative 1 sigma of each moment of a body modelled by cells: voxels, non-uniform shells."""
+"""Relative 1 sigma of each moment of inertia of a body modelled by cells: voxels, non-uniform shells."""
 LEVER_ERROR = 1e-4
-"""1 sigma of the centre of mass of a body modelled by cells [m], for the same reasons."""
+"""1 sigma of the centre of mass of a body modelled by cells [m]: voxels, non-uniform shells."""
 LINE_SD = 5e-5
 """1 sigma of an edge's place across itself in a shape that is taken as exact [m]."""
 REPORTED_BARE_SHARE = 0.01
@@ -97,7 +97,7 @@ class ObjectModel:
         """Depth (n,) [m] of points below the object's surface, positive inside.
 
         Outside of convex meshes it is minus the largest height over a face's plane, which is less than the
-        distance beside edges and corners; else minus the distance.
+        distance beside edges and corners; outside of other shapes it is minus the distance.
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
@@ -107,7 +107,8 @@ class ObjectModel:
     def depth_and_gradient(self, points: Array) -> distance.Depth:
         """Depth (n,) [m] of points below the object's surface, positive inside, and its gradient (n, 3).
 
-        Outside of convex meshes it is minus the largest height over a face's plane, else minus the distance.
+        Outside of convex meshes it is minus the largest height over a face's plane, which is less than the
+        distance beside edges and corners; outside of other shapes it is minus the distance.
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
@@ -171,8 +172,8 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
         The model in the object frame [m], with notes on repairs and doubtful properties.
 
     Raises:
-        ShapeError: the shape is missing, not readable, not closed, without volume, or of an implausible size
-            or density, or a scan contains the table.
+        ShapeError: the shape is missing, not readable, of an unknown format, not closed, without volume, or
+            of an implausible size or density, or a scan contains the table.
     """
     shape = spec.shape
     if shape.box is not None:
@@ -244,7 +245,9 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
 
 
 def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
-    """Notes on the quality of an exterior made from a point cloud; the first is always there.
+    """Notes for the user on the quality of an exterior made from a point cloud.
+
+    The first, on how the exterior was made, is always given, the others only where they apply.
 
     Args:
         surface: Exterior with the quality of its fit.
@@ -366,7 +369,7 @@ def _size(extent: Array, unit: LengthUnit | None) -> str:
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:
-    """Remedy for an implausible size: a unit in which the longest edge is plausible, if there is one.
+    """Remedy for an implausible size: a unit in which the longest edge is plausible, or other advice.
 
     Args:
         longest: Longest edge [m] with the declared unit.

@@ -34,7 +34,8 @@ MAX_LAYERS = 60
 SEED_STEP_AFTER_LAYERS = 4
 """Step between the seed patches that are still tried after a search for outer layers."""
 MAX_GROWING_OUTSIDE_SHARE = 0.25
-"""The same ratio while a plane still grows and is not yet parallel to the face."""
+"""Largest number of points outside twice a plane's band, over those in the band, while the plane still grows
+and is not yet parallel to the face."""
 ERODED_BANDS = 2.4
 """Margin, in bands, from a face's outline during the search: noise moves the outline out and neighbours'
 points in."""
@@ -103,11 +104,11 @@ def planes_of_faces(points: Array, sd: float, spacing: float) -> list[tuple[Arra
 
 
 def _dense_layers(sample: Array, sd: float) -> list[tuple[Array, float]]:
-    """Planes of the thin outer layers with most points, best first, at least 15 degrees apart.
+    """Planes of the thin outer layers of a cloud with most points, best first, at least 15 degrees apart.
 
     Args:
-        sample: (n, 3) points [m].
-        sd: 1 sigma of the noise [m]; a layer is two wide.
+        sample: (n, 3) points of the cloud [m].
+        sd: 1 sigma of the noise [m]; a layer is two sd thick.
 
     Returns:
         Outward unit normal (3,) and offset [m] of up to `MAX_LAYERS` planes.
@@ -150,12 +151,12 @@ def _grown_plane(
         seed: (3,) point [m] from which the plane grows.
         start: Outward unit normal (3,) and offset [m] of the plane at the seed.
         band: Half width of the plane's band [m].
-        reach: Initial distance from the seed [m] up to which points count; doubled until it includes all.
+        reach: Distance from the seed [m] up to which points count at first; doubled until it includes all.
         centre: (3,) centroid of the sample [m]; normals point away from it.
 
     Returns:
-        Normal (3,), offset [m], and mask (n,) of the points in the band; None if the hull does not rest on
-        the plane (too many points lie outside it), or too few points lie in the band.
+        Outward unit normal (3,), offset [m], and mask (n,) of the points in the band; None if the hull does
+        not rest on the plane (too many points lie outside it), or fewer than 8 points lie in the band.
     """
     normal, offset = start
     distance = np.linalg.norm(sample - seed, axis=1)
@@ -190,7 +191,7 @@ def _grown_plane(
 
 
 def _inner_points(points: Array, members: BoolArray, normal: Array, margin: float) -> BoolArray:
-    """Mask (n,) of a face's points that lie well within their outline.
+    """Mask (n,) of the points of a cloud that lie well within the outline of one face's points.
 
     They are at least `margin`, or half the largest depth if that is less, from the outline; all False if the
     points have no outline (too few, or on a line).
@@ -217,15 +218,15 @@ def _largest_faces(
 ) -> list[tuple[Array, float]]:
     """Planes chosen one by one, each with most points that no plane chosen before contains.
 
-    Planes of whose points more than 85 % belong to planes chosen before are left out, as are those with few
-    points of their own.
+    Planes of whose points more than 85 % belong to planes chosen before are left out, as are those with fewer
+    points of their own than 8 or `MIN_FACE_SHARE` of the sample.
 
     Args:
         sample: (n, 3) points [m].
-        candidates: Normal (3,), offset [m] and mask (n,) of the points of each plane.
+        candidates: Unit normal (3,), offset [m] and mask (n,) of the points of each plane.
 
     Returns:
-        Normal (3,) and offset [m] of each plane chosen.
+        Unit normal (3,) and offset [m] of each plane chosen.
     """
     fewest = max(MIN_FACE_SHARE * len(sample), 8)
     free = np.ones(len(sample), dtype=bool)
@@ -252,12 +253,14 @@ def _largest_faces(
 
 
 def _bending_bound(points: Array, normal: Array, band: float) -> float:
-    """Bending [m] of a face plus its uncertainty: an upper bound.
+    """Upper bound [m] of a face's bending, the range of the quadratic part of its heights.
+
+    It is the fitted range plus 4 sd of the noise over sqrt(n).
 
     Args:
         points: (n, 3) points of the face [m].
         normal: (3,) unit normal of the face.
-        band: Half width [m] of the band about the plane in which the points lie.
+        band: Half width [m] of the band about the plane in which the points lie: `SEARCH_BAND_SDS` sd.
     """
     return bending(points, normal) + 4 * band / SEARCH_BAND_SDS / np.sqrt(len(points))
 
@@ -265,7 +268,7 @@ def _bending_bound(points: Array, normal: Array, band: float) -> float:
 def bending(points: Array, normal: Array) -> float:
     """Bending [m] of a face: range of the part of a quadratic fit to its heights that no plane can fit.
 
-    The outermost 2 % on either side do not count.
+    The 2 % largest and 2 % smallest values do not count.
 
     Args:
         points: (n, 3) points of the face [m].

@@ -53,8 +53,8 @@ def without_degenerate(faces: IntArray) -> IntArray:
 def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
     """Turn faces so that neighbours run their common edge in opposite directions.
 
-    As few faces as possible of each body (connected part) are turned; its winding as a whole stays open, see
-    `outward`. Edges with more than two faces do not connect bodies.
+    As few faces as possible of each body (connected part) are turned, so a body may have all its faces
+    clockwise from outside; `outward` corrects that. Edges with more than two faces do not connect bodies.
 
     Args:
         faces: (f, 3) faces.
@@ -136,7 +136,8 @@ def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
 
     Args:
         vertices: (n, 3) vertices [m].
-        faces: (f, 3) faces, counter-clockwise from outside; otherwise the volume is negative.
+        faces: (f, 3) faces, counter-clockwise from outside; otherwise the volume is negative. They must
+            enclose a volume.
     """
     origin = vertices.mean(axis=0)
     a, b, c = np.moveaxis((vertices - origin)[faces], 1, 0)
@@ -150,7 +151,9 @@ def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
 
 
 def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> float:
-    """Distance [m] to the first face that a ray meets; inf if it meets none (Moller and Trumbore 1997).
+    """Distance [m] to the first face that a ray meets, from either side; inf if it meets none.
+
+    Source: Moller and Trumbore 1997.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -263,8 +266,8 @@ def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> B
 
     Args:
         count: Number of faces.
-        a: (l,) first face of each link.
-        b: (l,) second face of each link.
+        a: (l,) index of the first face of each link.
+        b: (l,) index of the second face of each link.
         differ: (l,) True if just one of the two is to be turned.
     """
     shift = np.where(differ, count, 0)

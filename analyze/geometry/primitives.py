@@ -11,7 +11,10 @@ CYLINDER_SIDES = 128
 
 
 def box_mesh(size: Array) -> tuple[Array, IntArray]:
-    """Vertices (8, 3) [m] and faces (12, 3) of a box with edges `size` (3,) [m] about the origin."""
+    """Vertices (8, 3) [m] and faces (12, 3) of a box with edges `size` (3,) [m], centred on the origin.
+
+    The faces, triangles of vertex indices, are counter-clockwise from outside.
+    """
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return corners, np.array(
@@ -20,9 +23,10 @@ def box_mesh(size: Array) -> tuple[Array, IntArray]:
 
 
 def cylinder_mesh(radius: float, height: float) -> tuple[Array, IntArray]:
-    """Vertices (n, 3) [m] and faces (f, 3) of a cylinder about the origin, with its axis along z.
+    """Vertices (n, 3) [m] and faces (f, 3) of a cylinder centred on the origin, with its axis along z.
 
-    It is a prism of `CYLINDER_SIDES` sides, with its corners on the cylinder.
+    It is a prism of `CYLINDER_SIDES` sides, with its corners on the cylinder. The faces, triangles of vertex
+    indices, are counter-clockwise from outside.
 
     Args:
         radius: Radius [m].

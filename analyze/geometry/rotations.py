@@ -96,7 +96,7 @@ def matrix_from_wxyz(wxyz: Array) -> Array:
 
 
 def relative(R_a_b: Array, R_a_c: Array) -> Array:
-    """Rotation R_b_c (..., 3, 3), which maps vectors of frame c to b, from those of b and c to a.
+    """Rotation R_b_c (..., 3, 3), which maps vectors of frame c to b, from the rotations of both to a.
 
     Args:
         R_a_b: (..., 3, 3) rotation from b to a.
@@ -131,7 +131,7 @@ def transform(R_a_b: Array, p_a_b: Array) -> Array:
 
     Args:
         R_a_b: (..., 3, 3) rotation from b to a.
-        p_a_b: (..., 3) origin of b, in a.
+        p_a_b: (..., 3) origin of b, in a and in the unit of the points.
     """
     lead = np.broadcast_shapes(R_a_b.shape[:-2], p_a_b.shape[:-1])
     T_a_b = np.zeros((*lead, 4, 4))

@@ -36,7 +36,10 @@ HOLLOW_LAYERS = 2
 
 @dataclass(frozen=True, eq=False)
 class ScannedSurface:
-    """Samples of a closed surface with a mask of those not scanned; each stands for the same area."""
+    """Samples of a closed surface, in the object frame, with a mask of those not scanned.
+
+    Each sample stands for the same area.
+    """
 
     points: Array
     """(n, 3) samples [m]."""
@@ -55,15 +58,15 @@ class ScannedSurface:
         return float(self.bare.mean())
 
     def uncertainty_at(self, point: Array) -> float:
-        """Uncertainty [m] of the surface near `point` (3,) [m]: within a gap the gaps' width, else 0.
+        """Uncertainty [m] of the surface near `point` (3,) [m]: within a gap of the scan its width, else 0.
 
-        The width is taken as the root of the whole area that was not scanned.
+        The width is taken as the root of the whole area that was not scanned, of all gaps together.
         """
         nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
     def surely_scanned(self) -> Array:
-        """Samples (k, 3) [m] that lie neither in a gap of the scan nor near its rim."""
+        """Samples (k, 3) [m] farther than twice `reach` from every sample that was not scanned."""
         if not self.bare.any():
             return self.points
         away = KDTree(self.points[self.bare]).query(self.points)[0]
@@ -73,12 +76,12 @@ class ScannedSurface:
 def scanned_cloud(
     vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float
 ) -> ScannedSurface:
-    """Samples of a cloud's hull, bare where no point lies nearby, nor a hollow below.
+    """Samples of a point cloud's hull, marked as not scanned where no point and no hollow lies below.
 
     Args:
         vertices: (n, 3) vertices of the hull [m].
         faces: (f, 3) faces, counter-clockwise from outside.
-        tree: Search tree of the cloud [m].
+        tree: Search tree of the cloud's points [m].
         reach: Distance from a point up to which the hull counts as scanned [m].
         probe: Width of the lines inwards that distinguish a hollow from a gap of the scan [m].
         sd: 1 sigma of the cloud about its surface [m].
@@ -90,7 +93,7 @@ def scanned_cloud(
 
 
 def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedSurface:
-    """Samples of a repaired mesh, bare on the faces that close holes.
+    """Samples of a repaired mesh, marked as not scanned on the faces that close holes.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -106,13 +109,13 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
 
     Layers two probe widths or more apart are counted separately; nearer ones are recognised by a scatter
     about their common middle larger than the noise, and counted as two. A line that meets nothing is given
-    the count of the nearest line that does.
+    the count of the nearest line that does; if none does, all counts are 0.
 
     Args:
         points: (n, 3) starts of the lines [m].
         normals: (n, 3) outward unit normals; the lines run against them.
-        tree: Search tree of the cloud [m].
-        probe: Width of the lines [m].
+        tree: Search tree of the cloud's points [m].
+        probe: Width of the lines [m]; at least the cloud's size over `MAX_STEPS` is used.
         sd: 1 sigma of the noise [m].
     """
     if not len(points):

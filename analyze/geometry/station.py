@@ -11,9 +11,14 @@ from analyze.types import CameraModel
 
 
 def turned_camera(camera: CameraModel, heading: float) -> CameraModel:
-    """Camera with its pose in the world frame W of a strike with a heading; the same camera for 0.
+    """Camera with its pose in the world frame W of a strike with a heading; `camera` itself for 0.
 
-    Object and striker stand turned by `heading` [rad] about z, and W turns with them; the camera does not.
+    Object and striker are turned by `heading` [rad] about the table's normal, anticlockwise seen from above;
+    W turns with them, the camera does not.
+
+    Args:
+        camera: Camera with its pose in W at heading 0.
+        heading: Heading of the strike [rad].
     """
     if heading == 0.0:
         return camera

@@ -34,11 +34,12 @@ class Voxels:
 
 
 def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
-    """Divide a model into cubes and find the part of each in the body and in its shell.
+    """Divide a model's bounding box into cubes, and find the part of each in the body and in its shell.
 
-    Cubes cut by the surface or by the shell's inner side are divided again; each subcell counts by its part
-    below the plane through its nearest surface point, so that 4 mm cubes resolve a 2 mm shell. Volume is
-    exact, centroid and moments to 0.5 %. The result is cached on the model.
+    Cubes without such a part are left out. Cubes cut by the surface or by the shell's inner side are divided
+    again; each subcell counts by its part below the plane through its nearest surface point, so that 4 mm
+    cubes resolve a 2 mm shell. Volume is exact, centroid and moments to 0.5 %. The result is cached on the
+    model.
 
     Args:
         model: Shape of the object.
@@ -88,7 +89,7 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
 def _cut(
     model: ObjectModel, corners: Array, pitch: float, shell_thickness: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Parts of cubes that the surface or the shell's inner side cuts, from their subcells.
+    """Parts, in body and shell, of cubes that the surface or the shell's inner side cuts, from subcells.
 
     Args:
         model: Shape of the object.
@@ -97,8 +98,8 @@ def _cut(
         shell_thickness: Thickness of the shell [m].
 
     Returns:
-        Fractions (n,) of each cube in the body and in its shell, and first moments (n, 3) [m] of these two
-        parts over the cube's volume, about the origin.
+        Fraction (n,) of each cube in the body, fraction (n,) in the shell, and the first moments (n, 3) [m]
+        of these two parts over the cube's volume, about the origin of the object frame.
     """
     step = pitch / SUBCELLS
     offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * step
@@ -121,5 +122,6 @@ def _cut(
 
 
 def _centroids(moment: Array, volume: Array, otherwise: Array) -> Array:
+    """Centroids (n, 3), `moment` (n, 3) over `volume` (n,); `otherwise` (n, 3) where that is too small."""
     usable = volume > MIN_FRACTION
     return np.where(usable[:, None], moment / np.where(usable, volume, 1.0)[:, None], otherwise)
