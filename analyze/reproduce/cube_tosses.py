@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.body_motion import BodyMotion
 from analyze.motion.free_flight import Flight, FlightBody, distance_from_parabola, fit_flights
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
+from analyze.progress import Progress, no_progress
 from analyze.types import Array
 
 DEFAULT_DATA: Final = Path("../shared/data/contactnets_tosses.npz")
@@ -33,6 +34,8 @@ _DOCS: Final = "docs/reference/reproduce.md"
 FRAME_RATE_HZ: Final = 148.0
 EDGE_M: Final = 0.1048
 """Width of the cube."""
+CORNERS: Final = 0.5 * EDGE_M * np.array(list(product((-1.0, 1.0), repeat=3)))
+"""(8, 3) corners of the cube [m] in the object frame O, whose origin is the middle of the cube."""
 EDGE_SD_M: Final = 0.0005
 """1 sigma of the width, which the data do not state: half of its last printed digit."""
 MASS_KG: Final = 0.37
@@ -54,16 +57,8 @@ FLIGHT_GUARD, CONTACT_GUARD = 3, 2
 them."""
 LEAST_FRAMES: Final = 9
 """Least number of frames of a flight or contact."""
-
-
-@dataclass(frozen=True)
-class Tosses:
-    """Recorded motions of the cube, in the file's unit of length (its "metre")."""
-
-    motions: tuple[BodyMotion, ...]
-    """Motion of each toss: poses of the cube by time."""
-    path: Path
-    """File that they were read from."""
+PROGRESS_STEPS: Final = 5
+"""Steps of the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +93,11 @@ class CubeAnswer:
         ]
 
 
-def read_tosses(path: Path) -> Tosses:
-    """Read the packed tosses (.npz): their poses, at `FRAME_RATE_HZ`.
+def read_tosses(path: Path) -> list[BodyMotion]:
+    """Read the motions of the tosses from a packed file (.npz), with poses at `FRAME_RATE_HZ`.
+
+    Returns:
+        Motion of each toss: poses of the cube by time [s], in the file's unit of length (its "metre").
 
     Raises:
         RecordingError: the file does not exist, or does not contain packed tosses with valid poses.
@@ -126,24 +124,21 @@ def read_tosses(path: Path) -> Tosses:
         )
     R = matrix_from_wxyz(quaternion / norm[:, None])
     ends = np.cumsum(lengths)
-    return Tosses(
-        tuple(
-            BodyMotion(np.arange(end - start) / FRAME_RATE_HZ, position[start:end], R[start:end])
-            for start, end in zip(np.append(0, ends[:-1]), ends, strict=True)
-        ),
-        path,
-    )
+    return [
+        BodyMotion(np.arange(end - start) / FRAME_RATE_HZ, position[start:end], R[start:end])
+        for start, end in zip(np.append(0, ends[:-1]), ends, strict=True)
+    ]
 
 
-def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | None = None) -> CubeAnswer:
+def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progress) -> CubeAnswer:
     """Estimate c and the file's metre from flights, then c and I/m from edge and from corner contacts.
 
     c is the centre of mass, I/m the inertia per mass about it. Errors that all tosses share (drag, the cube's
     width, the file's metre) are included in the covariances.
 
     Args:
-        tosses: recorded motions.
-        progress: called with (text, done, total); None for no reports.
+        tosses: recorded motions of the cube, in the file's unit of length.
+        progress: called with (text, done, total).
 
     Returns:
         Estimates by flight, by edge contact and by corner contact, in true lengths.
@@ -151,13 +146,8 @@ def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | N
     Raises:
         EstimationError: there are too few flights or contacts, or they are too similar.
     """
-
-    def report(text: str, done: int) -> None:
-        if progress is not None:
-            progress(text, done, 5)
-
-    report("flights", 0)
-    flown = flights(tosses.motions)
+    progress("flights", 0, PROGRESS_STEPS)
+    flown = flights(tosses)
     flight = fit_flights(flown, AIR_DRAG)
     more_drag = fit_flights(flown, AIR_DRAG + AIR_DRAG_SD)
     by_drag = np.append(more_drag.com - flight.com, more_drag.gravity - flight.gravity)
@@ -170,16 +160,14 @@ def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | N
         covariance=to_true @ flight.covariance @ to_true,
         residual=scale * flight.residual,
     )
-    motions = [with_scaled_positions(motion, scale) for motion in tosses.motions]
+    motions = [replace(motion, position=motion.position * scale) for motion in tosses]
     found: list[BalancedBody] = []
-    touching = (edge_contacts(motions, EDGE_M), corner_contacts(motions, EDGE_M))
-    for number, contacts in enumerate(touching):
-        report("edge contacts" if number == 0 else "corner contacts", 1 + 2 * number)
+    touching = {"edge contacts": edge_contacts(motions), "corner contacts": corner_contacts(motions)}
+    for number, (name, contacts) in enumerate(touching.items()):
+        progress(name, 1 + 2 * number, PROGRESS_STEPS)
         body = balance_moments(contacts, GRAVITY_M_S2, ROUNDING_M)
         # Errors that all tosses share: the cube's width and the file's metre.
-        report(
-            "edge contacts, other width" if number == 0 else "corner contacts, other width", 2 + 2 * number
-        )
+        progress(f"{name}, other width", 2 + 2 * number, PROGRESS_STEPS)
         wider = balance_moments(
             [_wider(contact, EDGE_SD_M) for contact in contacts], GRAVITY_M_S2, ROUNDING_M
         )
@@ -191,7 +179,7 @@ def analyse_tosses(tosses: Tosses, progress: Callable[[str, int, int], None] | N
         found.append(replace(body, covariance=body.covariance + shared))
     slid = [
         float(np.linalg.norm(np.ptp(contact.motion.path_of(contact.corner)[:, :2], axis=0)))
-        for contact in touching[0]
+        for contact in touching["edge contacts"]
     ]
     heights = np.linspace(-0.002, 0.014, 33)
     low, middle, high = (float(value) for value in np.percentile(slid, [25, 50, 75]))
@@ -229,23 +217,6 @@ def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -
     )
 
 
-def with_scaled_positions(motion: BodyMotion, scale: float) -> BodyMotion:
-    """Motion with every position multiplied by `scale`; the rotations stay as they are."""
-    return replace(motion, position=motion.position * scale)
-
-
-def cube_corners(edge: float) -> Array:
-    """Corners (8, 3) [m] of a cube with edge length `edge` [m], in the object frame O.
-
-    O's origin is the middle of the cube.
-    """
-    return (
-        0.5
-        * edge
-        * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=np.float64)
-    )
-
-
 def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
     """Flights: stretches of the tosses in which all corners are more than `CLEAR_M` above the table.
 
@@ -256,7 +227,7 @@ def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
     """
     found: list[Flight] = []
     for number, motion in enumerate(motions):
-        clear = _heights(motion, EDGE_M).min(axis=1) > CLEAR_M
+        clear = _heights(motion).min(axis=1) > CLEAR_M
         for start, stop in _runs(clear):
             # A toss that begins or ends in the air has no impact there: no guard frames are needed.
             first = start + FLIGHT_GUARD if start else start
@@ -266,7 +237,7 @@ def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
     return found
 
 
-def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
+def edge_contacts(motions: Sequence[BodyMotion]) -> list[Contact]:
     """Edge contacts: stretches in which both ends of one edge touch the table, and no other corner.
 
     The ends are within `TOUCH_M` of the table, the others above `LIFTED_M`. `CONTACT_GUARD` frames are cut
@@ -274,26 +245,24 @@ def edge_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
 
     Args:
         motions: motions of the tosses [m].
-        edge: width of the cube [m].
     """
-    corners = cube_corners(edge)
-    pairs = [(a, b) for a, b in combinations(range(8), 2) if np.count_nonzero(corners[a] != corners[b]) == 1]
+    pairs = [(a, b) for a, b in combinations(range(8), 2) if np.count_nonzero(CORNERS[a] != CORNERS[b]) == 1]
     found: list[Contact] = []
     for number, motion in enumerate(motions):
-        heights = _heights(motion, edge)
+        heights = _heights(motion)
         for a, b in pairs:
             others = np.delete(heights, [a, b], axis=1).min(axis=1)
             on_edge = (np.abs(heights[:, [a, b]]).max(axis=1) < TOUCH_M) & (others > LIFTED_M)
-            along = (corners[b] - corners[a]) / edge
-            inward = -np.sign(corners[a]) * (along == 0)
+            along = (CORNERS[b] - CORNERS[a]) / EDGE_M
+            inward = -np.sign(CORNERS[a]) * (along == 0)
             found += [
-                Contact(part, 0.5 * (corners[a] + corners[b]), inward, along, number)
+                Contact(part, 0.5 * (CORNERS[a] + CORNERS[b]), inward, along, number)
                 for part in _parts(motion, on_edge)
             ]
     return found
 
 
-def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]:
+def corner_contacts(motions: Sequence[BodyMotion]) -> list[Contact]:
     """Corner contacts: stretches in which one corner touches the table and all others are lifted.
 
     The corner is below `CORNER_TOUCH_M`, the others are above `CORNER_LIFTED_M`. `CONTACT_GUARD` frames are
@@ -301,18 +270,16 @@ def corner_contacts(motions: Sequence[BodyMotion], edge: float) -> list[Contact]
 
     Args:
         motions: motions of the tosses [m].
-        edge: width of the cube [m].
     """
-    corners = cube_corners(edge)
     found: list[Contact] = []
     for number, motion in enumerate(motions):
-        heights = _heights(motion, edge)
+        heights = _heights(motion)
         for a in range(8):
             on_corner = (heights[:, a] < CORNER_TOUCH_M) & (
                 np.delete(heights, a, axis=1).min(axis=1) > CORNER_LIFTED_M
             )
             found += [
-                Contact(part, corners[a], -np.sign(corners[a]), None, number)
+                Contact(part, CORNERS[a], -np.sign(CORNERS[a]), None, number)
                 for part in _parts(motion, on_corner)
             ]
     return found
@@ -334,9 +301,9 @@ def _entries(body: BalancedBody) -> Array:
     return np.array([*body.com, *np.diag(inertia), *off, body.rounding])
 
 
-def _heights(motion: BodyMotion, edge: float) -> Array:
-    """Heights (n, 8) of the cube's corners above the table, in the unit of `motion` and `edge`."""
-    return motion.position[:, 2:] + motion.R_world_object[:, 2, :] @ cube_corners(edge).T
+def _heights(motion: BodyMotion) -> Array:
+    """Heights (n, 8) [m] of the cube's corners `CORNERS` above the table, by frame of the motion [m]."""
+    return motion.position[:, 2:] + motion.R_world_object[:, 2, :] @ CORNERS.T
 
 
 def _parts(motion: BodyMotion, touching: Array) -> list[BodyMotion]:

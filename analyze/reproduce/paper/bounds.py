@@ -47,21 +47,12 @@ def masses_bound(records: Sequence[SessionRecord], condition: Condition) -> str:
         records: results of the sessions.
         condition: calibration under which they were analysed.
     """
-    pairs = scores.answers(records, condition, paper=False)
     off: dict[str, list[float]] = {}
-    for answer, record in pairs:
-        if answer.masses_kg is not None:
-            off.setdefault(record.object, []).append(scores.metric(answer.masses_kg, record))
+    for masses, record in scores.region_masses(records, condition, paper=False):
+        off.setdefault(record.object, []).append(scores.metric(masses, record))
     if not off:
         return ""
-    c = 1e3 * float(
-        np.median(
-            [
-                scores.distance(answer, record)
-                for answer, record in scores.answers(records, condition, paper=False)
-            ]
-        )
-    )
+    c = float(np.median(scores.distances_mm(records, condition, paper=False)))
     stated = next(each for each in scores.standardised(records, condition) if each.name == "region masses")
     worst = max(off, key=lambda name: float(np.mean(off[name])))
     cause = (

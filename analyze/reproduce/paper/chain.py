@@ -59,6 +59,15 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
     return [_answer([each[i] for each in by_axis.values()], estimate) for i in range(rounds)]
 
 
+def sign_change_fit(motion: TipMotion) -> MotionFit | None:
+    """Fit of a strike whose balance angle is that at the sign change of the angular acceleration.
+
+    None if the strike did not tip over, or has no such fit.
+    """
+    tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
+    return next((fit for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None)
+
+
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
     """Strikes that tipped over, with their fit by sign change of the acceleration, by id of the axis.
 
@@ -67,8 +76,7 @@ def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
     evidence = estimate.evidence
     found: dict[str, list[_Struck]] = {}
     for motion in evidence.motions:
-        fit = next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
-        if motion.verdict is Verdict.GOOD and fit is not None:
+        if (fit := sign_change_fit(motion)) is not None:
             planned = evidence.planned(motion)
             found.setdefault(planned.axis_id, []).append(_Struck(planned, motion, fit))
     return found

@@ -12,8 +12,10 @@ from matplotlib.patches import Polygon, Rectangle
 
 from analyze.report.style import BLUE, BODY, GREEN, GRID, INK, MUTED, ORANGE, PHASES, RED, SKY, plain, style
 from analyze.reproduce.paper import scores
-from analyze.reproduce.paper.published import OBJECTS, published_centres, published_masses
+from analyze.reproduce.paper.published import published_centres, published_masses
 from analyze.reproduce.paper.record import Condition, Profile, Sensitivity, SessionRecord
+from analyze.reproduce.paper.sensitivity import PAPER_NOISE_DEG
+from analyze.reproduce.paper.tables import objects_of
 from analyze.types import PHASE_NAMES
 
 if TYPE_CHECKING:
@@ -25,13 +27,6 @@ CLOSE_UP_MM = 3.0
 """Largest error that the close-up of Figure 12 shows."""
 MIN_LABELLED_FRAMES = 6
 """Least number of frames of a phase whose name fits above it."""
-_PHASE_WORDS = {
-    "rest": "rest",
-    "strike": "strike",
-    "stage_one": "stage one",
-    "stage_two": "stage two",
-    "landing": "landing",
-}
 
 
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
@@ -93,7 +88,7 @@ def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> No
         if span[1] - span[0] > MIN_LABELLED_FRAMES:
             place = ((start + end) / 2, 1.02)
             panels[0].annotate(
-                _PHASE_WORDS[name], place, xycoords=("data", "axes fraction"), ha="center", color=MUTED
+                name.replace("_", " "), place, xycoords=("data", "axes fraction"), ha="center", color=MUTED
             )
     for name, label in (("stage_one", "t₁"), ("stage_two", "t₂"), ("landing", "t₃")):
         if (span := profile.phases.get(name)) is None or span[0] >= len(seconds):
@@ -157,18 +152,11 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
     if not com or not masses:
         return None
     with style():
-        figure = Figure(figsize=(7.4, 3.0), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        _swept(left, com, 1.0, 1e3)
-        left.set_xlabel("noise of the angles, 1 σ [°]")
-        left.set_ylabel("error of c [mm]")
-        left.set_title("(b) centre of mass")
-        left.axvline(1.85, color=MUTED, lw=0.7, ls=":")
-        _swept(right, masses, 100.0, 100.0)
-        right.set_xlabel("noise of I about the edge, 1 σ [%]")
-        right.set_ylabel("region masses, paper's metric [%]")
-        right.set_title("(c) region masses")
-        figure.legend(*left.get_legend_handles_labels(), loc="outside upper right", ncols=2)
+        figure = _swept_figure(
+            (com, 1.0, "noise of the angles, 1 σ [°]", "(b) centre of mass"),
+            (masses, 100.0, "noise of I about the edge, 1 σ [%]", "(c) region masses"),
+        )
+        figure.axes[0].axvline(PAPER_NOISE_DEG, color=MUTED, lw=0.7, ls=":")
     return figure
 
 
@@ -178,25 +166,32 @@ def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
     None if no session was analysed with a noisy scan.
     """
     mine = scores.with_our_plan(records)
-    com, masses = (
-        [row for r in mine for row in r.scan_noise_com],
-        [row for r in mine for row in r.scan_noise_masses],
-    )
+    com = [row for record in mine for row in record.scan_noise_com]
+    masses = [row for record in mine for row in record.scan_noise_masses]
     if not com:
         return None
+    label = "largest shift of a scanned point [mm]"
     with style():
-        figure = Figure(figsize=(7.4, 3.0), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        for axes, rows, scale, label in (
-            (left, com, 1e3, "error of c [mm]"),
-            (right, masses, 100.0, "region masses, paper's metric [%]"),
-        ):
-            _swept(axes, rows, 1e3, scale)
-            axes.set_xlabel("largest shift of a scanned point [mm]")
-            axes.set_ylabel(label)
-        left.set_title("(a) centre of mass")
-        right.set_title("(b) region masses")
-        figure.legend(*left.get_legend_handles_labels(), loc="outside upper right", ncols=2)
+        return _swept_figure(
+            (com, 1e3, label, "(a) centre of mass"), (masses, 1e3, label, "(b) region masses")
+        )
+
+
+def _swept_figure(*panels: tuple[Sequence[Sensitivity], float, str, str]) -> Figure:
+    """Figure with two panels: errors of the centre of mass c [mm], and of the region masses [%], over noise.
+
+    Args:
+        panels: for c, then for the region masses: the errors at each level of the noise, the factor on the
+            levels, the label of the x axis, and the title.
+    """
+    figure = Figure(figsize=(7.4, 3.0), layout="constrained")
+    results = ((1e3, "error of c [mm]"), (100.0, "region masses, paper's metric [%]"))
+    for axes, (rows, scale_x, label_x, title), (scale_y, label_y) in zip(
+        figure.subplots(1, 2), panels, results, strict=True
+    ):
+        _swept(axes, rows, scale_x, scale_y)
+        axes.set(xlabel=label_x, ylabel=label_y, title=title)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
 
 
@@ -240,30 +235,16 @@ def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
     mine = scores.on_paper_objects(scores.with_our_plan(records))
     if not mine:
         return None
-    centres = [
-        ("published", MUTED, [1e3 * each.distance_m for each in published_centres()]),
-        (
-            "paper's method",
-            ORANGE,
-            [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.DRAWN, paper=True)],
-        ),
-        (
-            "ours",
-            BLUE,
-            [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.DRAWN, paper=False)],
-        ),
-        (
-            "ours, calibration exact",
-            SKY,
-            [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.EXACT, paper=False)],
-        ),
-    ]
-    masses = [
-        ("published", MUTED, [100 * each.metric for each in published_masses()]),
-        ("paper's method", ORANGE, _metrics(mine, Condition.DRAWN, paper=True)),
-        ("ours", BLUE, _metrics(mine, Condition.DRAWN, paper=False)),
-        ("ours, calibration exact", SKY, _metrics(mine, Condition.EXACT, paper=False)),
-    ]
+    centres = [("published", MUTED, [1e3 * each.distance_m for each in published_centres()])]
+    masses = [("published", MUTED, [100 * each.metric for each in published_masses()])]
+    for name, colour, condition, paper in (
+        ("paper's method", ORANGE, Condition.DRAWN, True),
+        ("ours", BLUE, Condition.DRAWN, False),
+        ("ours, calibration exact", SKY, Condition.EXACT, False),
+    ):
+        centres.append((name, colour, scores.distances_mm(mine, condition, paper=paper)))
+        pairs = scores.region_masses(mine, condition, paper=paper)
+        masses.append((name, colour, [100 * scores.metric(found, record) for found, record in pairs]))
     rng = np.random.default_rng(0)
     with style():
         figure = Figure(figsize=(7.4, 3.1), layout="constrained")
@@ -289,26 +270,13 @@ def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
     return figure
 
 
-def _metrics(records: Sequence[SessionRecord], condition: Condition, *, paper: bool) -> list[float]:
-    pairs = scores.answers(records, condition, paper=paper)
-    return [
-        100 * scores.metric(answer.masses_kg, record)
-        for answer, record in pairs
-        if answer.masses_kg is not None
-    ]
-
-
 def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 12: each object's silhouette with true and estimated c, errors of c, and regions.
 
     c is the centre of mass. None if there is no session planned by our method.
     """
     mine = scores.with_our_plan(records)
-    names = [
-        name
-        for name in (*OBJECTS, *sorted({r.object for r in scores.on_other_objects(mine)}))
-        if any(r.object == name for r in mine)
-    ]
+    names = objects_of(mine)
     if not names:
         return None
     with style():

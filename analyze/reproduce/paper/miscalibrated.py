@@ -61,10 +61,9 @@ def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evi
     angles = {axis: float(rng.normal(0.0, ANGLE_SD)) for axis in axes}
     roundings = {axis: rounding + float(rng.normal(0.0, OWN_RADIUS_SD)) for axis in axes}
     k_factor = {axis: 1.0 + float(rng.normal(0.0, K_SD)) for axis in axes}
-    strikes = {strike.id: strike for strike in evidence.plan.strikes}
     motions: list[TipMotion] = []
     for motion in evidence.motions:
-        strike = strikes[motion.plan_strike_id]
+        strike = evidence.planned(motion)
         along_tip = float(tilt @ [math.cos(strike.heading_rad), math.sin(strike.heading_rad)])
         motions.append(_changed(motion, along_tip + angles[strike.axis_id], k_factor[strike.axis_id]))
     spec = evidence.spec

@@ -53,7 +53,7 @@ def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Val
     rounds = [
         answer
         for record in records
-        if _struck(record, axis_id)
+        if _of_axis([record.ours[Condition.EXACT].moments], axis_id)
         for answer in record.paper.get(Condition.EXACT, [])
     ]
     paper = _of_axis([answer.moments for answer in rounds], axis_id)
@@ -70,10 +70,6 @@ def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Val
         *_median_and_worst([axis.corrected_off for axis in paper if axis.corrected_off is not None]),
         *_median_and_worst([axis.i_edge_off for axis in mine]),
     )
-
-
-def _struck(record: SessionRecord, axis_id: str) -> bool:
-    return any(axis.axis_id == axis_id for axis in record.ours[Condition.EXACT].moments)
 
 
 def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[AxisMoment]:

@@ -57,8 +57,8 @@ def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
         _exact_plane(strike, body) for strike in {strike.axis_id: strike for strike in plan.strikes}.values()
     ]
     true = np.array(body.com_object)
-    low, high = evidence.model.bounds
-    ours = centre_of_mass(planes, systematic_errors(evidence), ComPrior.from_bounds(low, high))
+    prior = ComPrior.from_bounds(*evidence.model.bounds)
+    ours = centre_of_mass(planes, systematic_errors(evidence), prior)
     paper = paper_centre_of_mass(planes, estimate.cells)
     normals = np.array([plane.normal for plane in planes])
     return OwnChoice(

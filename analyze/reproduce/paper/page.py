@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from analyze.report.csv_table import csv_text
@@ -24,19 +22,12 @@ from analyze.reproduce.paper.figures import (
 )
 from analyze.reproduce.paper.moments_table import moments_table
 from analyze.reproduce.paper.published import published_centres, published_masses
-from analyze.reproduce.paper.record import SessionRecord
+from analyze.reproduce.paper.record import MethodAnswer, SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
 from analyze.reproduce.paper.targets import missed_targets, targets, targets_table
 from schemas.output_file import write_text
 
 PAGE = "index.html"
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    title: str
-    caption: str
-    svg: Markup
 
 
 _FIGURES: tuple[tuple[Callable[[Sequence[SessionRecord]], Figure | None], str, str], ...] = (
@@ -130,7 +121,6 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
     """
     environment = page_environment()
     environment.filters["cell"] = _cell
-    figures = [(make(records), title, caption) for make, title, caption in _FIGURES]
     ours = scores.with_our_plan(records)
     return environment.get_template("paper.html").render(
         lead=summary(records),
@@ -143,9 +133,9 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
         sessions=len(records),
         tables=tables,
         figures=[
-            _Drawn(title, caption, figure_element(figure))
-            for figure, title, caption in figures
-            if figure is not None
+            (title, figure_element(figure), caption)
+            for make, title, caption in _FIGURES
+            if (figure := make(records)) is not None
         ],
     )
 
@@ -178,16 +168,9 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
     found: list[tuple[str, list[str], Sequence[Sequence[Value]]]] = []
     profile = next((record.profile for record in mine if record.profile is not None), None)
     if profile is not None:
-        rows = list(
-            zip(
-                profile.time_s,
-                profile.theta_rad,
-                profile.rate_rad_s,
-                profile.acceleration_rad_s2,
-                strict=True,
-            )
-        )
-        found.append(("fig6", ["time [s]", "theta [rad]", "rate [rad/s]", "acceleration [rad/s2]"], rows))
+        columns = (profile.time_s, profile.theta_rad, profile.rate_rad_s, profile.acceleration_rad_s2)
+        headings = ["time [s]", "theta [rad]", "rate [rad/s]", "acceleration [rad/s2]"]
+        found.append(("fig6", headings, list(zip(*columns, strict=True))))
     angles = [
         (r.object, r.seed, a.axis_id, a.strike_id, a.true_rad, a.ours_rad, a.ours_sd_rad, a.paper_rad)
         for r in mine
@@ -221,11 +204,8 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
                 (name, ["object", "seed", level, f"{value}, ours", f"{value}, paper's method"], list(rows))
             )
     points = [
-        (r.object, r.seed, condition.value, method, *answer.com_m, *r.true_com_m)
-        for r in mine
-        for condition in r.ours
-        for method, answers in (("ours", [r.ours[condition]]), ("paper", r.paper.get(condition, [])))
-        for answer in answers
+        (r.object, r.seed, condition, method, *answer.com_m, *r.true_com_m)
+        for r, condition, method, answer in _answers(mine)
     ]
     found.append(
         (
@@ -255,25 +235,19 @@ def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
         (each.object, None, None, "published", each.distance_m, None) for each in published_centres()
     ]
     rows += [(each.object, None, None, "published", None, each.metric) for each in published_masses()]
-    for record in scores.on_paper_objects(records):
-        for condition in record.ours:
-            for method, answers in (
-                ("ours", [record.ours[condition]]),
-                ("paper", record.paper.get(condition, [])),
-            ):
-                for answer in answers:
-                    metric = None if answer.masses_kg is None else scores.metric(answer.masses_kg, record)
-                    rows.append(
-                        (
-                            record.object,
-                            record.seed,
-                            condition.value,
-                            method,
-                            scores.distance(answer, record),
-                            metric,
-                        )
-                    )
+    for record, condition, method, answer in _answers(scores.on_paper_objects(records)):
+        metric = None if answer.masses_kg is None else scores.metric(answer.masses_kg, record)
+        rows.append((record.object, record.seed, condition, method, scores.distance(answer, record), metric))
     return rows
+
+
+def _answers(records: Sequence[SessionRecord]) -> Iterator[tuple[SessionRecord, str, str, MethodAnswer]]:
+    """Yield all answers as (session, condition of calibration, "ours" or "paper", answer)."""
+    for record in records:
+        for condition, ours in record.ours.items():
+            yield record, condition.value, "ours", ours
+            for answer in record.paper.get(condition, []):
+                yield record, condition.value, "paper", answer
 
 
 def _cell(value: Value, digits: int | None) -> str:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
+
+from analyze.types import Array
 
 OBJECTS = {
     "carton": "square carton box",
@@ -53,14 +55,8 @@ class PublishedMasses:
 def published_centres() -> list[PublishedCentre]:
     """The nine results of the paper's Table 1 (centre of mass), in its order."""
     found: list[PublishedCentre] = []
-    reference = np.zeros(3)
-    for row in _rows("table1_centre_of_mass.csv"):
-        place = np.array([float(row[name]) for name in ("x_mm", "y_mm", "z_mm")])
-        if row["row"] == "reference":
-            reference = place
-            continue
-        name = _own_name(row["object"])
-        distance = float(np.linalg.norm(place - reference))
+    for name, error, _ in _errors("table1_centre_of_mass.csv", ("x_mm", "y_mm", "z_mm")):
+        distance = float(np.linalg.norm(error))
         found.append(PublishedCentre(name, distance / 1000, volume_ratio(distance, VOLUME_MM3[name])))
     return found
 
@@ -68,19 +64,9 @@ def published_centres() -> list[PublishedCentre]:
 def published_masses() -> list[PublishedMasses]:
     """The nine results of the paper's Table 2 (region masses), in its order."""
     found: list[PublishedMasses] = []
-    reference = np.zeros(3)
-    for row in _rows("table2_mass_distribution.csv"):
-        masses, total = (
-            np.array([float(row[name]) for name in ("surface_g", "top_g", "bottom_g")]),
-            float(row["total_mass_g"]),
-        )
-        if row["row"] == "reference":
-            reference = masses
-            continue
-        off = np.abs(masses - reference)
-        found.append(
-            PublishedMasses(_own_name(row["object"]), float(off.mean() / total), float(off.sum() / 2 / total))
-        )
+    for name, error, row in _errors("table2_mass_distribution.csv", ("surface_g", "top_g", "bottom_g")):
+        off, total = np.abs(error), float(row["total_mass_g"])
+        found.append(PublishedMasses(name, float(off.mean() / total), float(off.sum() / 2 / total)))
     return found
 
 
@@ -92,10 +78,21 @@ def volume_ratio(distance: float, volume: float) -> float:
     return 4 / 3 * np.pi * distance**3 / volume
 
 
-def _own_name(name: str) -> str:
-    return next(key for key, printed in OBJECTS.items() if printed == name)
+def _errors(file: str, columns: Sequence[str]) -> Iterator[tuple[str, Array, dict[str, str]]]:
+    """Yield each published result: name of the object's virtual counterpart, error, and row of the file.
 
+    The error (len(columns),) is the result minus the reference, which stands before it in the file.
 
-def _rows(file: str) -> Iterator[dict[str, str]]:
+    Args:
+        file: name of the table's CSV file.
+        columns: columns that hold the result; the error is in their unit.
+    """
+    names = {printed: name for name, printed in OBJECTS.items()}
     text = (resources.files("analyze.reproduce.paper") / "published" / file).read_text(encoding="utf-8")
-    return iter(csv.DictReader(io.StringIO(text)))
+    reference = np.zeros(len(columns))
+    for row in csv.DictReader(io.StringIO(text)):
+        values = np.array([float(row[column]) for column in columns])
+        if row["row"] == "reference":
+            reference = values
+        else:
+            yield names[row["object"]], values - reference, row

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from analyze.pipeline.read_evidence import read_evidence, read_head
+from analyze.progress import Progress, no_progress
 from analyze.reading.truth import read_truth
 from analyze.reproduce.paper.record import SessionRecord, ThetaSource
 from analyze.reproduce.paper.session import session_record
 from analyze.result.score import refuse_without_truth
 
-if TYPE_CHECKING:
-    from analyze.progress import Progress
 
-
-def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:
+def read_session(path: Path, progress: Progress = no_progress) -> SessionRecord:
     """Analyse one recording of the virtual rig into the record that tables and figures are made from.
 
     Args:

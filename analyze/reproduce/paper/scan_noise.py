@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import resting_planes
 from analyze.reproduce.paper.chain import paper_answers
 from analyze.reproduce.paper.record import Sensitivity
-from analyze.reproduce.paper.sensitivity import in_true_order, metric
+from analyze.reproduce.paper.sensitivity import masses_error
 from analyze.types import Array
 from schemas.object_spec import Shape
 from schemas.strike_plan import Pivot
@@ -52,64 +53,41 @@ def errors_over_scan_noise(
         entry per level each. A value is None if the scan cannot be used, or if too few strikes are left whose
         edge it has.
     """
+    true = np.array(body.com_object)
     com, masses = [], []
     for level in levels:
-        off, wrong = _scored(_scanned(evidence, level, rng), body)
-        com.append(Sensitivity(level=level, ours=[off[0]], paper=[off[1]]))
-        masses.append(Sensitivity(level=level, ours=[wrong[0]], paper=[wrong[1]]))
+        our_com = our_masses = paper_com = paper_masses = estimate = None
+        with suppress(AnalyzeError):
+            estimate = estimate_evidence(_scanned(evidence, level, rng))
+        if estimate is not None:
+            our_com = float(np.linalg.norm(estimate.com.position - true))
+            our_masses = masses_error(estimate.distribution, body)
+            for first in paper_answers(estimate)[:1]:
+                paper_com = float(np.linalg.norm(first.com - true))
+                paper_masses = None if first.regions is None else masses_error(first.regions, body)
+        com.append(Sensitivity(level=level, ours=[our_com], paper=[paper_com]))
+        masses.append(Sensitivity(level=level, ours=[our_masses], paper=[paper_masses]))
     return com, masses
 
 
-def _scored(
-    evidence: Evidence | None, body: pb.TruthBody
-) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
-    """Errors of c [m] and metrics of the region masses, as (ours, paper) each; None without an estimate.
-
-    c is the centre of mass; the metric is the mean error of a region's mass over the total mass. The paper's
-    method is scored by its first round of strikes.
-    """
-    try:
-        estimate = None if evidence is None else estimate_evidence(evidence)
-    except AnalyzeError:
-        estimate = None
-    if estimate is None:
-        return (None, None), (None, None)
-    true = np.array(body.com_object)
-    ours = estimate.distribution
-    paper = paper_answers(estimate)[:1]
-    regions = paper[0].regions if paper else None
-    return (
-        (
-            float(np.linalg.norm(estimate.com.position - true)),
-            float(np.linalg.norm(paper[0].com - true)) if paper else None,
-        ),
-        (
-            metric(in_true_order(ours.masses, ours.dividing_plane_normal, body), body),
-            None
-            if regions is None
-            else metric(in_true_order(regions.masses, regions.dividing_plane_normal, body), body),
-        ),
-    )
-
-
-def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evidence | None:
+def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evidence:
     """Evidence with a noisy scan as shape, and only the strikes whose edge the scan has.
 
-    Evidence is the fitted motions of the strikes, with object and plan. None if the scan cannot be used.
+    Evidence is the fitted motions of the strikes, with object and plan.
 
     Args:
         evidence: strikes of the session.
         noise: largest shift of a scanned point [m].
         rng: generator that draws points and shifts.
+
+    Raises:
+        AnalyzeError: the scan cannot be used.
     """
     points = noisy_cloud(evidence.model, noise, rng)
     text = "\n".join(" ".join(f"{value:.7f}" for value in point) for point in points)
     spec = evidence.spec.model_copy(update={"shape": Shape.model_validate({"file": "scan.xyz", "unit": "m"})})
-    try:
-        model = load_object_model(spec, text.encode(), "scan.xyz")
-        axes = pivot_axes(model, spec, resting_planes(model), hypothesis(model))
-    except AnalyzeError:
-        return None
+    model = load_object_model(spec, text.encode(), "scan.xyz")
+    axes = pivot_axes(model, spec, resting_planes(model), hypothesis(model))
     found = {strike.id: _on_scanned_edge(axes, strike) for strike in evidence.plan.strikes}
     kept = [strike for strike in found.values() if strike is not None]
     names = {strike.id for strike in kept}

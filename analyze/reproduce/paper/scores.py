@@ -35,11 +35,6 @@ def on_paper_objects(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     return [record for record in records if record.object in OBJECTS]
 
 
-def on_other_objects(records: Iterable[SessionRecord]) -> list[SessionRecord]:
-    """Sessions on objects other than the paper's four."""
-    return [record for record in records if record.object not in OBJECTS]
-
-
 def distance(answer: MethodAnswer, record: SessionRecord) -> float:
     """Distance [m] of the estimated centre of mass from the true one."""
     return float(np.linalg.norm(np.subtract(answer.com_m, record.true_com_m)))
@@ -80,6 +75,31 @@ def answers(
     for record in records:
         for answer in record.paper.get(condition, []) if paper else [record.ours[condition]]:
             yield answer, record
+
+
+def distances_mm(records: Iterable[SessionRecord], condition: Condition, *, paper: bool) -> list[float]:
+    """Distances [mm] of the estimated centres of mass from the true ones, one per answer.
+
+    Args:
+        records: sessions.
+        condition: calibration under which they were analysed.
+        paper: True for the answers of the paper's method, False for ours.
+    """
+    return [1e3 * distance(answer, record) for answer, record in answers(records, condition, paper=paper)]
+
+
+def region_masses(
+    records: Iterable[SessionRecord], condition: Condition, *, paper: bool
+) -> list[tuple[Sequence[float], SessionRecord]]:
+    """Estimated masses [kg] of shell, upper and lower part with their session, of answers that have them.
+
+    Args:
+        records: sessions.
+        condition: calibration under which they were analysed.
+        paper: True for the answers of the paper's method, False for ours.
+    """
+    found = answers(records, condition, paper=paper)
+    return [(answer.masses_kg, record) for answer, record in found if answer.masses_kg is not None]
 
 
 def best_naive(record: SessionRecord) -> float:

@@ -11,14 +11,14 @@ import numpy as np
 
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_normal
-from analyze.estimation.paper import paper_centre_of_mass
+from analyze.estimation.paper import PaperRegions, paper_centre_of_mass
 from analyze.estimation.priors import ComPrior
 from analyze.estimation.regions import mass_distribution
 from analyze.pipeline.equiplanes import systematic_errors
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity
 from analyze.result.score import tip_truth
-from analyze.types import Array, EquiPlane
+from analyze.types import Array, EquiPlane, MassDistribution
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
@@ -58,10 +58,9 @@ def com_over_angles(
         One entry per level, with `DRAWS` errors of each method, or one where the level is 0.
     """
     evidence, true = estimate.evidence, np.array(body.com_object)
-    model = evidence.model
     planned = {strike.axis_id: strike for strike in evidence.plan.strikes}
     exact = [(plane, tip_truth(planned[plane.axis_id], body).phi) for plane in estimate.planes]
-    prior = ComPrior.from_bounds(model.bounds[0], model.bounds[1])
+    prior = ComPrior.from_bounds(*evidence.model.bounds)
     found: list[Sensitivity] = []
     for level in levels_deg:
         sd = math.radians(level)
@@ -72,11 +71,8 @@ def com_over_angles(
                 _with_phi(plane, phi + float(rng.normal(0.0, sd)), max(sd, MIN_ANGLE_SD))
                 for plane, phi in exact
             ]
-            ours.append(
-                float(
-                    np.linalg.norm(centre_of_mass(planes, systematic_errors(evidence), prior).position - true)
-                )
-            )
+            own = centre_of_mass(planes, systematic_errors(evidence), prior)
+            ours.append(float(np.linalg.norm(own.position - true)))
             paper.append(float(np.linalg.norm(paper_centre_of_mass(planes, estimate.cells).position - true)))
         found.append(Sensitivity(level=level, ours=ours, paper=paper))
     return found
@@ -115,14 +111,14 @@ def masses_over_moments(
     planes = list({plane.axis_id: plane for plane in estimate.planes}.values())
     planned = {strike.axis_id: strike for strike in estimate.evidence.plan.strikes}
     true_edges = {plane.axis_id: tip_truth(planned[plane.axis_id], body).i_edge for plane in planes}
+    true_com = {
+        axis.axis_id: float(axis.direction @ tensor @ axis.direction) for axis in estimate.inertial.axes
+    }
     found: list[Sensitivity] = []
     for level in levels:
         noise = {plane.axis_id: float(rng.normal(0.0, level)) * true_edges[plane.axis_id] for plane in planes}
         about_edges = {name: true_edges[name] + noise[name] for name in noise}
         paper = regions_at(planes, com, about_edges, estimate)
-        true_com = {
-            axis.axis_id: float(axis.direction @ tensor @ axis.direction) for axis in estimate.inertial.axes
-        }
         axes = tuple(
             replace(
                 axis,
@@ -141,33 +137,31 @@ def masses_over_moments(
         found.append(
             Sensitivity(
                 level=level,
-                ours=[metric(in_true_order(ours.masses, ours.dividing_plane_normal, body), body)],
-                paper=[
-                    None
-                    if paper is None
-                    else metric(in_true_order(paper.masses, paper.dividing_plane_normal, body), body)
-                ],
+                ours=[masses_error(ours, body)],
+                paper=[None if paper is None else masses_error(paper, body)],
             )
         )
     return found
 
 
-def in_true_order(masses: Array, dividing_plane_normal: Array, body: pb.TruthBody) -> Array:
-    """Region masses (3,) with the two sides of the dividing plane named as in the ground truth.
+def true_order(dividing_plane_normal: Array, body: pb.TruthBody) -> list[int]:
+    """Indices that put estimated region masses into the order of the ground truth: shell, upper, lower part.
+
+    They swap upper and lower part if the estimated and the true dividing plane have opposite upper sides.
 
     Args:
-        masses: (3,) estimated masses of shell, upper and lower part.
-        dividing_plane_normal: (3,) estimated normal in O, towards the upper part.
+        dividing_plane_normal: (3,) estimated unit normal in the object frame O, towards the upper part.
         body: ground truth, with its own dividing plane.
     """
-    return masses if dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0 else masses[[0, 2, 1]]
+    return [0, 1, 2] if dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0 else [0, 2, 1]
 
 
-def metric(masses: Array, body: pb.TruthBody) -> float:
+def masses_error(found: MassDistribution | PaperRegions, body: pb.TruthBody) -> float:
     """The paper's metric of region masses: mean absolute error of a region's mass, over the total mass.
 
     Args:
-        masses: (3,) estimated masses of shell, upper and lower part [kg].
+        found: estimated masses of shell, upper and lower part, with the dividing plane.
         body: ground truth.
     """
+    masses = found.masses[true_order(found.dividing_plane_normal, body)]
     return float(np.abs(masses - np.array(body.region_mass_kg)).mean() / body.mass_kg)

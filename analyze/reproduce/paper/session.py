@@ -13,7 +13,13 @@ from scipy.spatial import ConvexHull
 
 from analyze.estimation.paper import distance_from_pivot
 from analyze.pipeline.estimate import Estimate, estimate_evidence
-from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_without_tips
+from analyze.progress import Progress, no_progress
+from analyze.reproduce.paper.chain import (
+    PaperAnswer,
+    paper_answers,
+    refuse_without_tips,
+    sign_change_fit,
+)
 from analyze.reproduce.paper.miscalibrated import with_calibration_errors
 from analyze.reproduce.paper.own_choice import com_from_papers_choice
 from analyze.reproduce.paper.record import (
@@ -32,17 +38,16 @@ from analyze.reproduce.paper.sensitivity import (
     MOMENT_LEVELS,
     PAPER_NOISE_DEG,
     com_over_angles,
-    in_true_order,
     masses_over_moments,
+    true_order,
 )
 from analyze.result.document import result_document
 from analyze.result.score import tip_truth
-from analyze.types import PHASE_NAMES, Array, TipMotion
+from analyze.types import Array, EquiPlane
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline.evidence import Evidence
-    from analyze.progress import Progress
     from schemas.proto import percuss_pb2 as pb
 
 SWEPT_OBJECT = "carton"
@@ -85,7 +90,7 @@ def session_record(
     body: pb.TruthBody,
     source: ThetaSource,
     sweeps: Sweeps | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> SessionRecord:
     """Analyse a session by both methods (ours, the paper's) under both conditions of calibration.
 
@@ -102,29 +107,28 @@ def session_record(
     Raises:
         EstimationError: too few strikes can be used, or none tipped over.
     """
-    report = progress or (lambda _text, _done, _total: None)
     name = evidence.spec.name
     rng = np.random.default_rng((body.seed, zlib.crc32(name.encode())))
-    report("estimating", 0, PROGRESS_STEPS)
+    progress("estimating", 0, PROGRESS_STEPS)
     began = time.process_time()
     exact = estimate_evidence(evidence)
     cpu_s = time.process_time() - began
     refuse_without_tips(exact, name)
-    report("with calibration errors drawn", 1, PROGRESS_STEPS)
+    progress("with calibration errors drawn", 1, PROGRESS_STEPS)
     drawn = estimate_evidence(with_calibration_errors(evidence, rng))
     estimates = {Condition.EXACT: exact, Condition.DRAWN: drawn}
-    report("by the paper's method", 2, PROGRESS_STEPS)
+    progress("by the paper's method", 2, PROGRESS_STEPS)
     paper = {
         condition: [_paper_answer(each, estimate, body) for each in paper_answers(estimate)]
         for condition, estimate in estimates.items()
     }
-    report("over noise of the angles", 3, PROGRESS_STEPS)
+    progress("over noise of the angles", 3, PROGRESS_STEPS)
     sweeps = sweeps or default_sweeps(name)
     angle_noise = com_over_angles(exact, body, sweeps.angles_deg, rng)
     moment_noise = masses_over_moments(exact, body, sweeps.moments, rng)
-    report("over noise of the scan", 4, PROGRESS_STEPS)
+    progress("over noise of the scan", 4, PROGRESS_STEPS)
     scan_com, scan_masses = errors_over_scan_noise(evidence, body, sweeps.scan_m, rng)
-    report("drawing", 5, PROGRESS_STEPS)
+    progress("drawing", 5, PROGRESS_STEPS)
     model = evidence.model
     return SessionRecord(
         object=name,
@@ -144,7 +148,7 @@ def session_record(
         ours={condition: _own_answer(estimate, body) for condition, estimate in estimates.items()},
         paper=paper,
         naive_kg={
-            key: in_true_order(masses, exact.distribution.dividing_plane_normal, body).tolist()
+            key: masses[true_order(exact.distribution.dividing_plane_normal, body)].tolist()
             for key, masses in exact.distribution.baselines.items()
         },
         angle_noise=angle_noise,
@@ -158,75 +162,92 @@ def session_record(
 
 
 def _own_answer(estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
-    regions = result_document(estimate).regions
+    regions, planes = result_document(estimate).regions, _first_planes(estimate)
     assert regions is not None  # noqa: S101 - every estimate has regions
-    same = bool(estimate.distribution.dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0)
-    rows = [regions.regions[i] for i in ((0, 1, 2) if same else (0, 2, 1))]
-    intervals = [row.mass.interval95 or (float("nan"), float("nan")) for row in rows]
+    order = true_order(estimate.distribution.dividing_plane_normal, body)
+    masses = [regions.regions[i].mass for i in order]
+    low, high = np.array([mass.interval95 for mass in masses], dtype=np.float64).T.tolist()
     return MethodAnswer(
         com_m=estimate.com.position.tolist(),
         com_covariance_m2=estimate.com.covariance.tolist(),
-        masses_kg=[_number(row.mass.value) for row in rows],
-        masses_sd_kg=[_number(row.mass.sd) for row in rows],
-        masses_low_kg=[_number(low) for low, _ in intervals],
-        masses_high_kg=[_number(high) for _, high in intervals],
-        moments=_moments(estimate, body),
+        masses_kg=np.array([mass.value for mass in masses], dtype=np.float64).tolist(),
+        masses_sd_kg=np.array([mass.sd for mass in masses], dtype=np.float64).tolist(),
+        masses_low_kg=low,
+        masses_high_kg=high,
+        moments=[
+            _axis_moment(planes[axis.axis_id], body, axis.i_edge, axis.i_com, axis.i_edge_sd, axis.i_com_sd)
+            for axis in estimate.inertial.axes
+        ],
     )
 
 
-def _moments(estimate: Estimate, body: pb.TruthBody) -> list[AxisMoment]:
-    com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
-    found: list[AxisMoment] = []
-    for axis in estimate.inertial.axes:
-        plane = next(plane for plane in estimate.planes if plane.axis_id == axis.axis_id)
-        R = distance_from_pivot(plane, com)
-        about_com = float(axis.direction @ tensor @ axis.direction)
-        about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
-        found.append(
-            AxisMoment(
-                axis_id=axis.axis_id,
-                distance_m=R,
-                i_edge_off=axis.i_edge / about_edge - 1,
-                i_edge_sd=axis.i_edge_sd / about_edge,
-                i_com_off=axis.i_com / about_com - 1,
-                i_com_sd=axis.i_com_sd / about_com,
-                i_edge_kg_m2=about_edge,
-            )
-        )
-    return found
+def _first_planes(estimate: Estimate) -> dict[str, EquiPlane]:
+    """Equi-plane (through pivot line and centre of mass) of each axis's first strike, by id of the axis."""
+    return {plane.axis_id: plane for plane in reversed(estimate.planes)}
+
+
+def _axis_moment(
+    plane: EquiPlane,
+    body: pb.TruthBody,
+    i_edge: float,
+    i_com: float,
+    i_edge_sd: float = 0.0,
+    i_com_sd: float = 0.0,
+    corrected: float | None = None,
+    left_out: float | None = None,
+) -> AxisMoment:
+    """Errors of the estimated moments of inertia of one axis, relative to the ground truth.
+
+    Args:
+        plane: equi-plane (through pivot line and centre of mass) of a strike on the axis, for its edge.
+        body: ground truth.
+        i_edge: estimated moment about the edge [kg m^2].
+        i_com: estimated moment about the parallel axis through the centre of mass [kg m^2].
+        i_edge_sd: standard deviation of `i_edge` [kg m^2].
+        i_com_sd: standard deviation of `i_com` [kg m^2].
+        corrected: the paper's corrected moment about the edge [kg m^2]; None if there is none.
+        left_out: fraction of stage two's frames that the paper's eq. (5) leaves out; None for our method.
+    """
+    R = distance_from_pivot(plane, np.array(body.com_object))
+    about_com = float(plane.direction @ np.array(body.inertia_com).reshape(3, 3) @ plane.direction)
+    about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
+    return AxisMoment(
+        axis_id=plane.axis_id,
+        distance_m=R,
+        i_edge_off=i_edge / about_edge - 1,
+        i_edge_sd=i_edge_sd / about_edge,
+        i_com_off=i_com / about_com - 1,
+        i_com_sd=i_com_sd / about_com,
+        i_edge_kg_m2=about_edge,
+        corrected_off=None if corrected is None else corrected / about_edge - 1,
+        left_out=left_out,
+    )
 
 
 def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
-    com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
-    moments: list[AxisMoment] = []
-    for axis_id, found in answer.i_edge.items():
-        plane = next((plane for plane in estimate.planes if plane.axis_id == axis_id), None)
-        if plane is None:
-            continue
-        R = distance_from_pivot(plane, com)
-        about_com = float(plane.direction @ tensor @ plane.direction)
-        about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
-        corrected = None if answer.regions is None else answer.regions.corrected_i_edge.get(axis_id)
-        less = found - body.mass_kg * distance_from_pivot(plane, answer.com) ** 2
-        moments.append(
-            AxisMoment(
-                axis_id=axis_id,
-                distance_m=R,
-                i_edge_off=found / about_edge - 1,
-                i_edge_sd=0.0,
-                i_com_off=less / about_com - 1,
-                i_com_sd=0.0,
-                i_edge_kg_m2=about_edge,
-                corrected_off=None if corrected is None else corrected / about_edge - 1,
-                left_out=answer.left_out[axis_id],
-            )
+    """Answer of the paper's method from one round of strikes, with errors of its moments of inertia.
+
+    Moments of axes whose strikes our estimate does not use are left out.
+    """
+    planes, regions = _first_planes(estimate), answer.regions
+    corrected = {} if regions is None else regions.corrected_i_edge
+    moments = [
+        _axis_moment(
+            planes[axis_id],
+            body,
+            found,
+            found - body.mass_kg * distance_from_pivot(planes[axis_id], answer.com) ** 2,
+            corrected=corrected.get(axis_id),
+            left_out=answer.left_out[axis_id],
         )
-    regions = answer.regions
+        for axis_id, found in answer.i_edge.items()
+        if axis_id in planes
+    ]
     return MethodAnswer(
         com_m=answer.com.tolist(),
         masses_kg=None
         if regions is None
-        else in_true_order(regions.masses, regions.dividing_plane_normal, body).tolist(),
+        else regions.masses[true_order(regions.dividing_plane_normal, body)].tolist(),
         moments=moments,
     )
 
@@ -238,10 +259,7 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
     for plane in estimate.planes:
         motion = by_id[plane.strike_id]
         assert motion.fit is not None  # noqa: S101 - it was used
-        tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
-        paper = next(
-            (fit.phi for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None
-        )
+        paper = sign_change_fit(motion)
         found.append(
             Angle(
                 axis_id=plane.axis_id,
@@ -249,7 +267,7 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
                 true_rad=tip_truth(evidence.planned(motion), body).phi,
                 ours_rad=plane.phi,
                 ours_sd_rad=plane.sd_phi,
-                paper_rad=paper,
+                paper_rad=None if paper is None else paper.phi,
                 frame_residual_rad=float(np.sqrt(np.mean(motion.fit.residual**2))),
             )
         )
@@ -272,22 +290,18 @@ def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
         mode="valid",
     )
     rate = np.gradient(smooth, seconds)
-    spans = {name: getattr(phases, name) for name in PHASE_NAMES}
-    last = max(spans[name][1] for name in spans if name != "landing" and spans[name] is not None)
+    spans = phases.spans()
+    last = max(stop for name, (_, stop) in spans.items() if name != "landing")
     shown = slice(0, min(len(seconds), last + LANDING_FRAMES))
     return Profile(
         time_s=seconds[shown].tolist(),
         theta_rad=angle.theta[shown].tolist(),
         rate_rad_s=rate[shown].tolist(),
         acceleration_rad_s2=np.gradient(rate, seconds)[shown].tolist(),
-        phases={name: span for name, span in spans.items() if span is not None},
+        phases=spans,
         phi_rad=motion.fit.phi,
-        phi_true_rad=_true_phi(motion, estimate, body),
+        phi_true_rad=tip_truth(estimate.evidence.planned(motion), body).phi,
     )
-
-
-def _true_phi(motion: TipMotion, estimate: Estimate, body: pb.TruthBody) -> float:
-    return tip_truth(estimate.evidence.planned(motion), body).phi
 
 
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
@@ -320,7 +334,3 @@ def _region(in_shell: NDArray[np.bool_], above: NDArray[np.bool_]) -> list[int]:
 
 def _pairs(points: Array) -> list[tuple[float, float]]:
     return [(round(float(x), 5), round(float(z), 5)) for x, z in points]
-
-
-def _number(value: object) -> float:
-    return float(np.array(value, dtype=np.float64))

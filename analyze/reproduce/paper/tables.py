@@ -217,16 +217,22 @@ def stated_errors_table(records: Sequence[SessionRecord]) -> Table:
     """
     rows: list[tuple[Value, ...]] = []
     ours = scores.with_our_plan(records)
-    for condition in Condition if ours else ():
-        rows += [_stated_error_row(condition, each) for each in scores.standardised(ours, condition)]
+    for condition, label in (
+        (Condition.EXACT, "as calibrated"),
+        (Condition.DRAWN, "calibration errors drawn"),
+    ):
+        found: list[tuple[scores.Standardised, float | None]] = [
+            (each, None) for each in scores.standardised(ours, condition)
+        ]
         for name in objects_of(scores.on_paper_objects(ours)):
             of_it = [record for record in ours if record.object == name]
-            each = scores.standardised_masses(of_it, condition, f"region masses, {name}")
-            rows.append(
-                _stated_error_row(
-                    condition, each, scores.scatter_of_mean(of_it, condition) if len(of_it) > 1 else None
-                )
-            )
+            of_mean = scores.scatter_of_mean(of_it, condition) if len(of_it) > 1 else None
+            found.append((scores.standardised_masses(of_it, condition, f"region masses, {name}"), of_mean))
+        rows += [
+            (label, each.name, len(each.scores), each.scatter, of_mean, 100 * float(each.held.mean()))
+            for each, of_mean in found
+            if len(each.scores)
+        ]
     note = (
         "Scatter: root mean square of error over stated sd; 1 is ideal, below 1 the stated sd is "
         "conservative. As calibrated: the rig's files state calibration errors that the virtual rig does not "
@@ -241,19 +247,7 @@ def stated_errors_table(records: Sequence[SessionRecord]) -> Table:
         Column("held by the 95 % interval [%]", 0),
     )
     title = "Achieved error over the stated standard deviation"
-    return Table("honesty", title, (*map(Column, columns), *last), tuple(row for row in rows if row[2]), note)
-
-
-def _stated_error_row(
-    condition: Condition, each: scores.Standardised, of_mean: float | None = None
-) -> tuple[Value, ...]:
-    label = "as calibrated" if condition is Condition.EXACT else "calibration errors drawn"
-    many = len(each.scores)
-    return (
-        (label, each.name, many, each.scatter, of_mean, 100 * float(each.held.mean()))
-        if many
-        else (label, each.name, 0, None, None, None)
-    )
+    return Table("honesty", title, (*map(Column, columns), *last), tuple(rows), note)
 
 
 def papers_choice_table(records: Sequence[SessionRecord]) -> Table:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.reproduce.paper import bounds, scores
-from analyze.reproduce.paper.record import AxisMoment, Condition, SessionRecord
+from analyze.reproduce.paper.record import AxisMoment, Condition, Sensitivity, SessionRecord
 from analyze.reproduce.paper.sensitivity import PAPER_NOISE_DEG
 from analyze.reproduce.paper.tables import Column, Table, objects_of
 
@@ -59,22 +59,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
     by our method, count.
     """
     mine = scores.on_paper_objects(scores.with_our_plan(records))
-    carton = [record for record in mine if record.scan_noise_com]
     moments = [axis for record in mine for axis in record.ours[Condition.EXACT].moments]
-    scan = [
-        value
-        for record in carton
-        for row in record.scan_noise_com
-        if np.isclose(row.level, SCAN_NOISE_M)
-        for value in row.ours
-    ]
-    noisy = [
-        value
-        for record in mine
-        for row in record.angle_noise
-        if np.isclose(row.level, PAPER_NOISE_DEG)
-        for value in row.ours
-    ]
     found = [
         Target(
             "tip angle per frame, rms about its fit",
@@ -83,7 +68,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             "–",
             0.07,
             0.03,
-            _degrees(a.frame_residual_rad for r in mine for a in r.angles),
+            np.degrees([a.frame_residual_rad for r in mine for a in r.angles]).tolist(),
             bound=bounds.FRAME,
         ),
         Target(
@@ -93,7 +78,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             "1.85",
             0.3,
             0.05,
-            _degrees(_scatter(mine)),
+            np.degrees(_scatter(mine)).tolist(),
             bound=bounds.REPEAT,
         ),
         Target(
@@ -103,7 +88,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             "12.5",
             1,
             0.3,
-            _centre(mine, Condition.EXACT),
+            scores.distances_mm(mine, Condition.EXACT, paper=False),
             bound=bounds.CENTRE,
         ),
         Target(
@@ -113,7 +98,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             "12.5",
             2,
             1,
-            _centre(mine, Condition.DRAWN),
+            scores.distances_mm(mine, Condition.DRAWN, paper=False),
             bound=bounds.DRAWN,
         ),
         Target(
@@ -123,7 +108,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             "12.5",
             5,
             2.6,
-            _millimetres(noisy),
+            _errors_mm((row for record in mine for row in record.angle_noise), PAPER_NOISE_DEG),
             bound=bounds.NOISY,
         ),
         Target(
@@ -149,15 +134,9 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
         ),
     ]
     for condition, label in ((Condition.EXACT, ""), (Condition.DRAWN, ", calibration errors drawn")):
-        answers = [
-            (answer.masses_kg, record) for answer, record in scores.answers(mine, condition, paper=False)
-        ]
-        metric = [100 * scores.metric(masses, record) for masses, record in answers if masses is not None]
-        wrong = [
-            100 * scores.mass_in_wrong_region(masses, record)
-            for masses, record in answers
-            if masses is not None
-        ]
+        pairs = scores.region_masses(mine, condition, paper=False)
+        metric = [100 * scores.metric(masses, record) for masses, record in pairs]
+        wrong = [100 * scores.mass_in_wrong_region(masses, record) for masses, record in pairs]
         why = bounds.masses_bound(mine, condition)
         found.append(
             Target(f"region masses, the paper's metric{label}", "%", 1, "11.5", 4, 1.5, metric, bound=why)
@@ -174,7 +153,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             "–",
             3,
             1.5,
-            _millimetres(scan),
+            _errors_mm((row for record in mine for row in record.scan_noise_com), SCAN_NOISE_M),
             bound=bounds.SCAN,
         )
     )
@@ -236,13 +215,9 @@ def _over_naive(name: str, records: Sequence[SessionRecord]) -> Target:
         name: name of the object.
         records: sessions on this object.
     """
-    answers = [
-        (answer.masses_kg, record) for answer, record in scores.answers(records, Condition.EXACT, paper=False)
-    ]
     values = [
         100 * scores.metric(masses, record) / scores.best_naive(record)
-        for masses, record in answers
-        if masses is not None
+        for masses, record in scores.region_masses(records, Condition.EXACT, paper=False)
     ]
     return Target(
         f"region masses over the best naive answer's, {name}",
@@ -294,16 +269,13 @@ def _scatter(records: Iterable[SessionRecord]) -> list[float]:
     return found
 
 
-def _centre(records: Sequence[SessionRecord], condition: Condition) -> list[float]:
+def _errors_mm(rows: Iterable[Sensitivity], level: float) -> list[float]:
+    """Errors [mm] of our centre of mass at one level of an input's noise.
+
+    Args:
+        rows: errors [m] at several levels.
+        level: level of the noise, in the unit of the rows' levels.
+    """
     return [
-        1e3 * scores.distance(answer, record)
-        for answer, record in scores.answers(records, condition, paper=False)
+        1e3 * value for row in rows if np.isclose(row.level, level) for value in row.ours if value is not None
     ]
-
-
-def _degrees(values: Iterable[float]) -> list[float]:
-    return [float(np.degrees(value)) for value in values]
-
-
-def _millimetres(values: Iterable[float | None]) -> list[float]:
-    return [1e3 * value for value in values if value is not None]

@@ -9,7 +9,7 @@ from analyze.errors import EstimationError
 from analyze.motion.free_flight import Flight, fit_flights
 from analyze.motion.moment_balance import balance_moments
 from analyze.reproduce.cube_tosses import corner_contacts, edge_contacts, flights
-from tests.analyze.motion.tossed_cube import EDGE, MASS, Cube, G, tossed
+from tests.analyze.motion.tossed_cube import MASS, Cube, G, tossed
 
 CUBE = Cube(np.array([0.001, -0.002, 0.006]), np.array([1.0, 0.95, 0.9]) * 1e-3)
 TOUCHING = {"edge": edge_contacts, "corner": corner_contacts}
@@ -18,7 +18,7 @@ POSE_NOISE = {"noise_m": 5e-5, "noise_rad": 2e-4}
 
 
 def balanced(cube, start, count, rounding=SHARP, **noise):
-    return balance_moments(TOUCHING[start](tossed(cube, count, 1, start, **noise), EDGE), G, rounding)
+    return balance_moments(TOUCHING[start](tossed(cube, count, 1, start, **noise)), G, rounding)
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.25, 0.8])
