@@ -34,7 +34,7 @@ cannot be fitted"""
 
 
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
-    """Camera model (size, matrix, lens, pose in the world frame) from a recording's calibration."""
+    """Camera model (size, matrix, lens, pose in the world frame W, line time) of a stored calibration."""
     return CameraModel(
         width=spec.width,
         height=spec.height,
@@ -47,7 +47,7 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
 
 
 def undistort(camera: CameraModel, points_px: Array) -> Array:
-    """Ideal (distortion-free) pixels (..., 2) of raw image points (..., 2).
+    """Ideal (distortion-free) pixels (..., 2) of raw image points (..., 2) [px].
 
     NaN beyond `MAX_FISHEYE_ANGLE_RAD` (80 deg) off the axis of a fisheye. A copy of the points for a pinhole
     without distortion.
@@ -104,7 +104,7 @@ def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
 
 
 def distort(camera: CameraModel, ideal_px: Array) -> Array:
-    """Raw image points (..., 2) of ideal (distortion-free) pixels (..., 2).
+    """Raw image points (..., 2) [px] of ideal (distortion-free) pixels (..., 2).
 
     A copy of the pixels for a pinhole without distortion.
     """
@@ -129,13 +129,13 @@ def world_to_camera(camera: CameraModel) -> tuple[Array, Array]:
 
 
 def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
-    """Ideal (distortion-free) pixels (..., 2) of points (..., 3) in the camera frame [m]."""
+    """Ideal (distortion-free) pixels (..., 2) of points (..., 3) in the camera frame [m], by a pinhole."""
     image = points_camera @ camera.K.T
     return image[..., :2] / image[..., 2:]
 
 
 def project(camera: CameraModel, points_camera: Array) -> Array:
-    """Raw image points (..., 2) of points (..., 3) in the camera frame [m], in front of the camera.
+    """Raw image points (..., 2) [px] of points (..., 3) in the camera frame [m], in front of the camera.
 
     Far outside the image the points are those of a pinhole, because the lens's polynomial may fold back
     there.
@@ -173,7 +173,7 @@ class PixelMap:
             np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float)
         )
         self.ideal = undistort(camera, np.stack([columns, rows], axis=-1))
-        """(height, width, 2) ideal px of each pixel centre"""
+        """(height, width, 2) ideal px of each pixel centre; NaN beyond 80 deg off a fisheye's axis"""
 
 
 @lru_cache(maxsize=4)

@@ -42,8 +42,8 @@ _REACH_PX = 2.6
 END_MARGIN_PX = 2.6
 """stretch left out at each end [px], where the blurred corner bends the edge"""
 _END_MARGIN_BLURS = 3.4
-"""the same in units of the blur s; the larger of both is used (otherwise the error at s = 2 px is 0.008
-px)"""
+"""stretch left out at each end in units of the blur s; the larger of this and `END_MARGIN_PX` is used
+(otherwise the error at s = 2 px is 0.008 px)"""
 _LINE_TOLERANCE_PX = 0.02
 """largest step of a line [px] that ends the iteration; Gauss-Newton converges quadratically, so that the
 remaining error is below 0.001 px"""
@@ -163,12 +163,13 @@ def fit_square(
 ) -> Square | None:
     """Square with corners refined to its edges in an image; None if no square is there.
 
-    It is the square that `find_square` gives, without the pixels along its edges.
+    It is the square that `find_square` gives, without the pixels along its edges. None if an edge leaves the
+    image, is too short or too long, or does not look like one.
 
     Args:
         image: (height, width) grey values.
         pixels: ideal coordinates of the pixel centres.
-        corners_ideal: (4, 2) first corners, free of lens distortion [ideal px].
+        corners_ideal: (4, 2) first corners, free of lens distortion [ideal px], within about 2 px.
         corners_raw: (4, 2) these corners in the image [raw px].
     """
     found = find_square(image, pixels, corners_ideal, corners_raw)
@@ -274,6 +275,9 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
         image: (height, width) grey values.
         band: pixels along the edges.
         start: (4, 3) first offset, tilt and blur of each edge [px].
+
+    Returns:
+        The square, with the band and the fitted shape.
     """
     grey = image.reshape(-1).take(band.index).astype(float)
     level = _descend(grey, band, start, None)
@@ -340,9 +344,10 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
 
 
 def _breadth(band: _Band) -> Array:
-    """Breadth (4,) of a pixel across each edge of a band [ideal px], along the longer of its axes.
+    """Breadth (4,) of a pixel across each edge of a band [ideal px]: the longer projection of its sides.
 
-    The contribution of the shorter axis is equivalent to blur.
+    A pixel's two sides are projected on the edge's normal; the effect of the shorter projection is equivalent
+    to blur.
     """
     ideal, raw = (corners[_NEXT] - corners for corners in (band.corners_ideal, band.corners_raw))
     return np.abs(raw).max(axis=1) * np.hypot(ideal[:, 0], ideal[:, 1]) / (raw**2).sum(axis=1)

@@ -55,7 +55,9 @@ def marker_corners(size: float) -> Array:
 
 
 def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
-    """Both poses of a square marker; None if the four points are not the view of a square.
+    """Both poses of a square marker in the camera frame C; None if its corners give no pose in front.
+
+    A square seen in one image has two poses that fit about as well.
 
     Args:
         corners_ideal: (4, 2) distortion-free corners [ideal px]: top-left, top-right, bottom-right,
@@ -64,8 +66,10 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
         K: (3, 3) camera matrix [px].
 
     Returns:
-        Both solutions, the better first, each refined by Levenberg-Marquardt; twice the same if there is only
-        one. None also if a solution lies behind the camera.
+        Rotations from the marker frame to C, centres in C [m], and rms reprojection errors [px] of both
+        solutions, the better first, each refined by Levenberg-Marquardt; twice the same if there is only one.
+        None if there is none, as for collinear corners, or if one is not finite or behind the camera. Corners
+        that are no view of a square give poses with a large error.
     """
     points = marker_corners(size)
     count, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -96,14 +100,19 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
 
 
 def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | None]:
-    """Both poses of a square marker in each of n views, None where the corners are not a square's view.
+    """Both poses of a square marker in each of n views, refined; None where there is no pose in front.
 
-    The result is that of `solve_pose` for every view, in a fifth of the time.
+    The result is that of `solve_pose` for every view, in a fifth of the time: poses in the camera frame [m],
+    the one that fits better first.
 
     Args:
-        corners_ideal: (n, 4, 2) distortion-free corners [ideal px].
+        corners_ideal: (n, 4, 2) distortion-free corners [ideal px]: top-left, top-right, bottom-right,
+            bottom-left.
         size: edge of the marker [m].
         K: (3, 3) camera matrix [px].
+
+    Returns:
+        n entries, None where the corners give no finite pose in front of the camera, as when collinear.
     """
     points = marker_corners(size)
     starts = [
@@ -148,7 +157,7 @@ def _reprojected(R: Array, p: Array, points: Array, K: Array) -> tuple[Array, Ar
 
 
 def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tuple[Array, Array]:
-    """Poses (m, 3, 3), (m, 3) [m] at the nearest minimum of the reprojection error.
+    """Rotations (m, 3, 3) and positions (m, 3) [m] at the nearest minimum of the reprojection error.
 
     The minimum is found by Levenberg-Marquardt. Rotation and position map the marker frame M to the camera
     frame C.
@@ -226,8 +235,9 @@ def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K:
 def choose_by_motion(pairs: list[PosePair], time_ns: Array, corner_sd_px: Array) -> list[int]:
     """Index (0 or 1) of the pose solution in each frame, by fit to the corners and least turn.
 
-    The path through all frames of least total cost is chosen (Viterbi). Cost of a frame: (error / sd)^2
-    summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed frames.
+    The path through all frames of least total cost is chosen (Viterbi). Cost of a frame: (reprojection error
+    / corner sd)^2 summed over eight coordinates; of a step from frame to frame: (angle between the two
+    rotations / 0.05 rad)^2 / elapsed frames.
 
     Args:
         pairs: both solutions of n frames.

@@ -83,7 +83,7 @@ class _CornerPaths:
         self._terms = _divided_differences(self._nodes, corners[index])
 
     def evaluate(self, time_s: Array) -> Array:
-        """Corners (n, 4, 2) [px] at times `time_s` (n, 4) [s], each by its own frame's cubic."""
+        """Corners (n, 4, 2) [px] at times `time_s` (n, 4) [s], each by the cubic of its own frame."""
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):
             place = self._terms[:, i] + (time_s - self._nodes[:, i])[..., None] * place

@@ -47,7 +47,8 @@ class TrackingReport:
     tracks: tuple[MarkerTrack, ...]
     """tracks of the object's markers that were found"""
     unknown_ids: tuple[int | str, ...]
-    """markers in view, of the object's families, that the object does not carry"""
+    """markers of the object's families that it does not carry, seen in at least two full searches (in one, if
+    there was only one image)"""
     image_times_ns: IntArray
     """log times of all images that were searched [ns]"""
 
@@ -100,9 +101,10 @@ class _Path:
     """the newest fit; None if there is none"""
 
     def predict(self, time_ns: int) -> tuple[Array, Array, float]:
-        """Expected raw and ideal corners (4, 2) [px] and their uncertainty [px], at constant velocity.
+        """Expected corners (4, 2) [raw px] and (4, 2) [ideal px], and their uncertainty [px].
 
-        With a single observation the last corners and 4 px. The marker must have been found at least once.
+        The corners move on at the velocity of the last two observations. With a single observation they are
+        its own, with 4 px. The marker must have been found at least once.
 
         Args:
             time_ns: log time of the frame for which the corners are expected [ns].
@@ -196,11 +198,13 @@ class MarkerFollower:
         return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
-        """Tracks of all markers that were found, with poses, and unknown markers.
+        """Tracks of all markers that were found, with poses in the camera frame, and unknown markers.
+
+        Both are empty if no marker was seen at all.
 
         Raises:
-            TrackingError: only markers that the object does not carry were seen, or the line time is too long
-                for the frame rate.
+            TrackingError: only markers that the object does not carry were seen, or the line time (delay from
+                image row to row) is too long for the frame rate.
         """
         delays_s = self._delays_by_frame()
         tracks = tuple(
@@ -235,7 +239,7 @@ class MarkerFollower:
         """Find a marker near its expected position; None if it is not there.
 
         Tried are the edges at the expected corners, if it was found in the last frame, and then a search of
-        the region around them, until the marker has been missing in `_MAX_LOCAL_SEARCHES` frames.
+        the region around them, unless the marker has been missing for `_MAX_LOCAL_SEARCHES` frames.
 
         Args:
             frame: the image.
@@ -276,7 +280,7 @@ class MarkerFollower:
         return _FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
-        """Search the whole image for the followed markers, and count the unknown ones.
+        """Search the whole image for the followed markers, and count the sightings of unknown ones.
 
         Args:
             frame: the image.
@@ -415,11 +419,12 @@ def track_markers(
             longer followed.
 
     Returns:
-        Tracks of the markers that were found, with unknown markers.
+        Tracks of the markers that were found, with unknown markers; both are empty if none was seen.
 
     Raises:
-        TrackingError: a marker is in view twice, only unknown ones are, an image has another size than the
-            calibration, or the line time is too long for the frame rate.
+        TrackingError: a marker of the object is in view twice, only markers that it does not carry are in
+            view, an image has another size than the calibration, or the line time (delay from image row to
+            row) is too long for the frame rate.
     """
     follower = MarkerFollower(camera, markers, expected)
     for frame in frames:
