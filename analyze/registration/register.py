@@ -114,7 +114,7 @@ def register(
     model: ObjectModel,
     table: TablePrior = LAID_BOARD,
 ) -> Registration:
-    """Estimate the poses of all markers that the strikes show, on the object.
+    """Estimate the poses (in the object frame O) of all markers that the strikes show.
 
     Strikes that contradict the others are left out, with the reason.
 
@@ -184,7 +184,7 @@ def register(
 def _solve_each(
     views: Sequence[StrikeView], sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> tuple[dict[str, Solution], list[LeftOut]]:
-    """Solution of each strike alone, by strike id, and the strikes without one, with the reason.
+    """Marker and table poses from each strike alone, by strike id, and strikes without a fit, with reason.
 
     Args:
         views: views of the strikes.
@@ -321,7 +321,7 @@ def _agreeing(
 
 
 def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
-    """True if two solutions agree on a marker's pose within their errors and the allowed difference.
+    """True if two solutions agree on a marker's pose, within their errors and about 5 deg and 5 mm.
 
     Args:
         one: solution of one strike alone.
@@ -355,7 +355,10 @@ def _placement_difference(view: StrikeView, found: Array, expected: Array) -> st
 
 
 def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
-    """Ids of the strikes whose misfit exceeds `times` the median one; the median counts as at least 0.1."""
+    """Ids of the strikes whose misfit (chi^2 per degree of freedom) exceeds `times` the median one.
+
+    The median counts as at least 0.1.
+    """
     usual = max(float(np.median(list(solution.misfit.values()))), MIN_USUAL_MISFIT)
     return {name for name, misfit in solution.misfit.items() if misfit > times * usual}
 

@@ -35,4 +35,4 @@ class Solution:
     rms_px: Mapping[int | str, float]
     """per marker: rms residual of its corners [px]"""
     converged: bool
-    """False if the iteration still moved, along a direction that is hardly determined"""
+    """False if the iteration still moved after its last step, along a direction that is hardly determined"""

@@ -124,7 +124,7 @@ class Problem:
         return self._solution(unknowns, normal, converged)
 
     def _first(self, start: Mapping[int | str, Array]) -> Unknowns:
-        """Unknowns at the first poses `start`, with placements and tables as recorded."""
+        """Unknowns at the marker poses `start`, with placements as planned and the tables as recorded."""
         return Unknowns(
             [start[i][:3, :3] for i in self.markers],
             [start[i][:3, 3] for i in self.markers],
@@ -135,15 +135,16 @@ class Problem:
         )
 
     def _minimum(self, unknowns: Unknowns) -> tuple[Unknowns, Array, bool]:
-        """Minimum by Levenberg-Marquardt, with the normal matrix of the shared unknowns there.
+        """Minimise the cost by Levenberg-Marquardt, over the shared unknowns and the frames' own.
 
-        Shared are all unknowns but the frames' own.
+        Shared are the unknowns of markers, strikes, edges and tables.
 
         Args:
             unknowns: values from which the iteration starts.
 
         Returns:
-            The unknowns at the minimum, the normal matrix (n, n), and False if the iteration still moved.
+            The unknowns at the minimum, the normal matrix (n, n) of the shared ones there, and False if the
+            iteration still moved after its last step.
 
         Raises:
             EstimationError: the cost is not finite.
@@ -174,10 +175,11 @@ class Problem:
         return unknowns, self._normal(unknowns)[0], converged
 
     def _model(self, s: int, u: Unknowns) -> tuple[Array, Array, Array, Array]:
-        """Corners of strike s: in the camera frame, arms turned by theta, also by the heading, and in W.
+        """Corners of strike s in the camera frame, and their positions at three earlier steps of the model.
 
-        Each is (f, m, 4, 3) [m] for f frames and m markers; the arms are relative to the pivot point, theta
-        is the tipping angle, W the recorded world frame without the table's height.
+        Each of the four is (f, m, 4, 3) [m] for f frames and m markers: corners in the camera frame; arms
+        from the pivot point, turned by the tipping angle theta; these arms turned by the heading as well; and
+        corners in axes of the recorded world frame W, without the table's height.
 
         Args:
             s: index of the strike.
@@ -214,10 +216,11 @@ class Problem:
         return np.clip(off * self._weight(s)[:, :, None, None], -1e6, 1e6)
 
     def _prior(self, u: Unknowns) -> tuple[Array, Array]:
-        """Deviation (n,) and weight (n,) of the shared unknowns from their priors.
+        """Deviation (n,) of the shared unknowns from their priors, and its weight (n,).
 
-        Weights are reciprocal standard deviations. The deviation of a marker's pose is always 0: its prior
-        only keeps undetermined directions finite.
+        Shared are the unknowns of markers, strikes, edges and tables. Weights are reciprocal standard
+        deviations. The deviation of a marker's pose is always 0: its prior only keeps undetermined directions
+        finite.
         """
         value = np.concatenate(
             [np.zeros(6 * len(self.markers)), u.strike.ravel(), u.edge.ravel(), u.table.ravel()]
@@ -273,10 +276,11 @@ class Problem:
         )
 
     def _normal(self, u: Unknowns) -> tuple[Array, Array, Callable[[Array], list[Array]]]:
-        """Normal matrix (n, n), gradient (n,) of the shared unknowns, and a function for frame steps.
+        """Normal matrix (n, n) and gradient (n,) of the shared unknowns, and a function for frame steps.
 
-        The frames' own unknowns are eliminated. The function gives their steps, (f - 1, 5) per strike, for a
-        step (n,) of the shared unknowns.
+        Shared are the unknowns of markers, strikes, edges and tables; the frames' own are eliminated. The
+        function gives the steps of these, (f - 1, 5) per strike of f frames, for a step (n,) of the shared
+        ones. The gradient is minus the derivative of half the cost.
         """
         value, weight = self._prior(u)
         normal, gradient = np.diag(weight**2), -value * weight**2
@@ -313,15 +317,16 @@ class Problem:
         return normal, gradient, back
 
     def _jacobian(self, s: int, u: Unknowns) -> tuple[IntArray, Array, Array, Array]:
-        """Shared columns of a strike, weighted derivatives by them and by the frames' own, and residuals.
+        """Derivatives of a strike's weighted corner residuals by the unknowns, and these residuals.
 
         Args:
             s: index of the strike.
             u: values of the unknowns.
 
         Returns:
-            (c,) indices of the shared unknowns, derivatives by them (f, k, c), derivatives by a frame's own
-            unknowns (f, k, 5), residuals (f, k), for f frames and k = 8 coordinates per marker.
+            (c,) indices of the shared unknowns (of markers, strike, edge, table), derivatives of the expected
+            corners over their sd by these (f, k, c) and by a frame's own unknowns (f, k, 5), and residuals
+            over their sd (f, k), for f frames and k coordinates, 8 per marker.
         """
         view = self._views[s]
         e = self._edges.index(view.axis_id)
@@ -390,12 +395,12 @@ class Problem:
         return dropped
 
     def _solution(self, u: Unknowns, normal: Array, converged: bool) -> Solution:
-        """Solution at the minimum `u`, with covariance and misfits.
+        """Solution at the minimum: poses, their covariances, and misfits.
 
         Args:
-            u: values of the unknowns.
-            normal: (n, n) normal matrix of the shared unknowns there; its inverse, scaled by the residuals,
-                is their covariance.
+            u: values of the unknowns at the minimum.
+            normal: (n, n) normal matrix of the shared unknowns (markers, strikes, edges, tables) there; its
+                inverse, scaled by the residuals, is their covariance.
             converged: False if the iteration still moved.
         """
         chi2, freedom = 0.0, 0

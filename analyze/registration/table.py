@@ -35,7 +35,7 @@ UNKNOWN_TABLE = TablePrior(math.radians(10.0), 0.1)
 
 
 def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
-    """Camera with its pose in the frame whose z = 0 is the table.
+    """Camera with its pose in the table's own frame, whose z = 0 is the table, instead of in W.
 
     Args:
         camera: camera with its recorded pose in the world frame W.
@@ -59,7 +59,8 @@ def table_rotation(table: Array) -> Array:
 def tilt_axes(table: Array) -> Array:
     """Axes (2, 3) in the world frame W about which the table turns as each of its two tilts changes.
 
-    The derivative of the matrix exponential, to third order, for tilts below 20 deg.
+    Unit changes of a tilt give these rotation vectors: the derivative of the matrix exponential, to third
+    order, for tilts below 20 deg.
 
     Args:
         table: (3,) tilts about W's x and y [rad], and the height [m], which is not used.

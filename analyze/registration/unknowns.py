@@ -21,8 +21,8 @@ PER_STRIKE, PER_EDGE, PER_TABLE, PER_FRAME = 5, 2, 3, 5
 HEADING_SD, PLACE_SD = math.radians(6.0), 0.02
 """prior sd of a placement by hand [rad, m]; wide, so that the hand gives no information beyond the start"""
 IMPACT_TURN_SD, TWISTED_SD, DRIFT_SD = math.radians(0.05), math.radians(3.0), math.radians(0.1)
-"""sd of the turn about the vertical by the impact [rad], by one that clearly missed the body's middle [rad],
-and while it tips [rad per rad]"""
+"""sd of the body's turn about the vertical by the impact [rad], by an impact that clearly missed the body's
+middle [rad], and while the body tips [rad per rad of tipping angle]"""
 FRAME_SD = np.array([np.inf, math.radians(0.05), 0.02, 2e-4, 3e-5])
 """sd of theta, heading, slip along x and along y, and lift in one frame of a tip [rad, m]"""
 MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
@@ -43,7 +43,7 @@ class Unknowns:
     t: list[Array]
     """(3,) centre in O per marker [m]"""
     strike: Array
-    """(s, 5) psi, x, y, kappa, tau [rad, m, m, rad, 1]"""
+    """(s, 5) of each strike psi, x, y, kappa, tau [rad, m, m, rad, 1]; psi is relative to the plan"""
     edge: Array
     """(e, 2) displacement of each edge's centre line across itself [m]"""
     table: Array
@@ -52,7 +52,7 @@ class Unknowns:
     """per strike (f - 1, 5), for its frames after rest: theta, heading, x, y, z [rad, rad, m, m, m]"""
 
     def after_step(self, shared: Array, frames: list[Array]) -> Unknowns:
-        """New unknowns after a step of the shared ones and of the frames' own; these stay as they are.
+        """Copy of the unknowns after a step of the shared ones and of the frames' own.
 
         Args:
             shared: (n,) step of all but the frames' unknowns: 6 per marker (turn in O [rad], position [m]), 5
