@@ -1,4 +1,4 @@
-"""Dense robust least squares.
+"""Dense least squares: Levenberg-Marquardt with Huber's robust loss, and plain Gauss-Newton.
 
-One Levenberg-Marquardt and one Gauss-Newton minimiser, Huber's weights and a lag-one noise model.
+Also Huber's weights, a robust scale, and the correlation of residuals from sample to sample.
 """

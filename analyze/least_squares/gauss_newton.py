@@ -34,8 +34,9 @@ def gauss_newton(
 
     Args:
         start: first state.
-        linearise: residuals (n,) and derivatives (n, p) at a state, both over the observations' sd.
-        apply_step: gives the state after a step (p,); it may limit the step.
+        linearise: function that gives residuals (n,) and derivatives (n, p) at a state, both over the
+            observations' sd.
+        apply_step: function that gives the state after a step (p,); it may limit the step.
         max_steps: number of steps after which the iteration ends.
         tolerance: size of the largest component of a step below which the iteration ends.
 

@@ -65,7 +65,7 @@ def minimise(
 
     Returns:
         Parameters after the last accepted step, with residuals, derivatives and weights there; the iteration
-        ends after `_MAX_STEPS` steps whether or not it converged.
+        ends after 40 steps, whether or not it converged.
     """
 
     def evaluate(x: Array) -> tuple[Array, Array]:
@@ -108,8 +108,11 @@ def with_differences(expected: Callable[[Array], Array], steps: Array) -> Model:
     """Model with central differences as derivatives, from a function of many parameter sets at once.
 
     Args:
-        expected: observations (n, c) of c sets of parameters (c, p).
+        expected: function that gives the observations (n, c) of c sets of parameters (c, p).
         steps: (p,) differentiation steps of the parameters.
+
+    Returns:
+        Function that gives observations (n,) and derivatives (n, p) at parameters (p,).
     """
     p = len(steps)
     offsets = np.concatenate([np.zeros((1, p)), np.diag(steps), -np.diag(steps)])
@@ -131,7 +134,7 @@ def _weights(standardised: Array) -> Array:
 
 
 def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
-    """Covariance (p, p) of the parameters of a robust fit, for weighted residuals of variance 1.
+    """Covariance (p, p) of the parameters of a robust fit, if the weighted residuals have variance 1.
 
     Args:
         minimum: the fit.
