@@ -65,7 +65,7 @@ def agreement(
     Args:
         planes: Equi-planes of the strikes used: per strike, the plane through pivot line and c.
         recorded_in: (strikes,) number of each strike's recording; the smallest counts as the first one.
-        com: Centre of mass estimated from all strikes, in the object frame O.
+        com: Centre of mass c estimated from all strikes, in the object frame O, with their robust weights.
         systematic: Standard deviations of the shared errors (tilt, scale, edge radius) used for `com`.
         prior: Prior of c that `com` was estimated with.
 
@@ -110,8 +110,7 @@ class EstimatorDisagreement:
     sigmas: float
     """Standardised difference of phi, or of k if `k_off` is given."""
     k_off: float | None = None
-    """k = m g R / I_edge of the other estimator over that of the one used, minus 1; None if it is phi that
-    disagrees."""
+    """k of the other estimator over that of the one used, minus 1; None if it is phi that disagrees."""
 
 
 def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisagreement, ...]:
@@ -143,6 +142,7 @@ def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisa
 
 
 def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> EstimatorDisagreement | None:
+    """Disagreement of the fit `other` with the one used, in k or else in phi; None if there is none."""
     off = other.phi - fit.phi
     sigmas = abs(off) / float(np.sqrt(fit.covariance[0, 0] + other.covariance[0, 0]))
     if fit.k is not None and other.k is not None:

@@ -72,7 +72,7 @@ class ShellCells:
 def cells_from_voxels(voxels: Voxels) -> Cells:
     """Cells of a voxelised body; a voxel that the shell's inner side cuts becomes two cells.
 
-    A part in the shell, or in the interior, of at most `MIN_CELL_FRACTION` of its voxel is left out.
+    A part in the shell, or in the interior, of at most `MIN_CELL_FRACTION` (0.001) of its voxel is left out.
     """
     shell, volumes = voxels.shell, voxels.volumes
     in_wall, inside = shell > MIN_CELL_FRACTION, shell < 1 - MIN_CELL_FRACTION

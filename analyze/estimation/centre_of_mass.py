@@ -42,7 +42,7 @@ def centre_of_mass(
         prior: Prior of c; determines the directions that strikes do not observe.
 
     Returns:
-        c in O with covariance, residual and share of information per strike, and the table's tilts.
+        c [m] in O with covariance, residual [m] and share of information per strike, and the table's tilts.
 
     Raises:
         EstimationError: there is no plane.

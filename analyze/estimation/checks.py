@@ -44,9 +44,9 @@ class LeaveOneOut:
     k: float
     """Predicted k [rad/s^2], for gravity at the place of the first recording."""
     by_others: Array
-    """(2, 2) covariance of the predicted (phi, ln k)."""
+    """(2, 2) covariance of the predicted (phi, ln k), phi in rad."""
     own: Array
-    """(2, 2) covariance of the strike's own (phi, ln k); 0 for a k that is not used."""
+    """(2, 2) covariance of the strike's own (phi, ln k), phi in rad; 0 for a k that is not used."""
 
     @property
     def agrees(self) -> bool:

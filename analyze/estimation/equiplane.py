@@ -27,7 +27,7 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
 
     Returns:
         Plane through the pivot's centre line and the centre of mass, with the fit's balance angle, rate
-        constant k and their errors.
+        constant k (None if the fit has none) and their errors.
 
     Raises:
         EstimationError: the motion has no fit, or the plan's pivot does not lie along the world's y at rest.
@@ -49,7 +49,8 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
             rolls on a curve, its circle of curvature replaces the pivot's point and radius.
 
     Returns:
-        Plane through the pivot's centre line and the centre of mass, with the fit's phi, k and their errors.
+        Plane through the pivot's centre line and the centre of mass, with the fit's phi, k (None if the fit
+        has none) and their errors.
 
     Raises:
         EstimationError: the plan's pivot does not lie along the world's y at rest.

@@ -89,7 +89,7 @@ class KnownDensity:
 
 @dataclass(frozen=True)
 class Marginal:
-    """Marginal posterior of one quantity, in that quantity's unit."""
+    """Marginal posterior of one quantity: mean, sd and 95 % interval, in that quantity's unit."""
 
     value: float
     """Posterior mean."""
@@ -257,7 +257,11 @@ class _Grid:
         self.log = prior - 0.5 * self.chi2 - 0.5 * np.linalg.slogdet(self.precision)[1]
 
     def near(self) -> tuple[float, float]:
-        """Lowest and highest of this grid's levels [m] for a finer grid to cover."""
+        """Lowest and highest level [m] for a finer grid to cover: those near the data's maximum.
+
+        They are this grid's levels with a chi^2, for the best thickness, that may be within
+        `_MAX_CHI2_EXCESS` of the smallest, and the next one on either side.
+        """
         least = np.min(self.chi2, axis=0)
         padded = np.concatenate([[np.inf], least, [np.inf]])
         sides = np.stack([padded[:-2], padded[2:]])

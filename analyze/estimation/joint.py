@@ -1,8 +1,9 @@
 """Joint estimate of centre of mass c, second moments and shared errors (method.md, section 7).
 
-The data are the balance angle phi and the rate constant k = m g R / I_edge of every strike (R is the distance
-of c from the edge): with their covariance they contain all the information of a free tip about the body,
-since the fit of the motion integrates out its start.
+The data are the balance angle phi and the rate constant k = m g R / I_edge [rad/s^2] of every strike (m mass,
+g gravity, R the distance of c from the edge, I_edge the moment of inertia about the edge): with their
+covariance they contain all the information of a free tip about the body, since the fit of the motion
+integrates out its start.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ MomentPrior = Callable[[Array], UnitPrior]
 class MomentModel:
     """Mass, gravity and prior of the moments: the inputs needed to use the strikes' rate constants k.
 
-    k = m g R / I_edge, with R the distance of the centre of mass from the edge.
+    k = m g R / I_edge [rad/s^2], with m the mass, g gravity, R the distance of the centre of mass from the
+    edge and I_edge the moment of inertia about the edge.
     """
 
     scale: Scale
@@ -101,7 +103,7 @@ class JointSolution:
     model: JointModel
     """Model of the strikes' balance angles and rate constants k as functions of the unknowns."""
     x: Array
-    """(count,) unknowns, in the order of `JointModel`."""
+    """(count,) unknowns, in the order of `JointModel`; count is their number."""
     covariance: Array
     """(count, count) covariance of the unknowns."""
     weight: Array
@@ -197,8 +199,8 @@ def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with
 def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
     """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count).
 
-    phi is the balance angle, k the rate constant. Residuals are modelled minus measured at the unknowns `x`
-    (count,); 0 for an ln k that is not used.
+    phi is the balance angle, k the rate constant, count the number of unknowns. Residuals are modelled minus
+    measured at the unknowns `x` (count,); 0 for an ln k that is not used.
     """
     log_k, by_log_k = model.log_k(x)
     both = np.stack([model.residual(x), (log_k - data.log_k) * data.uses_k], axis=1)
@@ -207,7 +209,7 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
 
 
 def _information(rows: Array, weight: Array) -> Array:
-    """Information (inverse covariance, (count, count)) about the unknowns that the strikes contribute.
+    """Information (count, count) about the unknowns that the strikes contribute: an inverse covariance.
 
     Args:
         rows: (strikes, 2, count) derivatives of the standardised residuals by the unknowns.
@@ -230,7 +232,7 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 
 
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
-    """Information (inverse covariance, (count, count)) of the priors, linear about the unknowns `x`.
+    """Information (count, count) of the priors, an inverse covariance, linear about the unknowns `x`.
 
     Args:
         diagonal: (count,) inverse variances of the unknowns' own priors.

@@ -3,8 +3,8 @@
     phi = atan2(-forward, height) + lean of the vertical + angle errors
     ln k = ln g + ln R - ln(l.J.l + (R + rho)^2) + error of the axis
 
-with phi the balance angle, k = m g R / I_edge the rate constant, c the centre of mass, (forward, height) the
-arm from the edge's centre line to c, R its length, g gravity, J the inertia about c per kilogram, l the unit
+with phi the balance angle, k the rate constant [rad/s^2], c the centre of mass, (forward, height) the arm
+from the edge's centre line to c, R its length, g gravity, J the inertia about c per kilogram, l the unit
 direction of the edge and rho its radius. A larger radius moves the centre line inwards, up and away from the
 tip: phi changes in proportion to cos phi - sin phi, which vanishes at 45 degrees, so that upright and
 45-degree tips together determine the radius. The equations do not contain the mass: motions determine J, not
@@ -208,10 +208,10 @@ class JointModel:
         )
 
     def log_k(self, x: Array) -> tuple[Array, Array]:
-        """Modelled ln k (strikes,), k = m g R / I_edge in [rad/s^2], and its derivative (strikes, count).
+        """Modelled ln k (strikes,), with k the rate constant in rad/s^2, and its derivative (strikes, count).
 
-        R is the distance of the centre of mass from the edge, I_edge the moment about it; `x` (count,) are
-        the unknowns.
+        k = m g R / I_edge with m the mass, g gravity, R the distance of the centre of mass from the edge, and
+        I_edge the moment of inertia about the contact line. The derivative is by the unknowns `x` (count,).
         """
         R = self.distances(x)
         about_edge, by = self.about_edge(x)

@@ -97,7 +97,9 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
 
 
 def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
-    """Volume, centroid and inertia per kilogram about it of several solids of one density together.
+    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of solids taken together.
+
+    All have one density.
 
     Args:
         solids: Solids that do not overlap, at least one with a volume.
@@ -125,7 +127,9 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
-    """Volume, centroid and inertia per kilogram about it of the uniform solid in the cells.
+    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of the solid in some cells.
+
+    The solid is uniform. Centroid and axes of the inertia are those of the object frame O.
 
     Args:
         cells: Cells of the body.

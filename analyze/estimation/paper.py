@@ -141,7 +141,7 @@ class PaperInertia:
 def paper_axis_inertia(
     plane: EquiPlane, motion: TipMotion, fit: MotionFit, com: Array, weight: float
 ) -> PaperInertia | None:
-    """Moment of inertia about a strike's edge by the paper's eq. (5), for a given centre of mass.
+    """Moment of inertia about a strike's edge by VISAPP 2013, eq. 5, for a given centre of mass.
 
     It is the mean of m g R sin(theta - phi) / alpha over the samples of stage two (the motion after balance)
     that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0; R is the distance of the
@@ -152,7 +152,7 @@ def paper_axis_inertia(
         motion: Motion of the strike, with the tipping angle theta(t).
         fit: Fit of the motion, for the balance angle phi.
         com: (3,) centre of mass [m], in the object frame O.
-        weight: Weight m g [N].
+        weight: Weight m g of the object [N].
 
     Returns:
         The moment and the share of samples excluded; None if stage two is missing or has fewer than
@@ -310,7 +310,7 @@ def _sweep(cells: Cells) -> _Sweep:
 
 
 def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
-    """Moments of inertia (b, 3) [m^2] of the regions per kilogram: the coefficients of eq. (9).
+    """Moments of inertia (b, 3) [m^2] of the regions per kilogram: the coefficients of VISAPP 2013, eq. 9.
 
     The axis passes through `point` (3,) [m] along the unit `direction` (3,), both in the object frame O. The
     regions are the shell, and the interior above and below each of b dividing planes.
@@ -323,7 +323,7 @@ def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
 def _axis_solution(
     plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, sweep: _Sweep
 ) -> _Solution | None:
-    """Region masses of eq. (9) for one axis whose centre of mass is closest to `com`.
+    """Region masses by VISAPP 2013, eq. 9, for one axis: those with the centre of mass closest to `com`.
 
     Args:
         plane: Equi-plane of a strike about the axis, for its pivot line.
@@ -334,7 +334,8 @@ def _axis_solution(
         sweep: Positions of the dividing plane to try.
 
     Returns:
-        None if no solution has positive masses with the right sum, to 2 %.
+        Masses of shell, upper and lower part of the interior, with the dividing plane; None if no solution
+        has positive masses with the right sum, to 2 %.
     """
     arm = com - plane.point
     arm = arm - plane.direction * (arm @ plane.direction)

@@ -69,10 +69,10 @@ class MeasuredMoments:
     """(4 + a, 4 + a) covariance of mass, c and the moments, in this order."""
 
     def whitening(self) -> tuple[Array, Array]:
-        """Whitening matrix W (4 + a, 4 + a) of (mass, first moment, moments), and their values times W.
+        """Whitening matrix W (4 + a, 4 + a) of (mass, first moment, moments), and W times their values.
 
-        W makes their errors independent and of unit sd. The first moment is taken about the measured centre
-        of mass, where its value is 0; the values are (4 + a,).
+        The moments are those about a axes; W makes the errors independent and of unit sd. The first moment is
+        taken about the measured centre of mass, where its value is 0; the values are (4 + a,).
         """
         target = np.concatenate([[self.mass], np.zeros(3), self.moments])
         covariance = self.covariance.copy()
@@ -83,10 +83,11 @@ class MeasuredMoments:
         return whiten, whiten @ target
 
     def by_cell(self, cells: Cells, about: Array) -> Array:
-        """Mass, first moment and moments (n, 4 + a) that a kilogram in each of n cells contributes.
+        """Mass, first moment [m] and moments [m^2] per kilogram in each of n cells, (n, 4 + a).
 
-        The first moment is taken about the measured centre of mass, the moments of inertia about lines
-        through `about` (3,) [m], in the object frame O.
+        The moments of inertia are those about the a measured directions. The first moment is taken about the
+        measured centre of mass, the moments of inertia about lines through `about` (3,) [m], in the object
+        frame O.
         """
         arm = cells.points - about
         off_axes = np.sum(arm**2, axis=1)[:, None] - (arm @ self.directions.T) ** 2
@@ -136,7 +137,7 @@ def part_masses(
 ) -> PartMasses:
     """Posterior of the masses of uniform parts given the moments of the whole object.
 
-    Sampled by hit-and-run chains (Smith 1984, Operations Research 32) along directions drawn from the
+    It is sampled by hit-and-run chains (Smith 1984, Operations Research 32) along directions drawn from the
     unbounded posterior or from other chains (ter Braak 2006, Statistics and Computing 16), so that narrow
     directions (the sum, a small part) do not slow the mixing.
 
@@ -216,9 +217,10 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 
 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
-    """Mode (n,) of the normal distribution (mean, precision) truncated to [0, `most`], `most` being (n,).
+    """Mode (n,) of a normal distribution of n masses, each truncated to between 0 and `most` (n,).
 
-    It is kept 1e-6 of `most` inside the bounds.
+    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. The mode is kept
+    1e-6 of `most` inside the bounds.
     """
     values, vectors = np.linalg.eigh(precision)
     root = (vectors * np.sqrt(values)).T * most
@@ -227,9 +229,10 @@ def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
 
 
 def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
-    """Draws (draws, n) of the normal distribution (mean, precision), truncated to [0, `most`], each (n,).
+    """Draws (draws, n) of n masses from a normal distribution, each mass bounded by 0 and `most` (n,).
 
-    All chains begin at `start` (n,); their first `_BURN_IN_STEPS` steps are dropped.
+    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. All chains begin
+    at `start` (n,); their first `_BURN_IN_STEPS` steps are dropped.
     """
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
@@ -256,8 +259,9 @@ def _draw_on_lines(
 ) -> Array:
     """One draw (m, n) on each of m lines x + t direction, from a normal distribution within bounds.
 
-    Along a line its log density is -(b t + a t^2 / 2), with a = d.precision.d, b = d.precision.(x - mean) and
-    d the direction; the bounds are 0 and `most` (n,).
+    Along a line the log density is -(b t + a t^2 / 2), with a = d.precision.d, b = d.precision.(x - mean) and
+    d the direction. `x` and `direction` are (m, n), the bounds 0 and `most` (n,); `mean` (n,) and `precision`
+    (n, n), the inverse covariance, are those before truncation.
     """
     by_precision = direction @ precision
     a = np.sum(by_precision * direction, axis=1)

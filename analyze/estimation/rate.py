@@ -1,14 +1,15 @@
-"""Check of the stated frame rate: k = m g R / I_edge scales with its square; the shape bounds I_edge.
+"""Check of the stated frame rate: the strikes' k scale with its square, and the shape bounds k.
 
-With r the true rate over the stated one, the true k is k r^2, so that for every axis
+k = m g R / I_edge [rad/s^2] is the rate constant of a tip, with m the mass, g gravity, I_edge the moment of
+inertia about the edge and R the distance of the centre of mass c from it. With r the true frame rate over the
+stated one, the true k is k r^2, so that for every axis
 
-    I_edge / m = s g R / k,    s = 1 / r^2,
+    I_edge / m = s g R / k,    s = 1 / r^2.
 
-with I_edge the moment of inertia about the edge and R the distance of the centre of mass from it. Any filling
-of the shape with the centre of mass estimated from the balance angles phi has I_edge / m = sum of mass shares
-times squared distances from the edge: the smallest and the largest s for which some filling has all moments
-at once is a linear programme in the shares and s (moment problems: Karlin and Studden 1966). Parallel axes
-with different R share one moment about c, and then
+Any filling of the shape with the centre of mass estimated from the balance angles phi has I_edge / m = sum of
+mass shares times squared distances from the edge: the smallest and the largest s for which some filling has
+all moments at once is a linear programme in the shares and s (moment problems: Karlin and Studden 1966).
+Parallel axes with different R share one moment about c, and then
 
     s = (R1^2 - R2^2) / (g (R1 / k1 - R2 / k2))
 
@@ -99,7 +100,7 @@ def rate_check(
 
     Args:
         planes: Equi-planes of one recording's strikes (plane through pivot line and centre of mass), in the
-            object frame O, with rate constants k = m g R / I_edge at the stated frame rate.
+            object frame O, with the rate constants k [rad/s^2] of their tips at the stated frame rate.
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
@@ -132,7 +133,8 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
         points: (n, 3) places [m, in the object frame O] where mass can be.
 
     Returns:
-        Smallest and largest ratio; None if no strike has a usable k, or no filling fits at any rate.
+        Smallest and largest ratio; None if no strike has a usable k, no filling fits at any rate, or the
+        bounds of single strikes exclude each other.
     """
     model, x, P = by_phi.model, by_phi.x, by_phi.covariance
     R, by_c = model.distances(x), model.distance_design(x)
@@ -187,7 +189,7 @@ def _extremes(
         points: (n, 3) places [m, in the object frame O] where mass can be.
 
     Returns:
-        Both ends of s; None if no masses have their centre on the plane.
+        Smallest and largest s; None if no masses have their centre on the plane.
     """
     arm = points - plane.point
     towards = np.cross(plane.normal, plane.direction)
@@ -293,9 +295,8 @@ def estimated_rate(
 ) -> RateEstimate | None:
     """Estimate of the true over the stated frame rate from axes at different distances, for any filling.
 
-    The joint problem is solved with gravity as a free parameter: a factor on it acts on the rate constants
-    k = m g R / I_edge of the strikes as the square of a factor on the frame rate. R is the distance of the
-    centre of mass from an edge, I_edge the moment about it.
+    The joint problem is solved with gravity as a free parameter: a factor on it acts on the strikes' rate
+    constants k as the square of a factor on the frame rate.
 
     Args:
         planes: Equi-planes (plane through pivot line and centre of mass) of one recording's strikes, in the
@@ -303,7 +304,7 @@ def estimated_rate(
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments, which is widened.
-        approximate: Approximate ratio, to start from.
+        approximate: Approximate ratio of true to stated frame rate, to start from.
 
     Returns:
         Ratio and its sd; None if the axes do not determine the ratio to `MAX_RATE_SD`.

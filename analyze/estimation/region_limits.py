@@ -20,8 +20,9 @@ from analyze.types import Array
 
 
 def region_limits(problem: RegionProblem, normal: Array, height: float) -> Array:
-    """Smallest and largest share (3, 2) of the mass in the shell, above and below the dividing plane.
+    """Smallest and largest share (3, 2) of the body's mass in the shell and in the two interior parts.
 
+    Rows are the shell and the interior above and below the dividing plane; above is the side of its normal.
     The bounds are 0 and 1 if no filling has the measured moments (each within 1.96 sd).
 
     Args:

@@ -56,7 +56,7 @@ def mass_distribution(
         rng: Random generator of the chains; the same seed gives the same result.
 
     Returns:
-        Masses [kg] with covariance and intervals, and the dividing plane.
+        Masses [kg] with covariance and intervals, and the dividing plane in O.
     """
     return _distribution([_shell_posterior(parameters, cells, rng)], np.ones(1), parameters, rng)
 
@@ -129,7 +129,9 @@ def _distribution(
     parameters: InertialParameters,
     rng: np.random.Generator,
 ) -> MassDistribution:
-    """Masses of shell, upper and lower part averaged over shell thicknesses, and the dividing plane.
+    """Masses of shell, upper and lower interior averaged over shell thicknesses, and the dividing plane.
+
+    The dividing plane splits the interior; the upper part is the one on the side of its normal.
 
     Args:
         posteriors: Posterior of masses and dividing plane for each of w thicknesses.
@@ -138,8 +140,9 @@ def _distribution(
         rng: Random generator that selects draws.
 
     Returns:
-        Distribution with the best plane of the likeliest thickness; if no plane explains the moments, the
-        bounds for any filling, with the plane through the body's middle.
+        Masses [kg] in the order shell, upper, lower, with the best plane (in the object frame O) of the
+        likeliest thickness. If no plane explains the moments, the middles of the bounds for any filling,
+        moved to the right sum, with the plane through the body's middle; `explained` is then False.
     """
     first = posteriors[int(np.argmax(weight))]
     problem, planes = first.problem, first.chains.planes
@@ -268,8 +271,12 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chain
     Random planes everywhere give the evidence (the mean of prior times likelihood) and start the chains,
     which cool from a high temperature to find all modes.
 
+    Args:
+        problem: Problem of the mass shares for one shell thickness.
+        rng: Random generator.
+
     Returns:
-        Positions of `CHAINS` chains in each of `KEPT_STEPS` steps, and the log evidence.
+        Positions of `CHAINS` chains in each of `KEPT_STEPS` steps (2000 in all), and the log evidence.
     """
     normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
     heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach

@@ -96,11 +96,10 @@ def sensitivity(
 ) -> Sensitivity:
     """Influence of each strike on the centre of mass c, and of each error source on its covariance.
 
-    Both are linear about the solution.
-
-    With P the covariance of all unknowns, a measurement with derivative B and inverse covariance W moves them
-    by P B^T W, and a shared error of unit sd by its column of P. The contribution of a source is the
-    covariance that its own errors cause through these gains.
+    Both are linear about the solution. With P the covariance of all unknowns, a unit change of a measurement
+    whose derivative by the unknowns is B and whose inverse covariance is W moves them by P B^T W, and a
+    shared error of unit sd by its column of P. The contribution of a source is the covariance that its own
+    errors cause through these gains.
 
     Args:
         solution: Joint solution of all strikes.
@@ -130,7 +129,7 @@ def sensitivity(
 def _rows(solution: JointSolution) -> Array:
     """Derivatives (strikes, 2, count) of balance angle phi and ln k by the unknowns; 0 for an unused k.
 
-    k is the rate constant of the tip's pendulum equation.
+    k is the rate constant of the tip's pendulum equation, count the number of unknowns.
     """
     model, x = solution.model, solution.x
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)

@@ -73,10 +73,9 @@ def shortest_intervals(draws: Array, lowest: float) -> tuple[Array, Array]:
 
 
 def log_normal_mass(low: Array, high: Array) -> Array:
-    """Log of the standard normal probability between `low` (...) and `high` (...), precise in the tails.
+    """Log of the standard normal probability between `low` and `high`, precise in the tails.
 
-    Returns:
-        (...) logarithms of the shapes broadcast together.
+    The result has the common shape to which the arrays `low` and `high` are broadcast.
     """
     flip = low + high > 0
     near, far = np.where(flip, -high, low), np.where(flip, -low, high)
@@ -92,7 +91,7 @@ filling."""
 
 @dataclass(frozen=True)
 class ShareDistribution:
-    """Distributions (b) of shares (u, v, 1 - u - v) of a whole, normal and truncated at zero.
+    """Set of b distributions of shares (u, v, 1 - u - v) of a whole, normal and truncated at zero.
 
     The prior gives probability `EMPTY_PART_PRIOR` to the second share being zero, and to the third; the rest
     is uniform over all possible shares (a triangle), or over those that leave one of them zero (two of its
@@ -107,11 +106,12 @@ class ShareDistribution:
     places: Array
     """(b, nodes) evenly spaced grid of u."""
     log_density: Array
-    """(b, nodes) log marginal density of u at `places`, of exp(-(w - mean).precision.(w - mean) / 2)."""
+    """(b, nodes) log marginal density of u at `places`: exp(-(w - mean).precision.(w - mean) / 2) integrated
+    over v from 0 to 1 - u."""
 
     @property
     def log_mass(self) -> Array:
-        """Log (b,) of the integral of prior times likelihood over all possible shares.
+        """Logarithms (b,) of the integral of prior times likelihood over all possible shares.
 
         With w the first two of the three shares, the likelihood is exp(-(w - mean).precision.(w - mean) / 2).
         """
@@ -172,14 +172,14 @@ class ShareDistribution:
 
 @dataclass(frozen=True)
 class _Side:
-    """Normal distributions (b) of the first share u along one side of the triangle of possible shares."""
+    """Set of b normal distributions of the first share u on one side of the triangle of shares."""
 
     mean: Array
     """(b,) means of u before truncation."""
     sd: Array
     """(b,) standard deviations of u before truncation."""
     log_peak: Array
-    """(b,) log density at the mean."""
+    """(b,) log density at the mean, not normalised."""
 
     @classmethod
     def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
@@ -196,7 +196,7 @@ class _Side:
 
     @property
     def log_mass(self) -> Array:
-        """Log (b,) of the integral of each density over the first share u from 0 to 1."""
+        """Logarithms (b,) of the integral of each density over the first share u from 0 to 1."""
         return (
             self.log_peak
             + np.log(np.sqrt(2 * np.pi) * self.sd)
