@@ -30,19 +30,19 @@ _CLOSE_JOIN_S = 1.0
 OPEN_S = 20.0
 """longest time for connecting and all settings [s]
 
-The work takes a quarter of a second; each missing answer costs 2.5 s, and Aravis may wait for six.
+The work takes a quarter of a second; each missing answer costs 2.5 s, and there may be six of them.
 """
 _CLOCK_JUMP_S = 5.0
-"""change of device time against host time between two frames that no delay explains: the clock was set, or it
-restarted [s]"""
+"""change of device time against host time between two frames [s] that no delay explains: the camera's clock
+was set, or it restarted"""
 
 
 class AravisCamera(Camera):
     """A GigE Vision camera. Order of calls: open, start, read (repeatedly), stop, close.
 
     Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or
-    crashes (#453). The buffers lie in a BufferPool, so an image is a view. Never reopen a camera that was
-    lost: make a new one.
+    crashes (#453). The buffers lie in a BufferPool, and a frame's image is a view of its buffer. Never reopen
+    a camera that was lost: make a new one.
 
     Args:
         config: section `camera` of the rig file.
@@ -91,8 +91,9 @@ class AravisCamera(Camera):
         Raises:
             CameraNotFound: nothing answers at the address.
             CameraSettingError: a setting reads back differently, or is out of the camera's range.
-            CameraError: another program controls the camera, it refused a connection or stopped answering,
-                its stream or memory for it cannot be had, or all this took longer than `OPEN_S` (20 s).
+            CameraError: another program controls the camera, it refused the connection or stopped answering,
+                no stream can be opened, memory for its buffers is lacking, Aravis is not installed, or all
+                this took longer than `OPEN_S` (20 s).
         """
         done: Future[CameraInfo] = Future()
         threading.Thread(target=self._open_in_thread, args=(done,), name="aravis-open", daemon=True).start()
@@ -168,7 +169,7 @@ class AravisCamera(Camera):
         return info
 
     def start(self) -> None:
-        """Start streaming; frames and losses are counted from 0 again.
+        """Start streaming; frames and losses are counted from 0 again, frames left from before are dropped.
 
         Raises:
             CameraLost: the camera no longer answers.
@@ -223,8 +224,8 @@ class AravisCamera(Camera):
         a warning is added.
 
         Returns:
-            Device time with the host's monotonic times before and after; None if the camera cannot latch its
-            clock, does not answer, is lost or is not open.
+            Device time with the host's monotonic times before and after [ns]; None if the camera cannot latch
+            its clock, does not answer, is lost or is not open.
         """
         connection = self._connection
         device = None if connection is None else connection.device  # another thread may be closing it

@@ -42,18 +42,18 @@ def aravis_and_glib() -> tuple[Any, Any]:
 
 
 def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
-    """List all GigE Vision cameras that answer a broadcast, and the virtual one at a loopback address.
+    """List the GigE Vision cameras that answer a broadcast, and a virtual camera at a loopback address.
 
     Takes about a second.
 
     Args:
-        loopback: IP address at which a virtual camera is looked for; loopback carries no broadcasts.
+        loopback: IP address that is asked for a virtual camera, because loopback carries no broadcasts.
 
     Returns:
         Identities of the cameras; empty if none answers.
 
     Raises:
-        CameraError: Aravis is not installed.
+        CameraError: Aravis's Python bindings are not installed.
     """
     Aravis, _ = aravis_and_glib()
     Aravis.update_device_list()
@@ -97,7 +97,8 @@ class Connection:
 def drain(stream: Any, buffers: int) -> None:
     """Drop frames that were not read: return their buffers to the Aravis stream.
 
-    At most `buffers` are returned, because a camera that missed its stop command goes on sending.
+    It ends when no frame arrives for 10 ms, or after `buffers` frames, because a camera that missed its stop
+    command goes on sending.
     """
     for _ in range(buffers):
         buffer = stream.timeout_pop_buffer(_DRAIN_US)
@@ -112,7 +113,8 @@ def close_connection(connection: Connection, lost: bool) -> None:
     Blocks for 7.5 s if the camera is dead.
 
     Args:
-        connection: objects to release; camera, device and stream are None afterwards, `buffers` is empty.
+        connection: objects to release; its camera, device and stream are None afterwards, its `buffers` an
+            empty list.
         lost: True if the camera is known not to answer; it is then not asked to stop.
     """
     _, GLib = aravis_and_glib()

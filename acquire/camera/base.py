@@ -42,7 +42,7 @@ class Camera(ABC):
     def borrowable_frames(self) -> int:
         """Number of frames whose buffers a user may borrow (keep after the next read) at a time.
 
-        If it is above 0, every image begins on a page of the memory.
+        If it is above 0, every image begins at the boundary of a memory page.
         """
         return 0
 
@@ -50,9 +50,12 @@ class Camera(ABC):
     def open(self) -> CameraInfo:
         """Connect, write every setting, read it back and compare; return the camera's identity.
 
+        Address and settings are those of the rig file's section `camera`.
+
         Raises:
             CameraNotFound: nothing answers at the address.
-            CameraSettingError: a setting reads back differently.
+            CameraSettingError: a setting is refused or reads back differently.
+            CameraError: the camera cannot be used for another reason, e.g. another program controls it.
         """
 
     @abstractmethod
@@ -68,7 +71,7 @@ class Camera(ABC):
         """Next complete frame, or None if none arrived within `timeout_s` [s].
 
         Raises:
-            CameraLost: the camera no longer answers, or stalled longer than configured.
+            CameraLost: the camera no longer answers, or sent no complete frame for the configured `stall_s`.
         """
 
     @abstractmethod
@@ -76,16 +79,16 @@ class Camera(ABC):
         """Read the camera's clock now. A second thread may call this while frames are read.
 
         Returns:
-            Device time with the host's monotonic times before and after; None if the camera cannot latch its
-            clock (store its present value), or this reading failed.
+            Device time with the host's monotonic times before and after [ns]; None if the camera cannot latch
+            its clock (store its present value), or this reading failed.
 
         Raises:
-            CameraLost: the camera does not answer.
+            CameraLost: the camera does not answer, if the class does not return None then.
         """
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop streaming frames."""
+        """Stop streaming frames; those that were not read may be dropped."""
 
     @abstractmethod
     def close(self) -> None:

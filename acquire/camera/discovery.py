@@ -1,8 +1,8 @@
 """Queries to a camera without a connection: its identity, and whether a client controls it.
 
-Packets after GigE Vision 2.0, 16.2 and 16.4. Aravis's own discovery broadcasts, and loopback does not carry
-broadcasts. A camera does not answer a write by a client without control, which costs Aravis 2.5 s of
-time-outs each: asking first costs nothing.
+Packets after GigE Vision 2.0, sections 16.2 and 16.4. Aravis's own discovery broadcasts, and loopback does
+not carry broadcasts. A camera does not answer a write by a client without control, which costs Aravis 2.5 s
+of time-outs each: to ask first who has control costs nothing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ _HEARTBEAT_TIMEOUT_S = 3.2
 
 
 def identify_camera(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
-    """Identity of the camera at `address`, or None if no valid answer comes within `timeout_s` [s]."""
+    """Identity of the camera at an IP address; None if no valid answer comes within `timeout_s` [s].
+
+    The identity's own address is the one in the camera's answer.
+    """
     answer = _exchange(address, _DISCOVERY, timeout_s)
     if len(answer) < _ANSWER_BYTES or answer[2:4] != b"\x00\x03":
         return None
@@ -43,7 +46,7 @@ def identify_camera(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
 
 
 def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
-    """True if a client holds the control privilege of the camera at `address`.
+    """True if a client holds the control privilege of the camera at IP address `address`.
 
     False if none does, or no valid answer comes within `timeout_s` [s].
     """
@@ -54,17 +57,18 @@ def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
 
 
 def wait_for_control(address: str, clock: Clock) -> None:
-    """Wait while a killed client's control privilege lasts: its heartbeat time-out of 3 s.
+    """Wait 3.2 s if a client controls the camera: a killed client loses control within that time.
 
-    Returns at once if no client controls the camera. The camera is asked only twice, because Aravis's fake
-    camera takes any client's question for the controller's heartbeat.
+    The camera ends control 3 s after the last heartbeat. Returns at once if no client controls it. The camera
+    is asked only twice, because Aravis's fake camera takes any client's question for the controller's
+    heartbeat.
 
     Args:
         address: IP address of the camera.
         clock: the host's clock, for the wait.
 
     Raises:
-        CameraError: a living client controls the camera: it still does after 3.2 s.
+        CameraError: a client still controls the camera after 3.2 s, so it is alive.
     """
     if is_controlled(address):
         clock.sleep(_HEARTBEAT_TIMEOUT_S)

@@ -25,11 +25,12 @@ class FrameLoss:
         """Number of frames lost between the last complete frame and this one; 0 for the first frame.
 
         Call once for every complete frame, in order. The larger of the two counts is returned, by id and by
-        time; ids that do not count frames are ignored.
+        time. The count by id is ignored where it is implausible, more than twice the count by time plus 1000:
+        a camera that repeats its ids does not count frames.
 
         Args:
             frame_id: block id of the frame, 16 bits (1-65535, then 1 again) or longer.
-            device_time_ns: time of the frame on the camera's clock.
+            device_time_ns: time of the frame on the camera's clock [ns].
         """
         last, self._last = self._last, (frame_id, device_time_ns)
         if last is None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SO_RCVBUFFORCE = 33
-"""needs CAP_NET_ADMIN; not limited by net.core.rmem_max"""
+"""number of the socket option that is not limited by net.core.rmem_max; it needs CAP_NET_ADMIN"""
 
 
 def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
@@ -25,11 +25,11 @@ def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
 
     Args:
         port: UDP port of the socket.
-        size_bytes: wanted size.
+        size_bytes: wanted size [bytes].
 
     Returns:
-        The effective size [bytes]: half of Linux's figure, which includes its bookkeeping. 0 if there is no
-        such socket.
+        The effective size [bytes]: half of Linux's figure, which includes its bookkeeping. 0 if this process
+        has no such socket.
     """
     for stream in _sockets():
         with stream:

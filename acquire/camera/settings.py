@@ -19,13 +19,13 @@ class Setting:
     """One value to write to a camera, read back and compare."""
 
     name: str
-    """name for messages: the GenICam feature's, where the setting is written by that name"""
+    """name in messages; that of the GenICam feature if the setting is written as a feature"""
     wanted: float | str
     """value to write"""
     tolerance: float
-    """greatest difference of a number that is read back"""
+    """largest permitted difference between the wanted number and the one read back, in `unit`"""
     unit: str
-    """unit for messages; empty if there is none"""
+    """unit of the value, for messages; empty if there is none"""
     write: Callable[[Any], object]
     """writes a value to the camera"""
     read: Callable[[], float | str]
@@ -83,6 +83,8 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
 def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
     """Yield the settings of the rig file's camera section, in an order that no camera refuses.
 
+    Nothing is written to the camera here.
+
     Args:
         camera: the opened Aravis camera.
         config: section `camera` of the rig file.
@@ -121,10 +123,10 @@ def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
 
 
 def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
-    """Yield the settings of trigger and, without a trigger, of the frame rate.
+    """Yield the settings of trigger and, without a trigger, of the frame rate, in the order of writing.
 
-    TriggerMode is written to every camera that has it: a camera that keeps its settings may wait for pulses
-    that never arrive.
+    TriggerMode is among them for every camera that has it: a camera that keeps its settings may wait for
+    pulses that never arrive.
 
     Args:
         camera: the opened Aravis camera.

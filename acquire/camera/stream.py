@@ -24,15 +24,16 @@ if TYPE_CHECKING:
 LATCH_S: Final = 0.5
 """interval between latches of the device clock [s]"""
 FIRST_LATCH_S: Final = 0.1
-"""interval [s] while the readings span less than LATCH_SPAN_S: the drift is the more precise, the longer the
-span"""
+"""interval between latches [s] while the clock readings span at most LATCH_SPAN_S: the shorter the span, the
+less precise the drift"""
 LATCH_SPAN_S: Final = 2.0
-"""span of the readings from which on the clock is latched every LATCH_S [s]"""
+"""span of the clock readings above which the clock is latched every LATCH_S [s]"""
 FIRST_LATCHES: Final = 25
-"""latches before and after the camera starts, which may take long: the first frames are mapped by the
-quickest of them"""
+"""number of latches before the camera's start, and again after it, because the start may take long: the first
+frames are mapped by the quickest of them"""
 LATCH_TRIES: Final = 8
-"""attempts in a row, until one is about as quick as the quickest so far (Cristian 1989)"""
+"""largest number of latches in a row; one that is about as quick as the quickest so far ends them (Cristian
+1989)"""
 QUICK_RATIO: Final = 1.3
 """round trip of a quick latch, as a multiple of the shortest"""
 LOSS_REPORT_NS: Final = 1_000_000_000
@@ -40,6 +41,7 @@ LOSS_REPORT_NS: Final = 1_000_000_000
 RETRY_S: Final = 0.5
 """interval between attempts to reconnect a lost camera [s]"""
 READ_TIMEOUT_S: Final = 0.1
+"""longest wait for a frame before the thread checks whether it must end [s]"""
 
 
 @dataclass(frozen=True)
@@ -55,13 +57,13 @@ class StreamStatus:
     fps: float
     """frame rate [Hz] over about the last second of frames; 0 with fewer than two"""
     last_frame_ns: int | None
-    """host monotonic time at which the newest frame was read; None before the first"""
+    """host monotonic time at which the newest frame was read [ns]; None before the first"""
     receive_buffer_bytes: int
-    """size of the stream's socket buffer; 0 if unknown"""
+    """size of the stream's socket buffer [bytes]; 0 if unknown"""
     latched: bool
     """True if times are mapped from the camera's own clock; False: they are arrival times"""
     trouble: str
-    """reason why there are no frames; empty while the camera is connected"""
+    """reason why a lost camera sends no frames; empty unless the camera is lost"""
     warnings: tuple[str, ...]
     """limitations reported by the camera"""
 
@@ -135,7 +137,7 @@ class CameraStream:
         return self._info
 
     def stop(self) -> None:
-        """End both threads and release the camera; blocks until they have ended."""
+        """End both threads and release the camera; return when both have ended."""
         self._stopping.set()
         self._latch_now.set()
         for thread in self._threads:
@@ -144,7 +146,10 @@ class CameraStream:
 
     @property
     def borrowable_frames(self) -> int:
-        """Number of frames whose buffers may be borrowed (kept after `on_frame`) at a time."""
+        """Number of frames whose buffers may be borrowed (kept after `on_frame`) at a time.
+
+        It is 0 before `start`.
+        """
         return self._borrowable_frames
 
     def latch(self) -> None:
@@ -250,10 +255,14 @@ class CameraStream:
             self._lost_reported, self._reported_ns = self._lost, self._clock.monotonic_ns()
 
     def _mapped(self, frame: Frame, *, first: bool) -> Frame:
-        """Copy of a frame with host times, the stream's frame number, and the frames lost before it.
+        """Copy of a frame with its times on the host's clock, its number and the frames lost before it.
 
-        Also updates the stream's counts. With `first`, the first frame after a reconnection, the loss is
-        estimated from the gap in time.
+        The number counts all complete frames of the stream. Also updates the stream's counts.
+
+        Args:
+            frame: frame as the camera returned it.
+            first: True for the first frame since the camera was connected. The loss is then estimated from
+                the time since the last frame before that, if there was one.
         """
         mapper = self._mapper
         mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect if the clock is latched
