@@ -32,15 +32,15 @@ def placement_card(
 ) -> str:
     """Text of a placement card: which side goes down, which faces the camera, and the impact height.
 
-    For a turned strike the camera sees the other end of the edge. If the object may not stand on the face,
-    the text adds this and the remedy.
+    For a turned strike the camera sees the other end of the edge; `TURNED_CARD` is not included. If the
+    object may not stand on the face, the text adds this and the remedy.
 
     Args:
         model: Shape of the object.
         spec: Name and markers.
         axis: Pivot axis of the strike.
         impact_height: Height of the impact point over the table [m].
-        markers: Names of the visible markers, the best one first.
+        markers: Names of the visible markers, the best one first; if empty, the text names a side.
         stands: False if the object may fall over on the face.
         turned: True for a strike with the object turned by 180 degrees.
     """
@@ -64,8 +64,8 @@ def placement_card(
 def _side(direction: Array, spec: ObjectSpec) -> str:
     """Name of the side that faces along `direction` (3,): the nearest object axis, such as "+x".
 
-    A marker within 10 degrees of the direction is added: "+x (marker 3)". The direction is in the object
-    frame.
+    A marker whose normal is within 10 degrees of the direction is added: "+x (marker 3)". The unit direction
+    is in the object frame.
     """
     for marker in spec.marker:
         if marker.T_object_marker is not None and np.array(marker.T_object_marker)[

@@ -21,7 +21,7 @@ def corrected_plan(
     The plan is returned as it is if edge radius and surface error are unchanged.
 
     Args:
-        plan: Plan made with `before`.
+        plan: Plan made with `before`; it is not changed.
         before: Object file that the plan was made with.
         corrected: Corrected object file of the same shape.
         model: Shape of the object.
@@ -50,8 +50,8 @@ def corrected_pivot(
     """Pivot of one strike updated to the corrected edge radius and surface error.
 
     The centre line of the edge's rounding lies one radius inside the resting face and the face that rises
-    from the edge. A moulded edge, whose radius is part of the shape, keeps it; only the sd of its place is
-    updated.
+    from the edge. A moulded edge, whose radius is part of the shape and so differs from that of `before`,
+    keeps its line and radius; only the 1 sigma of its place is updated.
 
     Args:
         pivot: Pivot as planned, in the object frame.

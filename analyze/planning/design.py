@@ -41,17 +41,15 @@ MIN_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Design:
-    """Chosen candidate axes, their numbers of strikes, and the predicted covariance.
-
-    c is the centre of mass.
-    """
+    """Chosen candidate axes, their numbers of strikes, and the predicted covariance."""
 
     chosen: tuple[int, ...]
     """Indices of the chosen axes among the candidates."""
     repeats: tuple[int, ...]
     """Number of strikes on each of the chosen candidates."""
     covariance: Array
-    """(14, 14) predicted covariance of the shared unknowns, in SI units."""
+    """(14, 14) predicted covariance, in SI units, of centre of mass, inertia and the errors that strikes
+    share, in the order of `Information.units`."""
 
     @property
     def com_covariance(self) -> Array:
@@ -67,12 +65,12 @@ class Design:
 def choose_design(information: Information, strikes: int, most_axes: int | None = None) -> Design | None:
     """Design with the smallest loss among those that the search meets.
 
-    The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln(determinant of the inertia's sd) + `AXIS_PENALTY` for
-    each axis, with c the centre of mass. Sets whose equi-planes (planes through edge and c at balance) leave
-    a direction of c unknown, even with those of the strikes made, are excluded. The search starts from the
-    best triples (smaller sets for fewer strikes, or if axes were struck before), adds one axis at a time, and
-    improves each set by exchange (Fedorov 1972) until no swap helps. The same candidates in the same order
-    give the same design.
+    The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln sqrt(det P) + `AXIS_PENALTY` for each axis, with c the
+    centre of mass and P the covariance of the inertia tensor's six entries, in units of their priors. Sets
+    whose equi-planes (planes through edge and c at balance) leave a direction of c unknown, even with those
+    of the strikes made, are excluded. The search starts from the best triples (smaller sets for fewer
+    strikes, or if axes were struck before), adds one axis at a time, and improves each set by exchange
+    (Fedorov 1972) until no swap helps. The same candidates in the same order give the same design.
 
     Args:
         information: Candidates, prior knowledge and errors.
@@ -81,7 +79,7 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
             each, up to `ABSOLUTE_MAX_AXES`.
 
     Returns:
-        None if no set determines c in every direction, or there are no candidates or strikes.
+        The design; None if no set determines c in every direction, or there are no candidates or strikes.
     """
     candidates = information.candidates
     if not candidates or strikes < 1:
@@ -114,7 +112,8 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
 class _Search:
     """Search for the set of axes with the smallest loss, with the losses of many sets at once.
 
-    Sets are sorted tuples of candidates' indices; the penalty for each axis is not part of the loss here.
+    The loss is the weighted logarithm of the predicted errors of centre of mass and inertia (`losses`); the
+    penalty for each axis is not part of it here. Sets are sorted tuples of candidates' indices.
     """
 
     def __init__(self, information: Information) -> None:
@@ -136,7 +135,8 @@ class _Search:
     def table(self, repeats: int) -> Array:
         """Information (n, 14, 14) that `repeats` further strikes on each of n candidates add.
 
-        It is about the shared unknowns in units of their prior 1 sigma, and cached.
+        It is about the 14 unknowns that strikes share (centre of mass, inertia, common errors), in units of
+        their prior 1 sigma, and cached.
         """
         if repeats not in self._tables:
             added = [
@@ -147,7 +147,10 @@ class _Search:
         return self._tables[repeats]
 
     def losses(self, total: Array, normals: Array) -> Array:
-        """Losses (s,) of s sets of axes; inf where a direction of the centre of mass is left unknown.
+        """Losses (s,) of s sets of axes; inf where a direction of the centre of mass c is left unknown.
+
+        A loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln sqrt(det P), P the covariance of the inertia's six
+        entries, both in units of the priors.
 
         Args:
             total: (s, 14, 14) information of each set, strikes made and priors included.
@@ -163,6 +166,11 @@ class _Search:
         return np.where(np.sqrt(least / count) < MIN_NORMAL_SPREAD, np.inf, loss)
 
     def _sums(self, members: tuple[int, ...], each: int) -> tuple[Array, Array]:
+        """Information (14, 14) and sum (3, 3) of n n^T, as `losses` takes them, of one set of axes.
+
+        Strikes made and priors are included. `members` are the indices of the candidates, `each` is the
+        number of further strikes on each.
+        """
         index = list(members)
         normals = np.vstack([self._made, self._normals[index]])
         return self._before + self.table(each)[index].sum(axis=0), normals.T @ normals
@@ -181,7 +189,9 @@ class _Search:
         return float(self.losses(total[None], (normals.T @ normals)[None])[0])
 
     def first_sets(self, size: int, each: int) -> list[tuple[int, ...]]:
-        """Up to `STARTS` sets of axes with the smallest losses; empty if all leave c (centre of mass) open.
+        """Up to `STARTS` sets of axes with the smallest losses, the best first.
+
+        Empty if all leave a direction of the centre of mass unknown.
 
         Args:
             size: Number of axes of a set, 1 to 3, all from the pool.
@@ -222,7 +232,7 @@ class _Search:
         return sorted(taken)
 
     def grown(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set enlarged by the candidate that lowers the loss most; unchanged if no other is left.
+        """Set of axes enlarged by the candidate that lowers the loss most; unchanged if none is left.
 
         Args:
             members: Indices of the candidates in the set.
@@ -236,7 +246,7 @@ class _Search:
         return tuple(sorted([*members, left[int(np.argmin(np.round(losses, 9)))]]))
 
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set improved by one-for-one exchange until no swap lowers the loss, in at most 50 swaps.
+        """Set of axes improved by one-for-one exchange until no swap lowers the loss, or 50 were made.
 
         Args:
             members: Indices of the candidates in the set.
@@ -262,7 +272,7 @@ class _Search:
         return members
 
     def distributed(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
-        """Number of strikes on each member: equal shares, and the remainder where it lowers the loss most.
+        """Number of strikes on each axis of a set: equal shares, the rest where it lowers the loss most.
 
         Args:
             members: Indices of the candidates in the set, no more than `strikes`.
@@ -283,9 +293,9 @@ class _Search:
 
 
 def can_determine_com(information: Information) -> bool:
-    """True if some set of candidates, with the strikes made, determines the centre of mass.
+    """True if some set of the candidates, with the strikes made, determines the centre of mass.
 
-    Every direction of it must be determined.
+    It must be determined in every direction.
     """
     normals = np.array(
         [each.normal for each in (*information.candidates, *information.belief.struck)]

@@ -19,12 +19,15 @@ SAME_AXIS_COSINE = np.cos(np.radians(3.0))
 INTERSECTION_WEIGHTS = tuple(np.linspace(1.0, 0.0, 21).tolist())
 """Weights of the first of two results that are tried in covariance intersection."""
 MIN_HALF_EDGE = 5e-4
-"""Smallest half edge of Q [m]: the places of the object's edges are not known better."""
+"""Smallest half edge [m] of the region of the centre of mass: the edges' places are not known better."""
 
 
 @dataclass(frozen=True)
 class StrikeMade:
-    """A strike used in an earlier result, with the precision of balance angle phi and rate constant k."""
+    """A strike used in an earlier result, with the precision of balance angle phi and rate constant k.
+
+    The tip is theta'' = -k sin(phi - theta), with theta the tipping angle.
+    """
 
     axis_id: str
     """Id of the pivot axis in the plan."""
@@ -51,7 +54,7 @@ class EarlierResult:
     strikes: tuple[StrikeMade, ...]
     """Strikes that the result was estimated from."""
     directions: Mapping[str, Array] = field(default_factory=dict[str, Array])
-    """Unit direction (3,) of each struck axis by id, to check that the ids still name the same edges."""
+    """Unit direction (3,) of each struck axis by its id, to check that the ids still name the same edges."""
     edges: Mapping[str, EdgeLine] = field(default_factory=dict[str, EdgeLine])
     """Edge of each struck axis by id, where the plans are available; identifies axes better than ids."""
 
@@ -94,7 +97,7 @@ def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
 
 
 def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]:
-    """Covariance intersection of two estimates of one vector, with the weights of least trace.
+    """Covariance intersection of two estimates of one vector, with the weights that give least trace.
 
     Args:
         a: (3,) mean of the first estimate.
@@ -103,7 +106,7 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
         B: (3, 3) covariance of the second.
 
     Returns:
-        Mean (3,) and covariance (3, 3), valid for any correlation of the two.
+        Mean (3,) and covariance (3, 3), valid for any correlation of the two estimates.
     """
     of_a, of_b = np.linalg.inv(A), np.linalg.inv(B)
     merged: list[Array] = [np.linalg.inv(share * of_a + (1 - share) * of_b) for share in INTERSECTION_WEIGHTS]
@@ -115,9 +118,10 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
 def updated_hypothesis(believed: Hypothesis, given: EarlierResult) -> Hypothesis:
     """Hypothesis whose region is centred on the measured centre of mass and sized by its covariance.
 
-    Its half edges are two standard deviations of the centre of mass, at least `MIN_HALF_EDGE` and otherwise
-    at most the largest half edge of `believed`. The inertia is the result's, or that of `believed` if the
-    result has none.
+    A hypothesis is the region believed to hold the centre of mass, with the inertia per kilogram. The half
+    edges of the new region are two standard deviations of the centre of mass, at least `MIN_HALF_EDGE` and
+    otherwise at most the largest half edge of `believed`. The inertia is the result's, or that of `believed`
+    if the result has none.
 
     Args:
         believed: Hypothesis before.
@@ -149,7 +153,7 @@ def with_strikes_made(
         gravity: Gravity [m/s^2].
 
     Returns:
-        A new belief; strikes on one axis at one heading are added up.
+        A new belief; the inverse covariances of strikes on one axis at one heading are added up.
 
     Raises:
         PlanError: a strike's axis is not one of the object's.
@@ -180,7 +184,8 @@ def with_strikes_made(
 def _identified_axis(name: str, given: EarlierResult, known: Mapping[str, PivotAxis]) -> PivotAxis | None:
     """Axis that a result calls `name`; None if the object has none.
 
-    It is found by the edge's line, else by id, if the direction agrees where it is given.
+    It is found by the edge's line; without a line, or with none near it, by id, unless the direction is given
+    and differs.
 
     Args:
         name: Id of the axis in the result.

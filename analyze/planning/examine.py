@@ -19,7 +19,7 @@ from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Rejection
 
 MAX_PHI = np.radians(50.0)
-"""Largest phi [rad] of a usable axis."""
+"""Largest balance angle phi [rad] of a usable axis."""
 ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)
 """Energy ratios E (energy over that needed to reach balance), tried in this order until the edge holds."""
 
@@ -58,7 +58,7 @@ class UsableAxis:
     phi_sd: float
     """1 sigma of phi over Q [rad]."""
     markers: list[int | str]
-    """Names of the markers that the camera sees through the tip."""
+    """Names of the markers that the camera sees through the tip; empty if no marker's pose is known."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def examine(
 
 
 def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
-    """1 sigma of an axis's balance angle phi [rad] while the centre of mass varies over its region.
+    """1 sigma of an axis's balance angle phi [rad] as the centre of mass varies over its region.
 
     Args:
         axis: Pivot axis.
@@ -137,6 +137,15 @@ def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
 def _reach(
     model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypothesis, bench: Bench
 ) -> _Reached | Rejection:
+    """Swing, impact point and visible markers of an axis, or a rejection if it lacks one of them.
+
+    Args:
+        model: Shape of the object.
+        spec: Mass and markers; without marker poses none need be visible.
+        axis: Pivot axis to check.
+        believed: Region of the centre of mass and inertia per kilogram.
+        bench: Striker, camera and table.
+    """
     expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
     if expected.phi > MAX_PHI:
         return _reject(

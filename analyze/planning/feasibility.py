@@ -43,9 +43,10 @@ FRICTIONS = np.array(
 
 @dataclass(frozen=True)
 class StrikeCase:
-    """One strike on one edge, in W at rest: x along the tip, y along the edge, z up; y = 0 at the strike.
+    """One strike on one edge, in the world frame W at rest.
 
-    W is the world frame (table at z = 0), c the object's centre of mass; the edge is rounded, and its centre
+    W has x in the direction of the tip, y along the edge with y = 0 at the strike, z up and the table at
+    z = 0. c is the object's centre of mass; the edge is rounded, and its centre
     line is the axis of the rounding.
     """
 
@@ -138,7 +139,7 @@ def strike_case(
 
 
 def axis_ends(axis: PivotAxis) -> tuple[float, float]:
-    """Ends of the edge [m] along the axis direction, measured from the strike: below 0, then above 0.
+    """Ends of an axis's edge [m] along the axis, measured from the strike: below 0, then above 0.
 
     Edges rounded by the stated radius end that radius before the corners. A rim, which touches the table in
     one point, gives 0, 0.
@@ -199,8 +200,8 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
 def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
     """Smallest friction coefficients (n,) with which each of n cases slides at most `SLIP_LIMIT`.
 
-    It is the smallest of `FRICTIONS` that holds together with all larger ones: 0.05 apart, or less, up to
-    0.7. The value is inf if the largest does not hold.
+    Each is the smallest of `FRICTIONS` (0.05 apart up to 0.7, then farther) with which, and with all larger
+    ones, the edge holds; inf if it does not hold with the largest.
 
     Args:
         cases: The n strikes; their own friction is ignored.
@@ -243,7 +244,7 @@ class _Bodies:
         self.most_slip = np.inf
 
     def still_moving(self) -> _Bodies:
-        """Copy of parameters and state with only the cases that have not ended."""
+        """Copy of parameters and state that holds only the cases that have not ended."""
         rest = _Bodies.__new__(_Bodies)
         for name, value in vars(self).items():
             setattr(rest, name, value[..., self.goes_on] if isinstance(value, np.ndarray) else value)
@@ -290,6 +291,14 @@ class _Bodies:
         self._advance(dt, turning, u, load / (m * g))
 
     def _advance(self, dt: Array, turning: Array, u: Array, load: Array) -> None:
+        """Update state, largest slip and smallest load, in place, and end cases whose tip is over.
+
+        Args:
+            dt: (n,) time steps [s].
+            turning: (n,) angular accelerations [rad/s^2].
+            u: (n,) new sliding speeds of the contact [m/s].
+            load: (n,) normal forces over weight.
+        """
         go = self.goes_on
         self._u = np.where(go, u, self._u)
         self._rate = np.where(go, self._rate + dt * turning, self._rate)

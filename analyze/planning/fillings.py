@@ -40,7 +40,7 @@ class Pieces:
     interior: Array
     """(n,) volumes [m^3]; 0 for pieces of the shell."""
     own_inertia: Array
-    """(n,) moment of inertia about the own centroid per kilogram [m^2]."""
+    """(n,) moment of inertia of each piece about its own centroid, per kilogram [m^2]."""
     pitch: float
     """Edge of the cubes that the pieces were cut from [m]."""
 
@@ -56,14 +56,14 @@ def region_forecast(
 ) -> list[PredictedRegion]:
     """Predicted 1 sigma of the region masses of a design, and whether the strikes determine each.
 
-    Regions are the shell and the interior above and below a dividing plane, in the order of `NAMES`. The
-    1 sigma is the median over `FILLINGS` fillings.
+    Regions are the shell and the interior above and below a dividing plane, in the order of `NAMES`; there is
+    one entry for each. The 1 sigma [kg] is the median over `FILLINGS` fillings.
 
     Args:
         cells: Pieces of the body.
         mass: Mass of the object [kg].
-        covariance: (14, 14) covariance of the design's shared unknowns, in SI units
-            (`Information.covariance`).
+        covariance: (14, 14) covariance, in SI units, of centre of mass, inertia and the errors that strikes
+            share (`Information.covariance`).
         directions: Unit directions (3,) of the struck axes, in the object frame; those less than 15 degrees
             apart count as one.
     """
@@ -143,12 +143,13 @@ class _Fillings:
     def _seen(self, unknown: Array, normal: Array, across: Array) -> Array:
         """Measured quantities (4 + a,) of a filling: mass, centre of mass c and a moments.
 
-        Mass [kg], c [m, in the object frame], moments of inertia about the axes through c along the struck
-        directions [kg m^2].
+        Mass [kg], c (3,) [m, in the object frame], moments of inertia (a,) about the axes through c along the
+        struck directions [kg m^2].
 
         Args:
             unknown: (6,) shares of shell, upper and lower interior in the mass, offset of the dividing plane
-                over the body's reach, two tilts of the plane.
+                from the centroid over the body's reach (largest distance of a piece from the centroid), and
+                two tilts of the plane [rad].
             normal: (3,) unit normal of the plane before the tilts, in the object frame.
             across: (2, 3) unit vectors perpendicular to `normal`, in the object frame.
         """

@@ -41,9 +41,9 @@ def footing(
     """Planes over whose support polygon region Q lies when scaled about its centre, in their order.
 
     Q is the region that is believed to hold the centre of mass. A share of 1 gives the planes whose support
-    polygon holds the projection of all of Q (method 1.2). With less, planes that hold only part of Q must not
-    be facets of round flanks, on which the object rolls, nor have less than `STRIP_AREA_FRACTION` of the
-    hull's area.
+    polygon holds the projection of all of Q (method 1.2). For a smaller share, planes that hold only part of
+    Q are included unless they are facets of round flanks, on which the object rolls, or have less than
+    `STRIP_AREA_FRACTION` of the hull's area.
 
     Args:
         model: Shape of the object.
@@ -61,9 +61,7 @@ def footing(
 
 
 def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Region) -> str:
-    """Warning with remedy that a plan uses faces on which the object may not stay.
-
-    It is empty if the plan uses no such face.
+    """Warning with remedy that a plan uses faces on which the object may not stay; empty if it uses none.
 
     Args:
         used: Resting planes of the plan's strikes.

@@ -83,7 +83,9 @@ class Advice:
 
 
 def axis_forecasts(information: Information, design: Design) -> list[AxisForecast]:
-    """Predicted precision of each chosen axis, in the design's order.
+    """Predicted precision of phi, k and the moments for each chosen axis, in the design's order.
+
+    phi is the balance angle, k the rate constant of the tip.
 
     Args:
         information: Candidates, prior knowledge and errors.
@@ -150,7 +152,7 @@ def strikes_for(
         most_axes: Largest number of different axes; None for the limit of `choose_design`.
 
     Returns:
-        None if `most` strikes do not reach the target.
+        Number of strikes and design; None if `most` strikes do not reach the target.
     """
 
     def design_of(many: int) -> Design | None:
@@ -189,7 +191,8 @@ def advice(
             strike; None for `information`.
 
     Returns:
-        Predicted errors of the centre of mass, their sources, and whether and why to stop.
+        Predicted errors of the centre of mass by number of strikes, their sources, and whether and why to
+        stop.
     """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]
@@ -232,7 +235,7 @@ def advice(
 
 
 def error_so_far(information: Information) -> float:
-    """Rms distance [m] of the centre of mass from the truth, from the strikes made and the priors."""
+    """Expected rms error [m] of the centre of mass with the strikes made and the priors alone."""
     return _rms(information, [], [])
 
 

@@ -50,18 +50,19 @@ class Region:
     """Group of each axis; Q is round across the axes of one group."""
 
     def reach(self, directions: Array) -> Array:
-        """Largest distance (k,) [m] of Q's points from its centre along unit `directions` (k, 3), in O.
+        """Largest distance (k,) [m] of this region's points from its centre, measured along directions.
 
-        Q is the region believed to hold the centre of mass, O the object frame.
+        Args:
+            directions: (k, 3) unit vectors, in the object frame.
         """
         along = np.atleast_2d(directions) @ self.axes.T * self.half
         members = [[i for i in range(3) if self.groups[i] == group] for group in set(self.groups)]
         return np.sum([np.linalg.norm(along[:, each], axis=1) for each in members], axis=0)
 
     def covariance(self) -> Array:
-        """Covariance (3, 3) [m^2] of the centre of mass over Q, in the object frame.
+        """Covariance (3, 3) [m^2] of the centre of mass over this region, in the object frame.
 
-        Q is the region believed to hold the centre of mass; its half edges count as two standard deviations.
+        The half edges of the region count as two standard deviations.
         """
         return (self.axes.T * (self.half / 2) ** 2) @ self.axes
 
@@ -159,12 +160,12 @@ def _directions(model: ObjectModel, axes: Array) -> Array:
 
 
 def _differences(directions: Array, arm: Array, value: Array) -> Array:
-    """Sums (k,) of `value` over samples ahead of the origin minus those behind, along each direction.
+    """Sums (k,) of `value` over samples ahead of the origin minus those behind, for each direction.
 
     Args:
         directions: (k, 3) unit directions.
         arm: (n, 3) samples relative to the origin.
-        value: (n,) summed values.
+        value: (n,) value of each sample.
     """
     total = np.zeros(len(directions))
     step = max(1, MAX_SIGNS // len(directions))

@@ -15,7 +15,7 @@ from schemas.impact_law import inverse_impact_mass, tip_speed_for_impulse
 from schemas.rig_limits import tip_speeds
 
 NOMINAL = tip_speeds()
-"""Range of the nominal striker's tip speeds."""
+"""Range of the nominal striker's tip speeds [m/s]."""
 GRAVITY = 9.81
 """Gravity [m/s^2], precise enough for plans."""
 TIP_RADIUS = 0.008
@@ -113,7 +113,7 @@ def impact_points(
     Args:
         model: Shape of the object.
         axis: Pivot axis (edge about which the object tips).
-        swings: Expected swing, then swings for other places of the centre of mass.
+        swings: Expected swing (parameters of the tip), then swings for other places of the centre of mass.
         cards: Centre (3,) [m, in the object frame] and edge [m] of the black square of each marker.
         striker: Striker, for its reach.
 
@@ -141,13 +141,15 @@ def impact_points(
 
 
 def _clear_heights(heights: Array, distance: Array, glance: Array, tried: IntArray) -> BoolArray:
-    """Mask (k,) of the heights at which only the tip's foremost point meets the surface, and squarely.
+    """Mask (k,) of heights at which only the striker tip's foremost point meets the surface, squarely.
+
+    Squarely: within `HEIGHT_ERROR` the surface has no step, and its normal is within `MAX_GLANCE` of the ray.
 
     Args:
-        heights: (n,) heights of the steps [m].
-        distance: (n,) distance to the surface at each, from `_profile` [m].
-        glance: (n,) angle of its normal to the ray, from `_profile` [rad].
-        tried: (k,) indices of the steps tried.
+        heights: (n,) heights over the table [m], equally spaced.
+        distance: (n,) distance to the surface at each height, from `_profile` [m].
+        glance: (n,) angle of the surface's normal to the ray, from `_profile` [rad].
+        tried: (k,) indices of the heights to judge.
     """
     offset = np.abs(heights - heights[tried, None])
     flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
@@ -164,7 +166,7 @@ def _clear_heights(heights: Array, distance: Array, glance: Array, tried: IntArr
 
 
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
-    """Distance to the surface and its slope along rays in W's +x at y = 0, at several heights.
+    """Distance to the surface, and angle of its normal, along rays in W's +x at y = 0, at several heights.
 
     W is the world frame at rest: x along the tip of the object, y along the pivot edge, z up. The faces that
     the plane y = 0 cuts become segments (x, z), of which each ray meets the foremost.

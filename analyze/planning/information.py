@@ -72,10 +72,10 @@ class SharedErrors:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A pivot axis with its expected swing and the noise of one strike."""
+    """A pivot axis with its expected swing (parameters of the tip) and the noise of one strike."""
 
     axis: PivotAxis
-    """Edge about which the object tips."""
+    """Pivot axis, the edge about which the object tips."""
     expected: Swing
     """Swing about it for the expected centre of mass."""
     noise: Array
@@ -207,8 +207,7 @@ class Information:
     def weight(self, each: Candidate, strikes: int) -> Array:
         """Inverse covariance (2, 2) of phi [rad] and ln k from the strikes on an axis at the usual heading.
 
-        It counts the strikes made and `strikes` more; phi is the balance angle, k the rate constant of the
-        tip.
+        The strikes made count, and `strikes` more; phi is the balance angle, k the rate constant of the tip.
         """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
             USUAL_HEADING, np.zeros((2, 2))
@@ -249,8 +248,10 @@ class Information:
     def axis_information(self, each: Candidate, strikes: int) -> Array:
         """Information (14, 14) of an axis about the shared unknowns, in units of their prior sd.
 
-        It counts the strikes made and `strikes` more at the usual heading; the axis's own unknowns (its
-        line's place, angle errors, an error of ln k) are integrated out. The result is cached.
+        Shared are centre of mass, inertia and the errors common to all strikes, in the order of `units`. The
+        strikes made count, and `strikes` more at the usual heading; the axis's own unknowns (its line's
+        place, angle errors, an error of ln k, with k the tip's rate constant) are integrated out. The result
+        is cached.
         """
         asked = (id(each), strikes)
         if asked not in self._axis_information:
@@ -267,8 +268,8 @@ class Information:
     def before(self, leave_out: Sequence[str] = ()) -> Array:
         """Information (14, 14) of the priors and of the strikes made, except on axes in `leave_out` (ids).
 
-        It refers to the shared unknowns in units of their prior 1 sigma, so the priors alone give the unit
-        matrix.
+        It refers to the shared unknowns (centre of mass, inertia, errors common to all strikes) in units of
+        their prior 1 sigma, so the priors alone give the unit matrix.
         """
         known = [
             self.axis_information(each, 0) for each in self.belief.struck if each.axis.id not in leave_out
@@ -277,6 +278,9 @@ class Information:
 
     def covariance(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> Array:
         """Covariance (14, 14) of the shared unknowns, in SI units, after the strikes made and further ones.
+
+        Shared are centre of mass (3), inertia about it (6), and the errors of mass, gravity, tilt, scale and
+        edge radius, in the order of `units`.
 
         Args:
             chosen: Axes of the further strikes.
@@ -329,7 +333,7 @@ class Information:
 def moment_row(direction: Array) -> Array:
     """Row (6,) that gives the moment l.I.l of an inertia tensor I about the unit `direction` l (3,).
 
-    It multiplies the tensor's entries in the order of `TENSOR_ENTRIES`.
+    It multiplies the tensor's entries in the order of `TENSOR_ENTRIES`: xx, yy, zz, xy, xz, yz.
     """
     return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 

@@ -56,7 +56,7 @@ class PaperStrike:
     rotation_point: Array
     """(3,) rotation point p^r_ij [m]."""
     tip: Array
-    """(3,) unit vector out of the edge that holds p^r_ij."""
+    """(3,) unit vector in the resting plane, outward normal of the edge that holds p^r_ij."""
     impact_point: Array
     """(3,) impact point p^I_ij [m]."""
     force: float
@@ -64,14 +64,15 @@ class PaperStrike:
 
     @property
     def axis(self) -> Array:
-        """Unit rotation axis l_ij (3,), in the object frame; turning by +theta about it tips the object."""
+        """Unit rotation axis l_ij (3,), in the object frame; a positive turn about it tips the object."""
         return np.cross(self.plane.up, self.tip)
 
     @property
     def energy(self) -> float:
-        """Rise h2 - h1 [m] to balance of the centre of mass, which is assumed at the impact point.
+        """Energy of the tip over m g: rise [m] of the centre of mass to balance.
 
-        It is the energy of the tip over m g.
+        The centre of mass is assumed at the impact point, so the rise h2 - h1 of the paper's eq. (2) is the
+        impact point's distance from the rotation point less its height over it.
         """
         lever = self.impact_point - self.rotation_point
         return float(np.linalg.norm(lever)) - float(lever @ self.plane.up)
@@ -104,7 +105,7 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
         gravity: Gravity [m/s^2].
 
     Returns:
-        Four impact points for each of two stable planes.
+        Four impact points for each of two stable planes, smallest force first.
 
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
@@ -183,6 +184,14 @@ def impact_force(
 def _strikes_on(
     model: ObjectModel, plane: RestingPlane, cloud: Array, weight: float
 ) -> Sequence[PaperStrike]:
+    """Impact points for the four rotation points of a resting plane (VISAPP 2013, 3.1.3).
+
+    Args:
+        model: Shape of the object.
+        plane: Resting plane.
+        cloud: (n, 3) points of the surface [m], in the object frame.
+        weight: Weight m g [N].
+    """
     support = cloud[np.abs(cloud @ plane.up - plane.level) < PLANE_TOLERANCE]
     if len(support) < 3:
         support = plane.polygon

@@ -30,8 +30,8 @@ def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int
 
     The tip speed follows from the energy of eq. (2) (VISAPP 2013); the energy ratio E is that energy over the
     one needed for the expected centre of mass. Faults found by our checks (slip, lift, no tag in view, too
-    fast or slow, too high or low for the striker, a singular set) are listed as rejections or warnings in the
-    plan, and the strikes are kept.
+    fast or slow, too high or low for the striker, a set that leaves a direction of the centre of mass
+    unknown) are listed as rejections or warnings in the plan, and the strikes are kept.
 
     Args:
         prepared: Object, bench and expected centre of mass.
@@ -39,7 +39,7 @@ def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int
         strikes: Number of strikes.
 
     Returns:
-        The plan; its predicted covariance is None if the set is singular.
+        The plan; its predicted covariance is None if the set leaves a direction unknown.
 
     Raises:
         PlanError: fewer than two stable planes that are not parallel, or fewer strikes than impact points.
@@ -93,9 +93,9 @@ def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int
 
 
 def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> PivotAxis:
-    """Pivot axis through a rotation point, on the centre line of the edge's rounding, for vertical walls.
+    """Pivot axis at a rotation point of the paper, on the centre line of the edge's rounding.
 
-    Its point lies beside the impact point.
+    The face that rises from the edge is taken as vertical; the axis's point lies beside the impact point.
 
     Args:
         prepared: Object, with its edge radius.
@@ -111,6 +111,15 @@ def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> Pivo
 def _strikes(
     prepared: PreparedObject, strike: PaperStrike, axis: PivotAxis, first: int, many: int
 ) -> tuple[Candidate, list[PlannedStrike], list[Rejection]]:
+    """Candidate axis, planned strikes and faults found for one impact point of the paper.
+
+    Args:
+        prepared: Object, bench and expected centre of mass.
+        strike: Impact point and rotation point.
+        axis: Pivot axis of the strike.
+        first: Number of the first strike in the plan, from 1.
+        many: Number of equal strikes.
+    """
     model, spec, bench, believed = prepared.model, prepared.spec, prepared.bench, prepared.believed
     expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
     height = max(float((strike.impact_point - strike.rotation_point) @ axis.plane.up), TABLE_GAP)

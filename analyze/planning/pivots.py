@@ -76,7 +76,7 @@ class PivotAxis:
 
     @property
     def edge(self) -> tuple[Array, Array]:
-        """Ends (3,), (3,) [m, in the object frame] of the edge of the support polygon over which it tips.
+        """Ends (3,), (3,) [m, object frame] of the support polygon's edge over which the object tips.
 
         For the tangent of a round rim both are the polygon's foremost corner.
         """
@@ -90,7 +90,10 @@ class PivotAxis:
 
 @dataclass(frozen=True)
 class Swing:
-    """Parameters of a tip about one axis, for a given centre of mass c and inertia."""
+    """Parameters of a tip about one axis, for a given centre of mass c and inertia.
+
+    The edge is rounded; its centre line is the axis of the rounding.
+    """
 
     distance: float
     """Distance R of c from the centre line [m]."""
@@ -109,15 +112,15 @@ def pivot_axes(
 ) -> list[PivotAxis]:
     """Pivot axes: edges of the support polygons, and tangents of round rims.
 
-    Edges that the expected centre of mass does not stand beside are left out: the object would yaw instead of
-    tipping. A rim gives a tangent for each marker that then faces the camera, or one every 45 degrees if no
-    marker has a pose.
+    Edges are left out if the expected centre of mass does not lie between their ends along the edge: the
+    object would yaw instead of tipping. A rim gives a tangent for each marker that then faces the camera, or
+    one every 45 degrees if no marker has a pose.
 
     Args:
         model: Shape of the object.
         spec: Edge radius and markers.
         planes: Resting planes.
-        believed: Hypothesis with the region of the centre of mass.
+        believed: Hypothesis with the region of the centre of mass, of which the centre is used.
     """
     axes: list[PivotAxis] = []
     for plane in planes:
@@ -160,8 +163,8 @@ def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity
         gravity: Gravity g [m/s^2].
 
     Returns:
-        Distance R of c from the centre line, balance angle phi, moment I_edge about the contact line, and k =
-        m g R / I_edge.
+        Distance R [m] of c from the centre line of the edge's rounding, balance angle phi [rad], moment
+        I_edge [kg m^2] about the contact line at balance, k = m g R / I_edge [rad/s^2], and the mass.
     """
     arm = com - axis.point
     up, forward = float(arm @ axis.plane.up), -float(arm @ axis.tip)
@@ -237,7 +240,7 @@ def _moulded_radius(
 def wall_lean(
     model: ObjectModel, tip: Array, up: Array, points: Sequence[Array], depth: float = 0.0
 ) -> float | None:
-    """Lean [rad] of the face that rises from an edge: angle by which its normal points upwards.
+    """Lean [rad] of the face that rises from an edge: angle of its normal over the horizontal.
 
     None if no face but that at the bottom lies `depth` above all of `points`, to within `TOUCHING_FRACTION`
     of the extent, or if the lean is `STEEPEST_WALL` or more either way.
@@ -277,8 +280,8 @@ def _round_rim(plane: RestingPlane) -> BoolArray:
 def _rim_headings(plane: RestingPlane, spec: ObjectSpec) -> list[Array]:
     """Unit directions (3,) in the object frame in which the object can tip over a round rim.
 
-    There is one for each upright marker, which then faces the camera, or one every 45 degrees if no marker
-    has a pose; directions less than 5 degrees from an earlier one are left out.
+    There is one for each marker on an upright face, which then faces the camera, or one every 45 degrees if
+    no marker has a pose; directions less than 5 degrees from an earlier one are left out.
     """
     headings: list[Array] = []
     for marker in spec.marker:

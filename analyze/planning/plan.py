@@ -214,6 +214,15 @@ def _strike(
     predicted: forecast.AxisForecast,
     heading: float = 0.0,
 ) -> PlannedStrike:
+    """Entry of the plan for one strike on a usable axis.
+
+    Args:
+        name: Id of the strike.
+        each: Usable axis.
+        prepared: Object, bench and faces on which the object may fall over.
+        predicted: Precision expected of one strike on the axis.
+        heading: Turn [rad] of object and striker about the vertical.
+    """
     axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
     stands = axis.plane.id not in prepared.unsure
     # c may lie elsewhere in Q: from the smallest energy at the smallest phi to the largest at the largest.
@@ -302,7 +311,8 @@ def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, st
     """Sort key of an axis: first faces on which the object stands for every expected centre of mass.
 
     The strikes on these show where the centre of mass is, and so whether the object stands on the others.
-    Members: minus the firmness (`RestingPlane.firmness`, at most 1), face id, length of the axis id, axis id.
+    Members: minus the firmness (scale, at most 1, of the region of the centre of mass at which it lies over
+    the face), face id, length of the axis id, axis id.
     """
     firm = (
         min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0

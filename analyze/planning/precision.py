@@ -108,7 +108,7 @@ def _motion(time: Array, phi: Array, k: Array, theta: Array, omega: Array) -> Ar
     """Tip angles (times, n) [rad] of n tips theta'' = -k*sin(phi - theta), by fourth-order Runge-Kutta.
 
     Args:
-        time: (times,) times [s].
+        time: (times,) times since release [s].
         phi: (n,) balance angles [rad].
         k: (n,) rate constants k [rad/s^2].
         theta: (n,) initial angles [rad].

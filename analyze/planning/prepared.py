@@ -84,7 +84,8 @@ def prepare_object(
         given: Earlier result of the object, None if there is none.
 
     Returns:
-        Usable axes with their information about c and the inertia, and the rejections of the others.
+        The object with its usable axes, perhaps none, their information about c and the inertia, and the
+        rejections of the other axes and faces.
 
     Raises:
         PlanError: a strike in `given` is on an axis that the object does not have.

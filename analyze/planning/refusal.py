@@ -91,7 +91,7 @@ def refusal_message(
 def _shape_message(
     model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int
 ) -> str:
-    """Message with remedy on a shape that has no usable edge (a ball, a round or unstable body).
+    """Message with remedy for a shape that has no usable edge: a ball, a round or an unstable body.
 
     Args:
         model: Shape of the object.
@@ -150,9 +150,9 @@ def _unscanned_share(model: ObjectModel) -> float:
 def _scanned_ball_diameter(model: ObjectModel) -> float | None:
     """Diameter [m] of the sphere that fits the scanned surface.
 
-    None if none fits within `MAX_BALL_SPREAD` of the radius, if the scanned part is less than
-    `MIN_BALL_SHARE` of the sphere, if fewer than `WIDTH_DIRECTIONS` samples of the surface were scanned, or
-    if the shape is no scan.
+    None if the samples scatter about the sphere by more than `MAX_BALL_SPREAD` of its radius, if the scanned
+    part is less than `MIN_BALL_SHARE` of the sphere, if fewer than `WIDTH_DIRECTIONS` samples of the surface
+    were scanned, or if the shape is no scan.
     """
     if model.scanned is None:
         return None
@@ -192,6 +192,7 @@ def _axis_of_roundness(model: ObjectModel) -> Array | None:
 
 
 def _widths(model: ObjectModel, directions: Array) -> Array:
+    """Widths (n,) [m] of the object's convex hull along unit `directions` (n, 3) in the object frame."""
     return np.ptp(model.hull_vertices @ directions.T, axis=0)
 
 

@@ -29,7 +29,7 @@ A number without meaning and unit is left out."""
 
 
 def rejection_summary(rejected: Sequence[Rejection]) -> str:
-    """Summary of rejected axes and faces on one line, the most frequent reason first.
+    """One-line summary of rejected axes and faces by reason, the most frequent reason first.
 
     For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach"; empty without
     rejections.
@@ -42,6 +42,7 @@ def rejection_summary(rejected: Sequence[Rejection]) -> str:
 
 
 def _reason_text(code: str, entries: Sequence[Rejection]) -> str:
+    """Reason in words, with the range of the entries' numbers; the `code` itself if it is not known."""
     if code not in _REASONS:
         return code.replace("_", " ")
     words, what, unit, factor, decimals = _REASONS[code]

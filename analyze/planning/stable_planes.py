@@ -27,8 +27,7 @@ from analyze.types import Array, IntArray
 COPLANAR_FRACTION = 2e-4
 """Distance of hull vertices from a common plane, over the longest extent, up to which they are coplanar."""
 COPLANAR_ANGLE = np.radians(0.3)
-"""Largest angle [rad] between facets of one plane; narrower splinters may point
-anywhere."""
+"""Largest angle [rad] between facets of one plane; facets too narrow to have a normal may point anywhere."""
 PARALLEL_ANGLE = np.radians(1.0)
 """Largest angle [rad] between two planes that count as parallel in the paper's rule."""
 MIN_AREA_FRACTION = 1e-3
@@ -79,16 +78,22 @@ class RestingPlane:
         return np.min(np.einsum("ki,ki->k", self.polygon, self.outward) - points @ self.outward.T, axis=1)
 
     def margin_of(self, region: Region) -> float:
-        """Smallest distance [m] of `region`, projected on the plane, from the support polygon's edges.
+        """Smallest distance [m] of a region, projected on the plane, from the support polygon's edges.
 
         It is negative if part of the region lies outside.
+
+        Args:
+            region: Region believed to hold the centre of mass, in the object frame.
         """
         return float(np.min(self._room(region) - region.reach(self.outward)))
 
     def firmness(self, region: Region) -> float:
-        """Largest scale of `region` about its centre at which its projection lies within the support polygon.
+        """Largest scale of a region about its centre at which it lies over the support polygon.
 
         It is at least 1 if all of the region lies over the polygon, and negative if its centre does not.
+
+        Args:
+            region: Region believed to hold the centre of mass, in the object frame.
         """
         return float(np.min(self._room(region) / np.maximum(region.reach(self.outward), 1e-12)))
 
@@ -144,7 +149,7 @@ def _too_small(
 ) -> BoolArray:
     """Mask (f,) of hull facets that cannot be part of a face of area `smallest` or more.
 
-    Even the connected neighbours whose normals agree have less area together.
+    Even all facets connected to them whose normals agree from neighbour to neighbour have less area together.
 
     Args:
         neighbours: (f, 3) indices of each facet's neighbours.
@@ -195,13 +200,13 @@ def _coplanar(
 def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
     """The two largest stable planes that are not parallel, by the paper (VISAPP 2013, 3.1.2).
 
-    Stable are planes whose support polygon holds all of `region`, that of the centre of mass; of parallel
-    ones (opposite faces too) the largest is kept. With fewer than two in the result the paper's method is not
+    Stable are planes whose support polygon holds the projection of all of `region`; of parallel ones
+    (opposite faces too) the largest is kept. If fewer than two are returned, the paper's method is not
     applicable.
 
     Args:
         planes: Resting planes, largest first.
-        region: Region of the centre of mass.
+        region: Region believed to hold the centre of mass.
     """
     kept: list[RestingPlane] = []
     for plane in planes:
@@ -212,9 +217,10 @@ def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tup
 
 
 def _support_polygon(points: Array, up: Array) -> Array:
-    """Corners (k, 3) of the convex polygon around `points` (n, 3), counter-clockwise about `up`.
+    """Corners (k, 3) [m] of the convex polygon around `points` (n, 3) [m], counter-clockwise about `up`.
 
-    Corners with a turn of at most `MAX_COLLINEAR_TURN` are left out (monotone chain, Andrew 1979).
+    The points lie nearly in one plane with the unit normal `up` (3,). Corners with a turn of at most
+    `MAX_COLLINEAR_TURN` are left out (monotone chain, Andrew 1979).
     """
     u, v = plane_basis(up)
     x, y = points @ u, points @ v

@@ -29,7 +29,8 @@ MIN_MASS_SD, MIN_RESTITUTION_SD = 1e-4, 1e-3
 class Touch:
     """One strike made: tip speed and height of the striker, and the fitted motion of the object.
 
-    R is the distance of the centre of mass from the edge, I_edge the moment of inertia about it.
+    R is the distance of the centre of mass from the edge's centre line, I_edge the moment of inertia about
+    the edge.
     """
 
     axis_id: str
@@ -45,7 +46,7 @@ class Touch:
     k: float
     """k = m g R / I_edge [rad/s^2]."""
     energy_ratio: float
-    """Energy ratio E at release."""
+    """Energy ratio E after the strike: energy over that needed to reach balance."""
 
     @property
     def momentum(self) -> float:
@@ -66,7 +67,7 @@ def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerM
 
     Args:
         striker: Striker as believed before.
-        touches: Strikes with a fitted energy; without any the result is `striker`.
+        touches: Strikes with a fitted energy; without any the result is `striker` itself.
     """
     if not touches:
         return striker
@@ -96,6 +97,16 @@ def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerM
 
 
 def _striker(before: StrikerModel, z: Array, sd: Array, mass_sd: float, bounce_sd: float) -> StrikerModel:
+    """Striker with fitted effective mass and restitution (cut to 0 to 1), and their 1 sigma.
+
+    Args:
+        before: Striker as believed before the fit.
+        z: Fitted changes of ln(mass) and ln(1 + restitution), in units of their prior 1 sigma; further
+            entries are ignored.
+        sd: 1 sigma of the entries of `z`.
+        mass_sd: Prior 1 sigma of ln(mass).
+        bounce_sd: Prior 1 sigma of ln(1 + restitution).
+    """
     mass = before.effective_mass_kg * float(np.exp(mass_sd * z[0]))
     rebound = (1 + before.restitution) * float(np.exp(bounce_sd * z[1]))
     return replace(

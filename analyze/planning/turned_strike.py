@@ -22,7 +22,7 @@ TURNED = float(np.pi)
 
 @dataclass(frozen=True)
 class TurnableAxis:
-    """Usable axis that can be struck with the object turned as well; phi is the balance angle."""
+    """Usable axis that can be struck with the object turned by 180 degrees too; phi is the balance angle."""
 
     index: int
     """Index among the usable axes."""
@@ -41,8 +41,8 @@ def turnable_axes(
 ) -> list[TurnableAxis]:
     """Axes with a marker visible when the object is turned by 180 degrees, the most precise tilt first.
 
-    Striker and object turn together: heights, speeds and the edge's hold are those of the usual strike. If no
-    marker has a pose, all axes count.
+    Striker and object turn together: impact height, speed and friction needed are those of the usual strike.
+    If no marker has a pose, all axes count.
 
     Args:
         usable: Axes that passed every check.

@@ -49,7 +49,7 @@ def scanned_planes(
 ) -> tuple[list[RestingPlane], list[Rejection]]:
     """Planes that were scanned (all if the shape is no scan), and rejections of the others.
 
-    Up to `MAX_BARE_PLANE` of a plane may be missing from the scan.
+    Up to `MAX_BARE_PLANE` of a plane that counts as scanned may be missing from the scan.
     """
     surface = model.scanned
     if surface is None:
@@ -62,7 +62,8 @@ def scanned_planes(
 def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
     """Axes beside whose edges the surface was scanned, and rejections of the others.
 
-    Up to `MAX_BARE_EDGE` of it may be missing on either side. If the shape is no scan, all axes are kept.
+    Up to `MAX_BARE_EDGE` of this surface may be missing on either side of the edge. If the shape is no scan,
+    all axes are kept.
     """
     surface = model.scanned
     if surface is None:
@@ -92,7 +93,7 @@ def _separated(
 
 
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
-    """Fraction, not scanned, of the surface over a plane's polygon; 0 if it has no samples.
+    """Fraction, not scanned, of the surface that lies on a resting plane; 0 if it has no samples.
 
     The rim of the polygon is left out if at least `MIN_SAMPLES` samples remain.
 
@@ -111,9 +112,10 @@ def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> f
 
 
 def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
-    """Fraction, not scanned, of a strip along the edge: in the resting plane or up the wall.
+    """Fraction, not scanned, of the surface along an edge: of a strip in the resting plane or up the wall.
 
-    The larger of the two is returned; a strip with fewer than `MIN_SAMPLES` samples counts as scanned.
+    The larger of the two fractions is returned; a strip with fewer than `MIN_SAMPLES` samples counts as
+    scanned.
 
     Args:
         surface: Samples of the surface, with a mask of those not scanned.
@@ -136,4 +138,5 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
 
 
 def _share(surface: ScannedSurface, part: BoolArray) -> float:
+    """Fraction, not scanned, of the samples in the mask `part` (n,); 0 for fewer than `MIN_SAMPLES`."""
     return float(surface.bare[part].mean()) if part.sum() >= MIN_SAMPLES else 0.0

@@ -53,9 +53,9 @@ class MarkerVisibility:
     markers: list[int | str]
     """Names of the visible markers, the one best aligned with the axis first."""
     fault: Fault
-    """Fault of the marker nearest to being visible."""
+    """Fault of the marker nearest to being visible; without meaning if some are visible."""
     pixels: float = 0.0
-    """Mean edge of the first marker's black square in the image at rest [px]."""
+    """Mean edge of the first marker's black square in the image at rest [px]; 0 if none is visible."""
 
 
 def default_camera() -> CameraModel:
@@ -114,7 +114,7 @@ def visible_markers(
         camera: Camera, with its pose in the world frame of the strike.
 
     Returns:
-        Visible markers, and the fault of the one nearest to being visible.
+        Visible markers, the size of the first in the image, and the fault that applies if there are none.
     """
     # For a strike with the object turned by 180 degrees the camera sees the other end of the axis.
     looks = axis.direction * np.copysign(1.0, camera.T_world_camera[1, 2])
@@ -154,7 +154,7 @@ def _marker_path(
         marker: Marker, with its size.
         T_object_marker: (4, 4) pose of the marker in the object frame.
         phi: Expected balance angle [rad].
-        camera: Camera.
+        camera: Camera, with its pose in the world frame of the strike.
     """
     half = marker.size_m / 2
     corners = apply(
@@ -174,7 +174,7 @@ def _marker_path(
 
 
 def _checked_angles(phi: float) -> list[float]:
-    """Tip angles [rad] at which visibility is checked: `VISIBILITY_STEPS` from rest past balance at `phi`."""
+    """Tip angles [rad] at which visibility is checked: from rest to `PAST_BALANCE` past balance at `phi`."""
     return np.linspace(0.0, phi + float(PAST_BALANCE), VISIBILITY_STEPS).tolist()
 
 
@@ -184,6 +184,14 @@ def _edge(corners: Array) -> float:
 
 
 def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraModel) -> Fault | None:
+    """Fault if a marker leaves the image, `BORDER_PX` of its border included, during the tip; else None.
+
+    Args:
+        path: (steps, 4, 2) corners of the marker in the image through the tip [px].
+        marker_id: Name of the marker, for the message.
+        phi: Expected balance angle [rad].
+        camera: Camera, of which the image size is used.
+    """
     if not np.isfinite(path).all():
         return Fault(
             "out_of_image", None, f"marker {marker_id} is beside or behind the camera in some part of the tip"
@@ -202,6 +210,10 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
 
 
 def _too_small(path: Array, marker_id: int | str) -> Fault | None:
+    """Fault if a marker's mean edge at rest is below `MIN_TAG_EDGE_PX`; else None.
+
+    `path` (steps, 4, 2) [px] holds its corners in the image through the tip.
+    """
     pixels = _edge(path[0])
     if pixels >= MIN_TAG_EDGE_PX:
         return None
@@ -228,7 +240,7 @@ def _hidden(
         marker_id: Name of the marker, for the message.
         T_object_marker: (4, 4) pose of the marker in the object frame.
         phi: Expected balance angle [rad].
-        camera: Camera.
+        camera: Camera, with its pose in the world frame of the strike.
     """
     start = T_object_marker[:3, 3] + 0.002 * T_object_marker[:3, 2]
     pivot = np.array([0.0, 0.0, axis.radius])
