@@ -135,8 +135,8 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
     """Offset (2,) [m] of the assumed point from an edge that may slide, and its covariance (2, 2) [m^2].
 
-    It follows from the lift alone. An offset of more than 1.5 mm is taken for a real lift: then the prior, 0
-    with 0.5 mm, is returned.
+    The offset is along and off the table at rest, and follows from the lift alone. An offset of more than 1.5
+    mm is taken for a real lift: then the prior, 0 with 0.5 mm, is returned.
 
     Args:
         theta: (n,) tipping angle [rad].
@@ -168,8 +168,9 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
     """Offset (2,) [m] of the assumed point from an edge that held, and its covariance (2, 2) [m^2].
 
-    None if rotation about a fixed edge does not explain slip and lift, or with fewer than ten frames. Such
-    large offsets come from a tag whose place is unknown, or from one not printed to scale.
+    The offset is along and off the table at rest. None if rotation about a fixed edge does not explain slip
+    and lift, or with fewer than ten frames. Such large offsets come from a tag whose place is unknown, or
+    from one not printed to scale.
 
     Args:
         theta: (n,) tipping angle [rad].

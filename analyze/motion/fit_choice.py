@@ -198,8 +198,8 @@ def _fit_window(
 def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -> _WindowFit | None:
     """Fit over a window that ends where the edge leaves the table; None if it is not usable.
 
-    None if the window has fewer than 2 `MIN_FRAMES` frames, if the fit fails, or if the window does not hold
-    the balance point.
+    None if the window has fewer than 16 frames, if the fit fails, or if the angle in the window neither
+    passes the balance point nor turns back below it.
 
     Args:
         angle: tipping angle theta(t) of the strike.

@@ -88,7 +88,7 @@ class BalancedBody:
 
     @property
     def inertia_sd(self) -> Array:
-        """Standard deviations (3, 3) of the entries of the inertia per mass about c [m^2]."""
+        """Standard deviations (3, 3) of the entries of the inertia per mass about centre of mass c [m^2]."""
         return tensor(np.sqrt(np.diag(self.covariance)[3:9]))
 
     @property
@@ -229,11 +229,11 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         prior_row[9] = spread / radius[1]
 
         def residual(x: Array) -> Array:
-            """Residuals (n + 1,) of the moment balance and of the rounding's prior."""
+            """Residuals (n + 1,) of the moment balance and of the rounding's prior at x (10,)."""
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
-            """Derivatives (n + 1, 10) by x of the moment balance's residuals and the rounding's prior."""
+            """Derivatives (n + 1, 10) of these residuals by x: centre of mass, inertia, rounding."""
             return np.vstack([balance(x)[1], prior_row])
 
         # scipy's type hints admit only the names of its built-in derivatives.

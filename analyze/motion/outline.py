@@ -75,6 +75,8 @@ class Outline:
 def simplified_polygon(corners: Array) -> Outline:
     """Polygon through `corners`, with facets of negligible length or turn merged into their neighbours.
 
+    Negligible are lengths below 1 um and turns of up to 1e-5 rad.
+
     Args:
         corners: (n, 2) corners of a convex polygon, anticlockwise [m]; at least three remain.
     """
@@ -232,7 +234,10 @@ class Curve:
 
 
 def _curves(outline: Outline) -> list[Curve]:
-    """Curves of an outline: runs of at least `MIN_CURVE_FACETS` bent facets that meet without a corner."""
+    """Curves of an outline: runs of 3 or more facets, none a flat face, that meet without a corner.
+
+    A corner is a turn of at least 20 deg.
+    """
     n = len(outline)
     joined = [outline.turn(i) < CORNER_TURN for i in range(n)]
     bent = [_is_bent(outline, joined, i) for i in range(n)]

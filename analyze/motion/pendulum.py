@@ -67,7 +67,10 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """Acceleration psi'' [rad/s^2] at angle psi from balance, and derivatives by psi and energy."""
+        """Acceleration psi'' [rad/s^2] at angle psi from balance, and its derivatives by psi and energy.
+
+        The energy [rad^2/s^2] is the integral of the motion, for a hinge psi'^2 + 2 k cos psi.
+        """
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))
         strength = (k + e * (energy - 2.0 * k * c) * by_inertia) * by_inertia

@@ -85,7 +85,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     seen, sd = np.append(sample.theta, expected.values()), np.append(sample.sd, np.ones(3))
 
     def expect(sets: Array) -> Array:
-        """Tipping angle and rows of the prior (n + 3, c) of c sets of the parameters (c, 5)."""
+        """Tipping angles [rad] at n times, then three values of the prior, (n + 3, c) of c sets (c, 5)."""
         return np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
 
     solution = minimise(

@@ -69,7 +69,7 @@ class ComPrior:
         )
 
     def values(self) -> Array:
-        """Right side (3,) of the prior's equations on (1 / J, a / J, b / J), in standard deviations."""
+        """Right side (3,) of the equations whose coefficients are `rows`, in standard deviations."""
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 
 

@@ -167,7 +167,7 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
 
 
 def _judge_unseen(task: StrikeTask) -> Judgement | None:
-    """Verdict "unreadable" if a strike has no images up to 0.2 s after the contact; None if it has.
+    """Verdict "unreadable" if a strike's images end before 0.2 s after the contact; None if they do not.
 
     Such a strike must not be reported as "not moved". None also if the end of the images is unknown, or there
     are images and no measured contact time.
