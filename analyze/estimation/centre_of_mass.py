@@ -108,7 +108,8 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
     """Estimated tilt of the table (2,) [rad], with covariance and prior sd, on levelling `level` from 0.
 
-    A levelling is a set-up of the table with one unknown tilt.
+    The tilt is the lean of the vertical from the table's normal towards x and y of the world frame W; a
+    levelling is a set-up of the table with one unknown tilt.
     """
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)

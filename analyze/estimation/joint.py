@@ -220,7 +220,7 @@ def _information(rows: Array, weight: Array) -> Array:
 
 
 def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
-    """Deviation (6,) of the inertia per kilogram from the shape's prior, in its sd, and its derivative.
+    """Deviation (6,) of the inertia per kilogram from the shape's prior, over its sd, and derivative.
 
     The entries are in the order xx, yy, zz, xy, xz, yz; the derivative by the unknowns `x` is (6, count).
     """

@@ -186,8 +186,8 @@ class JointModel:
     def about_com(self, x: Array) -> tuple[Array, Array]:
         """Moment l.J.l (strikes,) [m^2] about the line through the centre of mass, and its derivative.
 
-        J is the inertia per kilogram about the centre of mass, l the pivot's unit direction; the derivative
-        by the unknowns `x` is (strikes, count).
+        The line is parallel to the pivot. J is the inertia per kilogram about the centre of mass, l the
+        pivot's unit direction; the derivative by the unknowns `x` is (strikes, count).
         """
         J, by = unit_inertia(x[SECOND])
         rows = np.zeros((len(self.planes), self.count))
@@ -228,7 +228,10 @@ class JointModel:
         return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
 
     def _rows(self, across: Array) -> Array:
-        """Derivative (strikes, count) by the unknowns of the arm's component along `across` (strikes, 3)."""
+        """Derivative (strikes, count) by the unknowns of the arm's components along `across` (strikes, 3).
+
+        The arm leads from a strike's centre line to the centre of mass.
+        """
         rows = -np.einsum("si,sic->sc", across, self._shift)
         rows[:, COM] = across
         return rows

@@ -242,7 +242,8 @@ class _CutPieces:
     def above(self, normals: Array, heights: Array) -> Array:
         """Volume, first and second moments (b, 10) of the interior above each of b planes.
 
-        They are continuous in the plane: a piece that it cuts counts in part.
+        They are at unit density [m^3, m^4, m^5], about the measured centre of mass, and continuous in the
+        plane: a piece that it cuts counts in part.
 
         Args:
             normals: (b, 3) unit normals, in the object frame O.
