@@ -200,9 +200,9 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
 
 
 def _by_pose(seen: Array, in_camera: Array, p: Array, K: Array) -> Array:
-    """Derivatives (m, 8, 6) of the ideal pixels by a turn about the axes of camera frame C, and a shift in C.
+    """Derivatives (m, 8, 6) of the ideal pixels by turns about the axes of camera frame C and shifts in C.
 
-    In px/rad and px/m.
+    They are in px/rad and px/m; a turn is about the marker's centre.
 
     Args:
         seen: (m, 4, 2) ideal pixels of the corners.
