@@ -68,8 +68,8 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
     Returns:
         Rotations from the marker frame to C, centres in C [m], and rms reprojection errors [px] of both
         solutions, the better first, each refined by Levenberg-Marquardt; twice the same if there is only one.
-        None if there is none, as for collinear corners, or if one is not finite or behind the camera. Corners
-        that are no view of a square give poses with a large error.
+        None if there is none, as for collinear corners, or if one is not finite or behind the camera. Other
+        corners that are no view of a square may give poses with a large error.
     """
     points = marker_corners(size)
     count, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -102,8 +102,8 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
 def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | None]:
     """Both poses of a square marker in each of n views, refined; None where there is no pose in front.
 
-    The result is that of `solve_pose` for every view, in a fifth of the time: poses in the camera frame [m],
-    the one that fits better first.
+    It takes a fifth of the time of `solve_pose` for every view and gives the same: poses in the camera frame
+    [m], the one that fits better first. Only a second pose that fits badly may be refined less far.
 
     Args:
         corners_ideal: (n, 4, 2) distortion-free corners [ideal px]: top-left, top-right, bottom-right,
