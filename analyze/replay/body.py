@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _REGION_COLOURS = (ORANGE, SKY)
 _MIN_HALF_AXIS, _CROSS_HALF_LENGTH = 0.035, 0.12
 """Least half axis of the drawn ellipsoid and half length of the cross through it, as fractions of the longest
-extent."""
+extent of the object."""
 _MAX_VOXELS = 4000
 """Approximate number of cells drawn; of more, a sample is drawn."""
 
@@ -44,7 +44,7 @@ class SceneInputs:
     plan: StrikePlan
     """strike plan of the recording"""
     camera: CameraModel
-    """first camera, with its pose in the world frame W of heading 0"""
+    """first camera, with its pose in the world frame W of a strike of heading 0"""
     markers: tuple[Marker, ...]
     """markers on the object"""
 
@@ -53,7 +53,7 @@ class SceneInputs:
         return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
 
     def camera_of(self, planned: PlannedStrike) -> CameraModel:
-        """Camera with its pose in W turned by a strike's heading, in which the object tips towards +x."""
+        """First camera, with its pose in the strike's own world frame W, whose +x the object tips towards."""
         return turned_camera(self.camera, planned.heading_rad)
 
 
@@ -96,7 +96,8 @@ def log_inside(
 ) -> None:
     """Log the inside of the object: equi-planes, centre of mass with 95 % ellipsoid, and mass regions.
 
-    An equi-plane contains a strike's pivot axis and the centre of mass.
+    An equi-plane contains a strike's pivot axis and the centre of mass; one that misses the object is left
+    out.
 
     Args:
         stream: destination.
@@ -104,7 +105,7 @@ def log_inside(
         model: exterior of the object.
         answer: estimate to be drawn.
         colours: colour of each strike, by its id.
-        strike_id: draw the equi-plane of this strike only; None draws all.
+        strike_id: draw the equi-plane of this strike only; None draws all, and names the centre of mass.
     """
     for plane in answer.planes:
         if strike_id is not None and plane.strike_id != strike_id:
@@ -154,7 +155,7 @@ def _centre(
 def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> None:
     """Log the cells of the voxel map (estimated density), coloured from dark (low) to bright (high).
 
-    Of many cells a sample of 4000 to 8000 is logged; nothing is logged if the answer has no map.
+    Of more than 8000 cells a sample of 4000 to 8000 is logged; nothing is logged if the answer has no map.
     """
     voxels = answer.voxels
     if voxels is None:

@@ -26,7 +26,7 @@ from schemas.output_file import OutputError, refuse_unwritable
 from schemas.strike_plan import StrikePlan
 
 STRIKE = "strike"
-"""Name of the timeline; its step 1 is the first strike."""
+"""Name of the timeline of the cards; its step 1 is the first strike."""
 _APPLICATION = "percuss"
 _STRIKER, _PIVOT, _CAMERA = (86, 160, 230), (240, 120, 50), (60, 190, 140)
 """Colours of the printed cards, lightened for a dark background."""
@@ -34,7 +34,7 @@ _BODY, _EDGE, _TABLE = (196, 203, 213), (60, 66, 74), (84, 73, 60)
 _LIFT = 2e-4
 """Gap [m] between face and tag, and between the tag's card and its black cells; it prevents flicker."""
 _IMAGE_PLANE_DISTANCE_M = 0.05
-"""Distance from the camera's centre to the image plane, as drawn."""
+"""Distance [m] from the camera's centre to the image plane, as drawn."""
 
 
 def write_card_scenes(
@@ -46,7 +46,7 @@ def write_card_scenes(
         plan: strikes to be drawn, in their order.
         model: exterior of the object.
         spec: object description with its tags.
-        camera: intrinsics used for planning; its pose comes from the plan.
+        camera: camera whose intrinsics are drawn; its pose is each planned strike's.
         output: path of the file.
 
     Raises:
@@ -78,7 +78,7 @@ def log_scenes(
         plan: strikes to be drawn, in their order.
         model: exterior of the object.
         spec: object description with its tags.
-        camera: intrinsics used for planning; its pose comes from the plan.
+        camera: camera whose intrinsics are drawn; its pose is each planned strike's.
     """
     _log_static(stream, model, spec)
     for card in placement_cards(plan, model, spec):
@@ -87,7 +87,10 @@ def log_scenes(
 
 
 def _log_static(stream: rr.RecordingStream, model: ObjectModel, spec: ObjectSpec) -> None:
-    """Log the entities that all strikes share: the table, and the object with its tags in its own frame."""
+    """Log the entities that all strikes share: the table, and the object with its tags in frame O.
+
+    O is the object's own frame; tags whose pose is not known are left out.
+    """
     size = float(model.extent.max())
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     table = rr.Boxes3D(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ANSWER, SESSION_PAGE = "answer", "session"
 VOXELS = "/result/voxels"
 _DEFAULT_SIZE_M = 0.15
-"""Size assumed for an object whose shape is not known yet."""
+"""Size [m] assumed for an object whose shape is not known yet."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class StrikePage:
 
 
 def timeline_of(page: str | None) -> str:
-    """Name of the timeline of a page: "session" for the session's page, else "since_contact"."""
+    """Name of the timeline of a page: "session" for the session's page, else (also None) "since_contact"."""
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 
 
@@ -49,7 +49,7 @@ def scene_view(
         name: title of the view.
         eye: (3,) position of the eye in the scene [m].
         target: (3,) point that it looks at [m].
-        hidden: entities that are not shown until the user asks for them.
+        hidden: paths of entities that are not shown until the user asks for them.
     """
     return rrb.Spatial3DView(
         origin=origin,

@@ -17,13 +17,14 @@ from schemas.session_manifest import SessionManifest
 from schemas.strike_plan import StrikePlan
 
 _IMAGE_RETENTION_NS = 120_000_000_000
-"""Time for which images are kept for a strike whose record has not arrived yet."""
+"""Time [ns] for which images are kept for a strike whose record has not arrived yet."""
 
 
 class LiveRecording:
     """Recording that is still being written, with the images that are still needed in memory.
 
     `poll` reads the messages added; `forget_until` releases images. A context manager that closes the file.
+    A strike's record is the message that holds its ids and times.
 
     Args:
         path: the file that is being written.
@@ -45,7 +46,7 @@ class LiveRecording:
 
     @property
     def path(self) -> Path:
-        """Path of the recording's file that is being read; it changes as a continuous recording goes on."""
+        """Path of the file being read; it changes when a recording in several files goes on with the next."""
         return self._series.path
 
     @property
@@ -55,7 +56,7 @@ class LiveRecording:
 
     @property
     def finished(self) -> bool:
-        """True if the file being read is complete; in a continuous recording another file may follow."""
+        """True if the file being read is complete; in a recording of several files another may follow."""
         return self._series.finished
 
     @property
@@ -92,7 +93,7 @@ class LiveRecording:
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """Contents of the object's shape file; None for a primitive (box or cylinder), or if not read yet."""
+        """Contents of the object's shape file; None for a primitive (box, cylinder), or before it is read."""
         return self._series.shape_bytes
 
     def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:
@@ -101,10 +102,11 @@ class LiveRecording:
         Images and frame metadata of the first camera are kept, images for at most 120 s.
 
         Returns:
-            Messages on all other topics; and the strikes whose records have arrived.
+            Messages on all other topics but the strikes'; and the strikes' records that have arrived. Both
+            are empty if nothing was written.
 
         Raises:
-            RecordingError: the file is damaged, or not a recording.
+            RecordingError: the file is damaged, not a recording, or of another major schema version.
         """
         small: list[RecordedMessage] = []
         strikes: list[pb.StrikeRecord] = []

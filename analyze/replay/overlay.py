@@ -23,7 +23,7 @@ _MAX_WIREFRAME_EDGES = 60
 _MIN_REST_FRAMES = 3
 """Least number of frames at rest from which a rest pose is computed."""
 _MIN_DEPTH_M = 0.02
-"""Depth in front of the camera below which points are not drawn."""
+"""Depth [m] in front of the camera below which points are not drawn."""
 
 
 def pose_at_rest(
@@ -35,8 +35,8 @@ def pose_at_rest(
 ) -> tuple[Array, Array]:
     """Pose of the object at rest before a strike, measured from the marker with most frames at rest.
 
-    The tipping angle theta is measured from this pose (motion/tip_angle.py). Without a marker whose place on
-    the object is known and that has three frames at rest, it is the planned pose.
+    The tipping angle theta is measured from this pose (motion/tip_angle.py). It is the planned pose if no
+    marker both has a known place on the object and was seen in three frames at rest.
 
     Args:
         planned: planned strike.
@@ -46,7 +46,8 @@ def pose_at_rest(
         contact_ns: log time of the contact [ns].
 
     Returns:
-        Rotation R_world_object (3, 3) and position p_world_object (3,) [m].
+        Rotation R_world_object (3, 3) from the object frame O to W, and position p_world_object (3,) [m] of
+        O's origin in W.
     """
     R_planned, p_planned = (
         np.array(planned.R_world_object, dtype=float),
@@ -69,9 +70,9 @@ def pose_at_rest(
 
 
 def project_to_pixels(camera: CameraModel, points_world: Array) -> Array:
-    """Project points (..., 3) [m] in W to raw (distorted) pixels (..., 2).
+    """Project points (..., 3) [m] in the world frame W to raw (distorted) pixels (..., 2).
 
-    Points behind the camera, or less than 20 mm in front of it, are NaN.
+    Points behind the camera, or less than 20 mm in front of it, give NaN.
     """
     R, t = world_to_camera(camera)
     in_camera = points_world @ R.T + t
@@ -88,12 +89,12 @@ def wireframe(model: ObjectModel, camera: CameraModel, R: Array, p: Array) -> li
     Args:
         model: exterior of the object.
         camera: camera with its pose in W.
-        R: (n, 3, 3) rotations from O to W.
+        R: (n, 3, 3) rotations from the object frame O to W.
         p: (n, 3) positions of O's origin in W [m].
 
     Returns:
-        For each pose a list of lines, each (m, 2) raw pixels; edges that reach behind the camera are left
-        out.
+        For each pose a list of lines, each (m, 2) raw pixels; edges and hull corners that reach behind the
+        camera, or closer than 20 mm to it, are left out.
     """
     edges = sharp_edges(model.vertices, model.faces)
     turned = np.swapaxes(R, 1, 2)
@@ -114,7 +115,7 @@ def _outline(points: Array) -> list[Array]:
 
 
 def axis_line(camera: CameraModel, pivot: Array, half_length: float) -> Array:
-    """Points of the pivot axis, which lies along W's y axis, on the camera's image.
+    """Points of the pivot axis, which lies along the y axis of the world frame W, on the camera's image.
 
     Args:
         camera: camera with its pose in W.
@@ -122,8 +123,8 @@ def axis_line(camera: CameraModel, pivot: Array, half_length: float) -> Array:
         half_length: distance [m] from `pivot` to either end.
 
     Returns:
-        Raw pixels (m, 2) in order of rising y, the end on the camera's side first; at most 24. Points behind
-        the camera are left out.
+        Raw pixels (m, 2) of at most 24 points in order of rising y: for a camera on the side of negative y
+        the near end is first. Points behind the camera, or less than 20 mm in front of it, are left out.
     """
     along = np.linspace(-half_length, half_length, 24)[:, None] * np.array([0.0, 1.0, 0.0])
     line = project_to_pixels(camera, pivot + along)

@@ -23,7 +23,7 @@ def screenshot(rrd: Path, picture: Path, seconds: float = 0.2, timeline: str = S
     Args:
         rrd: file of the replay (.rrd).
         picture: the PNG file.
-        seconds: time on the timeline [s].
+        seconds: time to show [s], on `timeline`.
         timeline: name of the timeline: "since_contact", with time 0 at each strike's contact, or "session".
 
     Raises:
@@ -66,10 +66,10 @@ def headless_viewer(rrd: Path) -> Iterator[ViewerClient]:
 def _save(client: ViewerClient, picture: Path) -> None:
     """Save a screenshot as PNG, in up to four attempts.
 
-    The viewer's limit of 15 s can be too short for software rendering.
+    One attempt may fail, since the viewer's limit of 15 s can be too short for software rendering.
 
     Raises:
-        RuntimeError: the last attempt failed.
+        RuntimeError: all attempts failed.
     """
     for left in reversed(range(_SAVE_ATTEMPTS)):
         try:

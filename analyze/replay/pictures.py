@@ -22,8 +22,8 @@ FRAME_RATE = 60.0
 """Greatest rate [Hz] at which images are sent by default."""
 _JPEG_QUALITY = 82
 _MAX_PLAIN_IMAGES = 10
-"""Most plain images before the contact, where the object rests: each has the full size of the camera's
-image."""
+"""Approximate number of plain images before the contact, where the object rests, unless all frames are sent:
+each has the full size of the camera's image."""
 _BATCH = 24
 """Images sent together: few, so that the first ones arrive soon."""
 _DRAW_ORDER_BENEATH = -11.0
@@ -64,13 +64,14 @@ def send_pictures(
 ) -> None:
     """Send images to a replay in batches as they are read.
 
-    A few images before the contact are sent a second time without encoding, to `<path>_before`.
+    About ten images before the contact, or all with `choice.every_frame`, are sent a second time without
+    encoding, to `<path>_before`.
 
     Args:
         timelines: timelines of the stream.
         path: entity of the images.
         frames: images in order of time.
-        contact_ns: time of the strike's contact [ns]; None outside a strike.
+        contact_ns: log time of the strike's contact [ns]; None outside a strike.
         choice: selection and encoding.
 
     Raises:
@@ -91,7 +92,11 @@ def send_pictures(
 
 
 class _ImagesBeforeContact:
-    """Sender of a few images without encoding before a strike's contact, about ten at equal intervals."""
+    """Sender of images before a strike's contact without encoding.
+
+    It sends about ten at equal intervals, or all with `choice.every_frame`; none outside a strike
+    (`contact_ns` is None).
+    """
 
     def __init__(
         self, timelines: Timelines, path: str, first: ImageFrame, contact_ns: int | None, choice: ImageChoice
@@ -107,7 +112,7 @@ class _ImagesBeforeContact:
             timelines.stream.log(path, rr.Image.from_fields(draw_order=_DRAW_ORDER_BENEATH), static=True)
 
     def take(self, frame: ImageFrame) -> None:
-        """Send the frame without encoding if it is before the contact and the next image is due."""
+        """Send the frame without encoding if it precedes the contact and the next image is due."""
         if self._contact_ns is None or not self._next_ns <= frame.time_ns < self._contact_ns:
             return
         self._next_ns = frame.time_ns + self._step_ns

@@ -41,7 +41,8 @@ class ReplayResult:
     """Outcome of a replay: its problems, and the time to show first."""
 
     problems: list[str]
-    """Problems, one line each: damage of the recording, else the reason why there is no answer."""
+    """Problems, one line each: damage of the recording, else the reason why there is no answer; empty if
+    there is neither."""
     moment_s: float
     """Time since contact [s] at which the front page shows a tipping object."""
 
@@ -49,7 +50,7 @@ class ReplayResult:
 APPLICATION = "percuss"
 _POLL_S = 0.1
 _NEXT_FILE_S = 2.0
-"""Time within which the next file of a continuous recording appears."""
+"""Time [s] within which the next file of a recording in several files appears."""
 _NO_STRIKE_RATE_HZ, _MAX_NO_STRIKE_IMAGES = 5.0, 600
 """Rate [Hz] and greatest number of images sent if the recording holds no strike."""
 

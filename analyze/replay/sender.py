@@ -31,7 +31,7 @@ class ReplayOptions:
     """Options of a replay, given by the user."""
 
     object_path: Path | None = None
-    """Object file that replaces the recording's."""
+    """Object file that replaces the recording's; None to use the recording's."""
     exclude: frozenset[str] = frozenset()
     """Ids of strikes that the answer leaves out."""
     images: ImageChoice = field(default_factory=ImageChoice)
@@ -67,8 +67,10 @@ class Sender:
     def add_pages(self, records: Sequence[pb.StrikeRecord], *, more: bool) -> None:
         """Add pages for strikes and send the layout with the newest in front, or the first if no more follow.
 
+        Without any strike the answer's page is in front; a page that the user asked for takes precedence.
+
         Args:
-            records: strikes.
+            records: strikes as recorded.
             more: True if further strikes may follow.
         """
         self._pages += [StrikePage(record.strike_id) for record in records]
@@ -102,7 +104,8 @@ class Sender:
     def shown_moment_s(self) -> float:
         """Time since contact [s] at which the page in front shows an object near its balance.
 
-        That of the strike whose page the user asked for, else of the first good strike, else 0.2 s.
+        It is that of the strike whose page the user asked for, else of the first strike with verdict good;
+        0.2 s if there is neither, or if its motion was not measured.
         """
         from analyze.replay.views import balance_moment
         from schemas.strike_result import Verdict
@@ -137,8 +140,8 @@ class Sender:
     def analyse_strike(self, source: StrikeSource, record: pb.StrikeRecord, *, more: bool) -> None:
         """Measure a strike's motion and send it, or the reason why it cannot be measured.
 
-        The first call imports the numerical modules and sends the object's shape. Reasons are added to
-        `damage` or `no_answer`.
+        The first call imports the numerical modules and sends the object's shape. A damaged file is added to
+        `damage`, an object or plan that cannot be used to `no_answer`.
 
         Args:
             source: recording.
@@ -200,7 +203,7 @@ class Sender:
     def send_answer(self, head: RecordingHead) -> None:
         """Send the estimate from all strikes, or the reason why there is none, and put the answer in front.
 
-        A reason replaces the list `no_answer`. If the user asked for another page, that is in front.
+        The reason becomes the only entry of `no_answer`. A page that the user asked for stays in front.
 
         Args:
             head: identity of the recording.

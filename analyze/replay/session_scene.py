@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 LOGGED_TOPICS = (topics.STRIKER_EVENT.name, topics.SESSION_STATE.name, topics.LOG.name)
 """Topics of which every message is shown."""
 _CLOCK_STEP_NS = 500_000_000
-"""Time between two points of the camera clock's curve."""
+"""Time [ns] between two points of the camera clock's curve."""
 _WARNING_KINDS = {pb.StrikerEvent.FAULT, pb.StrikerEvent.MISSED, pb.StrikerEvent.STOPPED}
 
 
 def send_event(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
-    """Send one message of striker, session or log to a replay, as a line of text or a change of state.
+    """Send one message of striker, session or log to a replay, as a line of text, a change of state, or both.
 
     Args:
         timelines: timelines of the stream.
         message: message of a topic in `LOGGED_TOPICS`.
-        records: strikes; a message within a strike's window gets that strike's time too.
+        records: strikes as recorded; a message within a strike's time window gets that strike's time too.
 
     Raises:
         RecordingError: the message does not have its topic's type.
@@ -98,7 +98,8 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
     """Send curves and a text on lost frames and clock quality over the time of the session.
 
     Raises:
-        RecordingError: the file is damaged; curves that were read before the damage are sent.
+        RecordingError: the file is damaged; the curves sent before the damage was met stay, the text is not
+            sent.
     """
     name = recording.camera
     found = [
@@ -144,13 +145,12 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
 
 
 def _send_lost_frames(timelines: Timelines, time_ns: IntArray, total: IntArray) -> None:
-    """Send a step curve by its two ends and the points next to its steps.
+    """Send the curve of frames lost since the start, only its two ends and the points next to its steps.
 
     Args:
         timelines: timelines of the stream.
-        path: entity of the curve.
-        time_ns: (n,) log times [ns].
-        total: (n,) values, constant between steps.
+        time_ns: (n,) log times of the frames [ns].
+        total: (n,) number of frames lost up to each frame.
     """
     rises = np.flatnonzero(np.diff(total))
     shown = np.unique(np.concatenate([[0, len(total) - 1], rises, rises + 1]))
@@ -166,8 +166,8 @@ def _clock_drift(host_ns: IntArray, device_ns: IntArray) -> tuple[float, Array]:
         device_ns: (n,) times of the samples on the device's clock [ns].
 
     Returns:
-        Drift [ppm], and deviation (n,) [ns] of the device's readings from the line; zeros for fewer than
-        three samples or an end that is not after the start.
+        Drift [ppm], positive if the device's clock runs faster, and deviation (n,) [ns] of the device's
+        readings from the line; both 0 for fewer than three samples or an end that is not after the start.
     """
     at = (host_ns - host_ns[0]).astype(np.float64)
     ahead = (device_ns - device_ns[0]).astype(np.float64) - at

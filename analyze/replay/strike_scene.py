@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 _MAX_TABLE_THICKNESS_M = 0.02
-"""Half thickness of the drawn table, at most."""
+"""Greatest half thickness [m] of the drawn table."""
 
 
 def send_strike(
@@ -39,15 +39,16 @@ def send_strike(
 ) -> None:
     """Send the measured motion of a strike to a replay: tags, curves, phases, overlay and scene.
 
-    Its images are sent apart. Without a tipping angle at two frames, only text and tags are sent.
+    The strike's images are sent apart. Without a tipping angle at two or more frames, only text and tags are
+    sent; without its entry in the plan, neither overlay nor scene.
 
     Args:
         timelines: timelines of the stream.
         record: the strike as recorded.
-        motion: its measured motion.
-        tracks: its tracked markers.
+        motion: measured motion of the strike.
+        tracks: tracked markers of the strike.
         body: object, plan and camera.
-        colour: colour of the strike on pages of all strikes.
+        colour: colour of the strike's curve on the page that shows all strikes.
     """
     root, contact = strike_path(record.strike_id), contact_of(record)
     timelines.log_static(f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"))
@@ -74,7 +75,7 @@ def send_strike_inside(
 ) -> None:
     """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, and mass regions.
 
-    Nothing is sent for a strike without a tipping angle at two frames.
+    Nothing is sent for a strike without a tipping angle at two or more frames, or one that the plan lacks.
 
     Args:
         timelines: timelines of the stream.
@@ -135,7 +136,7 @@ def _over_image(
 ) -> None:
     """Send the pivot axis and the object at the fitted angle, as lines over the strike's images.
 
-    Without fitted curves only the axis is sent.
+    Without a fit that has a curve (three frames or more and a rate constant k) only the axis is sent.
     """
     camera = body.camera_of(planned)
     rest = overlay.pose_at_rest(planned, tracks, body.markers, camera, contact_ns)
@@ -193,7 +194,10 @@ def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion,
 def _passage(
     timelines: Timelines, path: str, contact_ns: int, fit: MotionFit, fitted: views.FittedCurves
 ) -> None:
-    """Mark the time at which the fitted motion passes the balance angle; nothing if it does not."""
+    """Mark the time at which the fitted motion first passes the balance angle.
+
+    Nothing is marked if the motion does not reach that angle, or starts beyond it.
+    """
     above = np.flatnonzero(fitted.theta >= fit.phi)
     if not len(above) or above[0] == 0:
         return

@@ -32,7 +32,7 @@ class Target(Protocol):
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Deliver what is in the stream: images of at least one strike, which the user can look at."""
+        """Deliver the data in the stream, which hold the images of at least one strike to look at."""
         ...
 
     def check(self) -> None:
@@ -164,7 +164,7 @@ class ToFile:
         """Do nothing: a file cannot be closed by the user."""
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Flush and close the stream, and give the complete file its final name."""
+        """Flush and close the stream, and rename the temporary file `part` to `output`."""
         stream.flush()
         stream.disconnect()
         self._part.replace(self.output)

@@ -42,7 +42,7 @@ class Timelines:
         self.origin_ns = origin_ns
 
     def set_time(self, time_ns: int, contact_ns: int | None) -> None:
-        """Set the time of what is logged next to the stream.
+        """Set the time of all data logged from now on.
 
         Args:
             time_ns: log time [ns].
@@ -55,7 +55,7 @@ class Timelines:
         self.stream.set_time(SESSION, duration=(time_ns - self.origin_ns) * 1e-9)
 
     def time_columns(self, time_ns: IntArray, contact_ns: int | None) -> list[rr.TimeColumn]:
-        """Time columns for rows of data: `since_contact`, where there is a strike, and `session`.
+        """Time columns for n rows of data: `session`, and `since_contact` within a strike.
 
         Args:
             time_ns: (n,) log times of the rows [ns].
@@ -99,7 +99,7 @@ class Timelines:
             )
 
     def name_states(self, path: str, states: dict[str, int]) -> None:
-        """Set labels and colours of a state's values.
+        """Set labels and colours of a state's values, for all times.
 
         Args:
             path: entity of the state.
@@ -110,7 +110,7 @@ class Timelines:
         self.log_static(path, rr.StateConfiguration(values=list(states), labels=names, colors=colours))
 
     def change_state(self, path: str, state: str | None, time_ns: int, contact_ns: int | None) -> None:
-        """Log a change of state.
+        """Log a change of a state, such as the phase of a tip or the striker's state.
 
         Args:
             path: entity of the state.

@@ -36,7 +36,7 @@ _MAX_REGION_POINTS = 700
 
 @dataclass(frozen=True)
 class DrawnRegion:
-    """Cells of one mass region (shell or interior side of a plane), in the object's frame O."""
+    """Cells of one mass region (shell, or interior on one side of a plane), in the object's frame O."""
 
     name: str
     """Name of the region."""
@@ -51,9 +51,10 @@ class DrawnAnswer:
     result: Result
     """Result document of the estimate."""
     planes: tuple[EquiPlane, ...]
-    """Equi-planes of the strikes used: planes through the pivot axis that contain the centre of mass."""
+    """Equi-planes of the strikes used, each through the pivot axis and the centre of mass."""
     com: CentreOfMass
-    """Centre of mass of the object without its markers."""
+    """Centre of mass of the object without its markers, or with them if the pose of one with a mass is not
+    known."""
     regions: tuple[DrawnRegion, ...]
     """Mass regions, the shell first."""
     voxels: VoxelMap | None = None
@@ -69,14 +70,15 @@ class MotionCurves:
     theta: Array
     """(n,) angle [rad]."""
     omega: Array
-    """(n,) rate [rad/s], by differences."""
+    """(n,) rate of theta [rad/s], by differences."""
     alpha: Array
-    """(n,) acceleration [rad/s^2]; if measured, smoothed as in the paper's estimator."""
+    """(n,) acceleration of theta [rad/s^2]; if measured, smoothed as in the paper's estimator,
+    sign_change."""
 
 
 @dataclass(frozen=True)
 class FittedCurves(MotionCurves):
-    """Fitted motion of a strike at the n frames of the fit's window."""
+    """Fitted motion of a strike, with its residual, at the n frames of the fit's window."""
 
     residual: Array
     """(n,) measured minus fitted angle [rad]."""
@@ -98,7 +100,8 @@ def drawn_answer(estimate: Estimate) -> DrawnAnswer:
 def balance_moment(motion: TipMotion | None) -> float:
     """Approximate time since contact [s] at which the object is at its balance; 0.2 s if not known.
 
-    It is the duration of stage one: the free motion up to the balance, or to its end without one.
+    It is the duration of stage one: the free motion up to the balance, or to its end if the balance is not
+    reached. It is not known without a tipping angle or a stage one.
     """
     if motion is None or motion.angle is None or motion.phases is None or motion.phases.stage_one is None:
         return 0.2
@@ -117,7 +120,8 @@ def measured_curves(angle: TipAngle) -> MotionCurves:
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
     """Fitted motion at the frames of the fit's window; rate and acceleration by differences.
 
-    None if the fit has no k (rate constant of the motion), or its window has fewer than three frames.
+    None if the fit has no k (rate constant of the motion), or if its window has fewer than three frames.
+    `angle` is the measured tipping angle that was fitted.
     """
     first, last = fit.window
     time_ns = angle.time_ns[first:last]
@@ -149,8 +153,8 @@ def object_poses(
 ) -> tuple[Array, Array]:
     """Poses of a tipping object at n frames: the frame O of its shape file in the world frame W.
 
-    The rest pose is turned by theta about the pivot line, which lies along W's y axis, and moved along x by
-    rolling and slip.
+    The rest pose is turned by the tipping angle theta about the pivot line, which lies along W's y axis, and
+    moved along x by rolling and slip; rolling on a flank moves it along z as well.
 
     Args:
         planned: planned strike, with pivot and pose.
@@ -184,7 +188,8 @@ def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float
         margin: factor by which the polygon is enlarged about its centre.
 
     Returns:
-        Corners (n, 3) in O [m], in order around the polygon; (0, 3) if the plane misses the hull.
+        Corners (n, 3) in O [m], in order around the polygon; (0, 3) if the plane misses the hull or only
+        touches it.
     """
     hull = ConvexHull(model.hull_vertices)
     edges = np.unique(np.sort(hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
@@ -207,15 +212,15 @@ def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float
 
 
 def fan_triangles(corners: Array) -> IntArray:
-    """Vertex indices (n - 2, 3) of the triangles of a convex polygon with n corners (n, 3)."""
+    """Vertex indices (n - 2, 3) of triangles that fill a convex polygon with n corners, `corners` (n, 3)."""
     i = np.arange(1, len(corners) - 1)
     return np.stack([np.zeros_like(i), i, i + 1], axis=1)
 
 
 def ellipsoid(covariance: Array, least: float) -> tuple[Array, Array]:
-    """Half axes of the 95 % ellipsoid of a point, and their directions.
+    """Half axes of the 95 % ellipsoid of an uncertain point, and their directions.
 
-    A half axis is 2.795 sd (chi squared with 3 degrees of freedom).
+    A half axis is 2.795 sd (square root of chi squared with 3 degrees of freedom).
 
     Args:
         covariance: (3, 3) covariance of the point [m²].

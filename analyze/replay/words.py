@@ -1,4 +1,4 @@
-"""Texts of a replay's pages as Markdown: the answer, each strike, and reasons why there is none."""
+"""Texts of a replay's pages as Markdown: the answer or why there is none, and each strike."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def waiting_text(name: str, done: int, total: int | None) -> str:
     Args:
         name: name of the recording.
         done: number of strikes measured so far.
-        total: number of strikes; None while the session is running.
+        total: number of strikes in all; None while the session is running.
     """
     far = (
         f"{done} of {total} strikes measured."
@@ -72,7 +72,11 @@ def no_answer_text(name: str, problems: Sequence[str]) -> str:
 
 
 def strike_text(motion: TipMotion) -> str:
-    """Text of a strike's page: verdict, fits with 95 % intervals, residual and energy ratio."""
+    """Text of a strike's page: verdict, fits with 95 % intervals, residual and energy ratio.
+
+    Fits, residual and energy ratio (kinetic energy over the energy needed to tip) are left out where there
+    is no fit.
+    """
     lines = [f"**{motion.strike_id}: {motion.verdict.value.replace('_', ' ')}.** {motion.reason}", ""]
     for fit, used in ((motion.fit, "used"), *((other, "for comparison") for other in motion.alternatives)):
         if fit is not None:
@@ -99,7 +103,7 @@ def unread_text(strike_id: str, verdict: str, why: str) -> str:
 
     Args:
         strike_id: id of the strike.
-        verdict: verdict of the session on the strike; "" if there is none.
+        verdict: verdict on the strike reached during the session; "" if there is none.
         why: reason why the motion was not measured.
     """
     session_verdict = f" Verdict of the session: {verdict}." if verdict else ""
