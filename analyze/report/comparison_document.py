@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 OPPOSITE_REGION = {"upper": "lower", "lower": "upper"}
 MIN_FREEDOM = 5
-"""degrees of freedom below which the verdict doubts a standard deviation of the comparison"""
+"""least degrees of freedom of a standard deviation that the comparison's verdict does not doubt"""
 Kind = Literal["centre_of_mass", "moment", "region", "phi"]
 
 
@@ -75,10 +75,11 @@ def comparison_document(compared: SessionComparison) -> Comparison:
 
 
 def regions_named_as(answer: Answer, first: Answer) -> list[RegionResult]:
-    """Regions of an answer with their masses, named upper and lower as in the first session.
+    """Regions of an answer with their masses, named as in the answer of the first session.
 
-    Empty if the answer has no regions. The names are swapped if the normals of the two dividing planes point
-    to opposite sides.
+    The regions are the shell and the interior above (upper) and below (lower) a dividing plane; upper and
+    lower are swapped if the normals of the two answers' planes point to opposite sides. Empty if `answer` has
+    no regions.
     """
     found = answer.result.regions
     regions = {} if found is None else {region.name: region for region in found.regions}
@@ -99,9 +100,10 @@ def _agreement(found: Agreement, freedom: int) -> SessionsAgreement:
 
 
 def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of centre of mass, moments and region masses over the sessions.
+    """Yield the precision (ISO 5725) of centre of mass, moments and region masses over the sessions.
 
-    Sessions of one set-up form a group. Moments and masses are left out if fewer than two sessions have them.
+    Sessions of one set-up (rig, level reading, calibration) form a group. Moments and masses are left out if
+    fewer than two sessions have them.
     """
     first, setups = compared.sessions[0].answer, [session.setup for session in compared.sessions]
     alone = [session.answer.result for session in compared.sessions]
@@ -155,10 +157,11 @@ def _compared(
 
 
 def _angles(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of the balance angle phi per pivot edge and heading.
+    """Yield the precision (ISO 5725) of the balance angle phi [rad] per pivot edge and heading.
 
-    Repeated strikes within a session are a group. Only strikes that were used and tipped over count; edges
-    with fewer than two of them are left out.
+    The heading is the direction on the table in which the object was struck. Repeated strikes within a
+    session are a group. Only strikes that were used and tipped over count; an edge and heading with fewer
+    than two of them is left out.
     """
     cells: dict[tuple[str, float], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for number, session in enumerate(compared.sessions, 1):
@@ -204,7 +207,7 @@ def _row(
 
 
 def _component(vector: Quantity, i: int) -> Quantity:
-    """Component `i` of a vector quantity as a scalar, with its sd and 95 % interval."""
+    """Component `i` (0 to 2) of a vector quantity as a scalar, with its sd and 95 % interval."""
     value, sd, ends = vector.value, vector.sd, vector.interval95
     value, sd, ends = (np.array(each)[i].tolist() for each in (value, sd, ends))
     return Quantity(value=value, sd=sd, interval95=ends, unit=vector.unit, frame=vector.frame)
@@ -247,7 +250,9 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
 
 
 def _repeatability_without(compared: SessionComparison, odd: int) -> str:
-    """Clause on the repeatability of the centre of mass without one session; "" if it is not known.
+    """Clause on the repeatability [mm] of the centre of mass without one session; "" if it is not known.
+
+    It is that within set-ups (s_r) if known, otherwise that across set-ups (s_R), as ISO 5725 defines them.
 
     Args:
         compared: the sessions.
@@ -284,5 +289,5 @@ def upper_factor(freedom: int) -> float:
 
 
 def p_value_text(p_value: float) -> str:
-    """Text of a p-value with two digits, such as `p = 0.02`, or `p < 0.0001`."""
+    """Text of a p-value with two significant digits, as "p = 0.02", or "p < 0.0001" below that."""
     return "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"

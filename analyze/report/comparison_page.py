@@ -91,7 +91,10 @@ def render_comparison(compared: SessionComparison) -> str:
 
 
 def comparison_summary(document: Comparison) -> str:
-    """Summary of a comparison in two sentences: agreement, and repeatability of the centre of mass."""
+    """Summary of a comparison in two sentences: agreement, and repeatability [mm] of the centre of mass.
+
+    Repeatability is the standard deviation within one set-up, across set-ups, or both, where known.
+    """
     of_c = [each for each in document.precision if each.kind == "centre_of_mass"]
     s_r, s_R = _distance([each.s_r for each in of_c]), _distance([each.s_R for each in of_c])
     parts = [
@@ -110,7 +113,8 @@ def comparison_summary(document: Comparison) -> str:
 def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
     """CSV tables of a comparison in SI units, named sessions, precision and results.
 
-    `results` holds the values of each session behind the precision.
+    "precision" has a row per quantity with its standard deviations, "results" the values of each session
+    behind them.
     """
     document = comparison_document(compared)
     return [

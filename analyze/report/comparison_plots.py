@@ -30,8 +30,8 @@ def forest_figure(
 ) -> Figure:
     """Figure of each session's estimate with its 95 % interval, one panel per quantity.
 
-    A session is one recording of the object. Line and band are the joint estimate of all strikes and its
-    interval.
+    A session is one recording of the object. Line and band are the joint estimate from all strikes and its
+    95 % interval, where there is one.
 
     Args:
         quantities: quantities to be drawn, at least one.
@@ -87,12 +87,12 @@ def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | N
 def angles_figure(
     quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None
 ) -> Figure:
-    """Figure of balance angles phi of strikes, minus their mean; a panel per pivot edge and heading.
+    """Figure of balance angles phi [°] of strikes minus the sessions' mean, a panel per edge and heading.
 
     Each point is a strike that tipped over, in the row of its session.
 
     Args:
-        quantities: precision of phi, at least one.
+        quantities: precision of phi by pivot edge and heading, at least one.
         names: names of the sessions, in order.
         odd: index of the session that is marked as deviating; None if there is none.
     """

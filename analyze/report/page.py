@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def page_environment() -> Environment:
     """Environment of the HTML templates (Jinja2), with filters for quantities, numbers and sentences.
 
-    One serves all pages, so that each template is compiled once.
+    All pages share one environment, so that each template is compiled once.
     """
     environment = Environment(
         loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
@@ -72,7 +72,7 @@ def signed(value: float, digits: int) -> str:
 def manifest_time(created: str) -> str:
     """Start time of a recording (ISO 8601) as date and minute in UTC, such as 2025-03-01 14:05 UTC.
 
-    It is returned unchanged if it cannot be parsed or has no time zone.
+    The text is returned unchanged if it cannot be parsed or has no time zone.
     """
     try:
         moment = datetime.fromisoformat(created)

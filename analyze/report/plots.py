@@ -30,14 +30,15 @@ SIGMAS_95_2D = 2.4477
 def strike_figure(motion: TipMotion, title: str) -> Figure:
     """Figure of one strike: tipping angle theta, measured and fitted, with residuals below.
 
-    Phases of the motion are shown as bands.
+    Phases of the motion are shown as bands. Time 0 is that of the fit's initial state, or the first frame
+    without a fit.
 
     Args:
         motion: motion of the strike.
         title: title of the figure.
 
     Raises:
-        ValueError: the motion has no angle.
+        ValueError: the motion has no tipping angle (no marker was tracked).
     """
     if motion.angle is None:
         raise ValueError(f"strike {motion.strike_id} has no angle to plot")
@@ -89,7 +90,7 @@ def projection_figures(estimate: Estimate, com_true: Array | None = None) -> lis
     An equi-plane contains a strike's pivot axis and the centre of mass; it is drawn in views along its axis.
 
     Args:
-        estimate: estimate with model and planes.
+        estimate: estimate with the object's shape and the equi-planes.
         com_true: true centre of mass (3,) in O [m]; None if not known.
 
     Returns:
@@ -245,7 +246,7 @@ def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
 
     Args:
         estimate: estimate with moments per pivot axis.
-        truth: true moments [kg m²] by id of the pivot axis; None if not known.
+        truth: true moments [kg m²] about these axes by id of the pivot axis; None if not known.
     """
     axes_of = estimate.inertial.axes
     place = np.arange(len(axes_of))

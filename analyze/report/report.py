@@ -38,7 +38,7 @@ JPEG_QUALITY = 88
 
 @dataclass(frozen=True)
 class Still:
-    """Camera image of a strike with the markers outlined, as the report shows it."""
+    """Camera image of a strike with outlined markers, in the form in which the report embeds it."""
 
     axis_id: str
     """id of the strike's pivot axis"""
@@ -68,7 +68,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
 
     Args:
         answer: estimate and its result.
-        images: camera images to be shown.
+        images: camera images to embed.
         score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
     """
     estimate, result = answer.estimate, answer.result
@@ -160,9 +160,10 @@ def answer_summary(answer: Answer) -> str:
 
 
 def _heaviest_in_words(distribution: MassDistribution) -> str:
-    """Sentence on the heaviest mass region, or that the strikes do not determine it.
+    """Sentence on the heaviest of shell and interior parts, or that the strikes do not determine it.
 
-    It is determined if the lower end of its 95 % interval is not below any other region's upper end.
+    They determine it if a body of uniform parts explains the moments, and the lower end of the part's 95 %
+    interval is not below any other's upper end.
     """
     mass = distribution.masses.sum()
     heaviest = int(np.argmax(distribution.masses))
@@ -182,7 +183,7 @@ def _heaviest_in_words(distribution: MassDistribution) -> str:
 def camera_stills(estimate: Estimate) -> list[Still]:
     """Camera images with the markers outlined, one per pivot axis, nearest to the balance angle.
 
-    The recordings are read again. An axis without a tracked strike gives none.
+    The recordings are read again. An axis without a strike that was used and tracked gives no image.
 
     Raises:
         RecordingError: a recording cannot be read.
@@ -221,7 +222,7 @@ def camera_stills(estimate: Estimate) -> list[Still]:
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Log time [ns] of the image that shows markers at `time_ns`; the two differ with a rolling shutter.
+    """Log time [ns] of the image that shows markers at `time_ns`; with a rolling shutter the two differ.
 
     Args:
         tracks: tracked markers of the strike.

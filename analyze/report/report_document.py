@@ -22,7 +22,7 @@ def report_json(answer: Answer, verdict: str, score: Mapping[str, Any] | None = 
 
     Args:
         answer: estimate and its result.
-        verdict: summary in words, as on the HTML page.
+        verdict: summary of the estimate in sentences, as on the HTML page.
         score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
     """
     estimate = answer.estimate

@@ -29,7 +29,7 @@ def report_tables(answer: Answer) -> list[CsvTable]:
 
     Returns:
         Tables named answer, strikes, error_sources, motions, recordings and warnings, and regions if the
-        result has any.
+        result has region masses.
     """
     estimate, result = answer.estimate, answer.result
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
@@ -85,8 +85,8 @@ def _recordings(estimate: Estimate) -> CsvTable:
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
     """Yield one row per scalar of a result: name, value, sd, low95, high95, unit, source, observed.
 
-    sd is the standard deviation, low95 and high95 the ends of the 95 % interval, all None if not known;
-    source is measured, prior or given.
+    sd is the standard deviation, low95 and high95 the ends of the 95 % interval, None if not known; source is
+    measured, prior or given; observed is False if no strike determines the quantity.
     """
     yield _row("mass", result.mass)
     yield from _each("centre_of_mass", "xyz", result.centre_of_mass)
@@ -168,9 +168,10 @@ def _strikes(answer: Answer) -> CsvTable:
 
 
 def _motions(motions: Sequence[TipMotion]) -> CsvTable:
-    """Table of the tipping angle theta(t) of every strike, one row per frame.
+    """Table of the tipping angle theta(t) of every strike with a tracked marker, one row per frame.
 
-    Time 0 is the start of the fit, or the first frame if there is no fit.
+    Time 0 is that of the fit's initial state, or the first frame if there is no fit. Fitted angle and
+    residual are None outside the fit's window.
     """
     rows: list[dict[str, Cell]] = []
     for motion in motions:

@@ -33,7 +33,7 @@ REMEDIES = {
     ErrorSource.PRIOR: "strikes about axes in new directions",
     ErrorSource.MASS: "object and markers weighed more precisely",
 }
-"""Remedy that reduces each kind of error."""
+"""Remedy that reduces each kind of error, as the end of a sentence."""
 
 
 @dataclass(frozen=True)

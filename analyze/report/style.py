@@ -82,7 +82,7 @@ def style() -> Iterator[None]:
 
 
 def plain(axes: Axes) -> None:
-    """Turn axes into a drawing area with equal scales, without left and bottom border and grid."""
+    """Turn axes into a drawing area with equal scales, without grid and without left and bottom border."""
     axes.set_aspect("equal")
     axes.grid(visible=False)
     for side in ("left", "bottom"):
@@ -108,7 +108,7 @@ def write_figure(figure: Figure, output: Path) -> None:
 
 
 def svg(figure: Figure) -> str:
-    """SVG text of a figure: one <svg> element without XML header; equal figures give equal text."""
+    """SVG text of a figure: one <svg> element without XML header; the same figure gives the same text."""
     text = io.StringIO()
     with style():
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})

@@ -26,7 +26,7 @@ GRAM_CM2 = 1e7
 
 
 def render_summary(answer: Answer, console: Console | None = None) -> None:
-    """Print an estimate: centre of mass, tilt, strikes, moments, masses, verdict and warnings.
+    """Print an estimate: centre of mass, table tilt, strikes, moments, masses, verdict and warnings.
 
     Args:
         answer: estimate and its result.
@@ -185,7 +185,9 @@ def _filling(filling: Filling) -> Table:
 
 
 def open_interval(quantity: Quantity, factor: float, digits: int) -> str:
-    """Text of a scalar with both ends of its 95 % interval; "not observed" in place of an unknown value.
+    """Text of a scalar with both ends of its 95 % interval, as "12.0 (11.5 to 12.5)".
+
+    A quantity that is not observed gives "not observed" in place of its value.
 
     Args:
         quantity: scalar in SI units, with an interval.

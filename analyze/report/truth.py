@@ -22,13 +22,13 @@ class ShownTruth:
     com: Array
     """(3,) centre of mass [m]"""
     phi: Mapping[str, float]
-    """balance angle [rad] by strike used"""
+    """balance angle [rad] by id of the strike, for strikes used"""
     i_edge: Mapping[str, float]
-    """moment about the edge [kg m²] by strike used"""
+    """moment about the edge [kg m²] by id of the strike, for strikes used"""
     i_edge_axis: Mapping[str, float]
-    """moment about the edge [kg m²] by pivot axis"""
+    """moment about the edge [kg m²] by id of the pivot axis"""
     i_com: Mapping[str, float]
-    """moment about the parallel axis through c [kg m²] by pivot axis"""
+    """moment about the parallel axis through the centre of mass [kg m²] by id of the pivot axis"""
     regions: Mapping[str, float]
     """masses [kg] under the estimate's region names; empty where the body has no such regions"""
 
@@ -37,8 +37,8 @@ def shown_truth(score: Mapping[str, Any], answer: Answer) -> ShownTruth:
     """Ground truth of the quantities in a report of a virtual recording.
 
     Args:
-        score: errors and true values, from `score_answer`.
-        answer: the answer that was scored.
+        score: errors and true values by name, from `score_answer`.
+        answer: the answer (estimate and result) whose errors they are.
     """
     estimate = answer.estimate
     axis_of = {strike.id: strike.axis_id for strike in answer.result.strikes}

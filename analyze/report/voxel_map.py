@@ -22,7 +22,7 @@ _BINS = 24
 _SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(
     2, -1, 1
 )
-"""Sample places (2, n, 1) of a cell, as fractions of its edge length."""
+"""Sample places (2, 16, 1) across a cell, horizontal and vertical, as fractions of its edge length."""
 _MAX_MISFIT = 3.0
 """Rms of residuals over their sd above which the map does not fit the moments."""
 
@@ -64,7 +64,10 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
 
 
 def voxel_map_text(voxels: VoxelMap) -> str:
-    """Sentences on a voxel map: its prior, the share of it that was measured, and a misfit above 3 sd."""
+    """Sentences on a voxel map (density per cell): its prior, the share of it that was measured, a misfit.
+
+    The misfit to the moments is named if it exceeds `_MAX_MISFIT` sd.
+    """
     low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())
     text = (
         "The most uniform distribution with the measured moments, one of many that fit (bounded maximum "
