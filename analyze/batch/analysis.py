@@ -52,23 +52,24 @@ FAILURE_OF_ERROR: tuple[tuple[type[Exception], str], ...] = (
     (AnalyzeError, "refused"),
     (OSError, "unreachable"),
 )
+"""kind of failure by class of the exception; the first class that matches counts, "defect" if none does"""
 
 
 def analyse(request: Request, scratch: Path) -> Outcome:
     """Analyse one recording and write its row into the folder of results.
 
-    A recording that cannot be analysed gives a row with the reason, not an exception. Nothing is written for
-    a recording whose content has a result with these settings already.
+    A recording that cannot be analysed gives a failure row with the reason, not an exception. Nothing is
+    written for a recording whose content has a result with these settings already.
 
     Args:
         request: the recording, the settings and the folder of results.
         scratch: folder on the same disk as the results, for unfinished files.
 
     Returns:
-        Outcome with the key of the row, or with the failure.
+        Outcome with the key of the row, or with kind and reason of the failure.
 
     Raises:
-        OutputError: the results cannot be written.
+        OutputError, OSError: the results cannot be written.
         ArchiveError: the object file has changed since the run began.
         ShapeError: the object file can no longer be read.
     """

@@ -36,7 +36,7 @@ class SourceFile:
     size: int
     """bytes"""
     stamp: str
-    """time of change or ETag; if it differs, the content may have changed"""
+    """ETag, hash or time of change, as text; if it differs, the content may have changed; "" if unknown"""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Source:
 
     @property
     def id(self) -> str:
-        """Hash (32 hexadecimal digits) of URL, size and time of change of the recording's files."""
+        """Hash (32 hexadecimal digits) of URL, size and stamp (time of change or ETag) of the files."""
         text = "\n".join(f"{file.url}\t{file.size}\t{file.stamp}" for file in self.files)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -68,13 +68,13 @@ class Source:
         return "://" not in self.url
 
     def others(self, names: Iterable[str]) -> list[Source]:
-        """Files with a name of the series that belong to another recording, each as one of its own.
+        """Files named like this series that belong to another recording, each as a recording of its own.
 
         Args:
             names: names of the files that belong to this recording; empty if it was not opened.
 
         Returns:
-            One source per such file; the first file is never among them, and none is if `names` is empty.
+            One source per file whose name is not in `names`, never the first file; empty if `names` is.
         """
         own = set(names)
         return [Source((file,)) for file in self.files[1:] if own and file.url.rsplit("/", 1)[-1] not in own]
@@ -91,6 +91,9 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
             (`s3://bucket/folder`).
         exclude: globs of recordings to leave out; matched against the whole URL, the file name, and any
             folders and names below the place ("tests", "2025/*", "*-test.mcap").
+
+    Returns:
+        Recordings; empty if all are excluded.
 
     Raises:
         ArchiveError: a place does not exist, cannot be listed, or contains no recording.
@@ -199,7 +202,8 @@ def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place
 def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, Any]]:
     """File information by path of a place's files and of those below its folders.
 
-    Of local folders only recordings are listed, without the folders that `exclude` names.
+    Of local folders only recordings (*.mcap, *.mcap.part) are listed, without the folders that `exclude`
+    names; of other folders all files.
 
     Args:
         place: place on the command line.
@@ -221,7 +225,7 @@ def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, An
 
 
 def _walk(folder: str, root: str, exclude: Sequence[str]) -> Iterator[str]:
-    """Yield the path of every recording's file below a local folder.
+    """Yield the path of every recording's file (*.mcap, *.mcap.part) below a local folder.
 
     Links are followed, but no folder is visited twice.
 
@@ -307,7 +311,7 @@ def _source(urls: list[str], infos: dict[str, dict[str, Any]]) -> Source:
 
 
 def _stamp(info: dict[str, Any]) -> str:
-    """ETag of a file, else its MD5 hash or time of change, as text; "" if none is known."""
+    """ETag of a file, else its MD5 hash or time of change, as text; "" if all are unknown."""
     for name in ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "updated"):
         if info.get(name):
             return str(info[name]).strip('"')

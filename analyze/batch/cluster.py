@@ -38,8 +38,8 @@ def cluster_answers(
 
     Yields:
         Iterator of recordings with their outcomes, in the order in which they finish. A task that fails
-        yields a failure of kind "died". The iterator raises ArchiveError if the scheduler is lost, a worker
-        has another version of Percuss, or the results cannot be written.
+        otherwise yields a failure of kind "died". The iterator raises ArchiveError if the scheduler is lost,
+        a worker has another version of Percuss, the results cannot be written, or the object file changed.
 
     Raises:
         ArchiveError: Dask is not installed, or the scheduler does not answer.
@@ -103,15 +103,17 @@ def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], versio
     or other limits.
 
     Args:
-        fields: the request as JSON values (`Request.json`).
+        fields: the request as a dict, from `dataclasses.asdict`.
         limits: time [s] and memory [bytes] per recording.
-        version: analysis version (hash of the code) of the machine that runs the batch.
+        version: analysis version (hash of code and libraries) of the machine that runs the batch.
 
     Returns:
-        The outcome as JSON values (`Outcome.json`).
+        The outcome (an `Outcome`) as a dict.
 
     Raises:
-        ArchiveError: this worker has another version of Percuss, or the results cannot be written.
+        ArchiveError: this worker has another version of Percuss, the results cannot be written, or the object
+            file changed during the run.
+        OutputError: the row of a recording whose worker process failed cannot be written.
     """
     if version != analysis_version():
         raise ArchiveError(

@@ -26,17 +26,17 @@ class Entry:
     url: str
     """URL or local path of the recording's first file"""
     source_id: str
-    """hash of URL, size and time of change of the recording's files"""
+    """hash of URL, size and stamp (time of change or ETag) of the recording's files"""
     settings: str
     """hash of the settings of the analysis"""
     analysis_version: str
     """hash of the code and libraries that computed the result"""
     key: str
-    """key of its row of results; "" if it failed"""
+    """key of the recording's row of results; "" if the analysis failed"""
     failure: str
-    """kind of failure; "" if it succeeded"""
+    """kind of failure; "" if the analysis succeeded"""
     reason: str
-    """reason for the failure, one sentence; "" if it succeeded"""
+    """reason for the failure, one sentence; "" if the analysis succeeded"""
     own_files: list[str]
     """names of the files that belong to the recording"""
 
@@ -67,7 +67,7 @@ def read_ledgers(output: Path) -> dict[str, Entry]:
 class Ledger:
     """File of outcomes that one run appends to, locked against other runs of the same shard.
 
-    A context manager that closes and unlocks it. A shard is one part of an archive that is divided over
+    A context manager that closes and unlocks the file. A shard is one part of an archive that is divided over
     several runs.
     """
 
@@ -80,7 +80,7 @@ class Ledger:
             run_ns: start of the run [ns since 1970], which orders the entries of several runs.
 
         Raises:
-            ArchiveError: another run holds it, or the folder cannot be written.
+            ArchiveError: another run has locked the ledger, or the folder cannot be written.
         """
         folder = output / FOLDER
         try:

@@ -13,7 +13,7 @@ SAMPLE_INTERVAL_S = 0.05
 
 
 class PeakMemory:
-    """Peak of anonymous and shared memory in a `with` block, sampled every 50 ms.
+    """Peak of this process's anonymous and shared memory in a `with` block, sampled every 50 ms.
 
     `peak_bytes` is the peak so far [bytes]; 0 if the system does not report it.
     """

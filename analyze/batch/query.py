@@ -23,7 +23,7 @@ LIST_TABLES = ("strikes", "moments", "regions", "warnings")
 def read_recording_rows(output: Path) -> pa.Table:
     """Read the results of a batch: one row per recording in the order of their URLs, failures last.
 
-    Copies of the same recording share a row.
+    Copies of the same recording share a row; a recording whose row is missing is left out.
 
     Args:
         output: folder of the results.
@@ -56,7 +56,7 @@ def run_query(output: Path, sql: str) -> pa.Table:
         Table of the query's rows, with unique column names; empty if the statement returns no rows.
 
     Raises:
-        ArchiveError: there are no results, a row's file is damaged, or the query is not valid.
+        ArchiveError: there are no results, a row's file is damaged, or the query is not valid or fails.
     """
     with connect(read_recording_rows(output)) as connection:
         try:
@@ -71,7 +71,7 @@ _SCHEMALESS = pa.table({})
 
 
 def _unique_and_typed(answer: pa.Table) -> pa.Table:
-    """Query result with unique column names, and with decimals as integers, or as floats if not whole.
+    """Query result with unique column names, and decimal columns as integers, or as floats if not whole.
 
     Two joined tables may share names: later ones get `_0`, `_1`, ... appended. DuckDB returns sums of
     integers as decimals.
@@ -95,7 +95,7 @@ def _integers_if_whole(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 
 def connect(recordings: pa.Table) -> duckdb.DuckDBPyConnection:
-    """Connect to a new database in memory that holds the result tables and cannot reach disk or network.
+    """Connect to a new database in memory that holds the result tables and cannot access disk or network.
 
     Args:
         recordings: table with one row per recording.

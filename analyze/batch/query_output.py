@@ -27,8 +27,8 @@ def print_answer(answer: pa.Table, form: str) -> None:
 
     Args:
         answer: result of the query.
-        form: "csv", "json" (one object per line, null for numbers that are not finite), or "table" for a
-            drawn table with the number of rows below it.
+        form: "csv"; "json" for one object per line, with null for numbers that are not finite; or "table" for
+            a drawn table with the number of rows below it.
     """
     if form == "json":
         for row in answer.to_pylist():

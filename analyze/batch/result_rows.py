@@ -242,7 +242,7 @@ def _numbers(value: object, count: int = 3) -> list[float | None]:
 
 
 def _matrix(value: object) -> list[list[float | None]]:
-    """Rows of a 3 x 3 matrix, from three rows or from nine numbers row by row (a result's sd).
+    """Rows of a 3 x 3 matrix, given as three rows or as nine numbers row by row (a result's sd).
 
     Entries that are not finite, and all entries if `value` is not a list, are None.
     """

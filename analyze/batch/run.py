@@ -34,7 +34,7 @@ class BatchOptions:
     limits: Limits = field(default_factory=Limits)
     """limits of time and memory per recording"""
     only_failed: bool = False
-    """True to analyse only recordings that failed before"""
+    """True to analyse only recordings whose latest analysis failed"""
     verify: bool = False
     """True to open every recording and compare its content with its seal, the hash stored in it"""
     shard: tuple[int, int] = (1, 1)
@@ -50,7 +50,7 @@ class Work:
     todo: tuple[Source, ...]
     """recordings to analyse"""
     unchanged: tuple[Entry, ...]
-    """recordings already analysed with these settings, unchanged since"""
+    """latest ledger entries of recordings already analysed with these settings and code, unchanged since"""
     failed_before: tuple[Entry, ...]
     """entries of `unchanged` whose analysis failed"""
 
@@ -64,7 +64,7 @@ class Report:
     unchanged: int
     """number of recordings that were analysed before and have not changed"""
     failed_before: tuple[Entry, ...]
-    """recordings that failed before and were not analysed again"""
+    """ledger entries of recordings that failed before and were not analysed again"""
     interrupted: bool = False
     """True if Ctrl-C ended the run early"""
 
@@ -80,16 +80,17 @@ def plan_work(
     """Decide which recordings of this run's shard to analyse, without opening any.
 
     A recording is analysed if its files, the settings or the code have changed since its last analysis, if
-    its row of results is missing, or if `options` ask for it.
+    its row of results is missing, or if `options` request it: `verify` all recordings, `only_failed` those
+    whose last analysis failed and no others.
 
     Args:
         sources: recordings of the archive.
         output: folder of the results; need not exist.
         settings: settings of the analysis.
-        options: options of the run.
+        options: options of the run; a shard is a part of the archive.
 
     Returns:
-        Recordings to analyse, and ledger entries of those that need not be.
+        Recordings to analyse, ledger entries of those that need not be, and those of the latter that failed.
     """
     number, shards = options.shard
     known = read_ledgers(output)
@@ -132,7 +133,8 @@ def run_batch(
 ) -> Report:
     """Analyse the recordings of `work.todo`; write a ledger line and, unless there is one, a row for each.
 
-    Ctrl-C ends the run in an orderly way: finished results stay, and the next run analyses the rest.
+    A ledger line holds a recording's outcome, a row its results or failure. Ctrl-C ends the run in an orderly
+    way: finished results stay, and the next run analyses the rest.
 
     Args:
         work: recordings to analyse.
@@ -229,8 +231,8 @@ def _supersede(
 ) -> None:
     """Record an outcome in the ledger; remove the row that it replaces unless another recording needs it.
 
-    A failure on an unchanged recording is due to the settings or the network: an earlier result of the
-    recording stays.
+    Nothing is removed for a failure on unchanged files: it is due to the settings or the network, so that an
+    earlier result of the recording stays.
 
     Args:
         known: latest ledger entry by URL; the recording's entry is replaced in place.

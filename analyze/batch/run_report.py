@@ -29,7 +29,7 @@ class BatchProgress(Progress):
     """Progress bar on standard error with rate, remaining time and failures, shown only on a terminal.
 
     Each failure is printed as a line, on a terminal or not. A context manager that starts and removes the
-    bar.
+    bar; `total` is the number of recordings to analyse.
     """
 
     def __init__(self, total: int) -> None:

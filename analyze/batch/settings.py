@@ -23,7 +23,7 @@ WITHOUT_EFFECT = (
 )
 """folders of modules that request or show results, without effect on them"""
 EXCEPTIONS = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "analyze/batch/result_rows.py")
-"""modules in these folders that nevertheless affect the rows"""
+"""modules in the folders `WITHOUT_EFFECT` that nevertheless affect the results"""
 NUMERICAL_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh")
 
 
@@ -34,12 +34,12 @@ class BatchSettings:
     object_path: str = ""
     """path of the object file to use instead of the recordings' own; "" for theirs"""
     object_sha256: str = ""
-    """hash of the object file at `object_path` and its shape file; "" without one"""
+    """hash of the object file at `object_path` and its shape file; "" if no object file is given"""
     estimator: str = ""
     """estimator of the balance angle phi and rate constant k, such as pivot_fit; "" for the one that suits
     each strike"""
     seed: int = 0
-    """seed of the random draws behind intervals of region masses"""
+    """seed of the random draws behind intervals of region, part and filling masses"""
 
     @property
     def digest(self) -> str:
@@ -52,7 +52,7 @@ class BatchSettings:
         """Settings with an object file in place of the recordings' own.
 
         Raises:
-            AnalyzeError: the object file or its shape file cannot be read.
+            ShapeError: the object file or its shape file cannot be read.
         """
         return cls(object_path=str(path.resolve()), object_sha256=_sha256_of(path))
 
@@ -63,7 +63,7 @@ class BatchSettings:
 
         Raises:
             ArchiveError: the object file changed during the run.
-            AnalyzeError: the object file or its shape file cannot be read.
+            ShapeError: the object file or its shape file cannot be read.
         """
         if self.object_path and _sha256_of(Path(self.object_path)) != self.object_sha256:
             raise ArchiveError(f"{self.object_path}: changed during the run: start the run again")
@@ -80,7 +80,7 @@ def _sha256_of(path: Path) -> str:
 def analysis_version() -> str:
     """Hash (16 hexadecimal digits) of the code and library versions that compute the results.
 
-    Modules without effect on them (commands, reports, replays) are left out. Computed once per process.
+    Modules without effect on the results (commands, cards, replays) are left out. Computed once per process.
     """
     digest = hashlib.sha256()
     for package in _PACKAGES:

@@ -28,11 +28,11 @@ from schemas.mcap.walk import walk
 from schemas.topics import VIDEO_CHUNK_BYTES
 
 FIRST_REQUEST_BYTES = 1 << 16
-"""bytes fetched first, from the end: the summary of some hundred frames"""
+"""bytes fetched first, from the end of the file: enough for the summary of some hundred frames"""
 MAX_GAP_BYTES = 1 << 18
-"""largest gap between two ranges that are fetched together: a request takes as long as this many bytes"""
+"""largest gap [bytes] between two ranges fetched together: a request takes as long as fetching that many"""
 MAX_REQUEST_BYTES = 1 << 25
-"""largest request, which is held in memory"""
+"""largest request [bytes], which is held in memory"""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class RemoteFile:
 
         Raises:
             RecordingCut: the remote file became shorter meanwhile.
-            OSError: it cannot be fetched.
+            OSError: the remote file cannot be fetched.
         """
         with self.copy.open("r+b") as file:
             for start, stop in _merged(ranges):
@@ -256,7 +256,8 @@ def _parse_chunk_entry(body: memoryview, file_size: int) -> ChunkEntry:
 def _merged(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
     """Yield byte ranges that cover the given ones in few requests of at most MAX_REQUEST_BYTES each.
 
-    Ranges that lie at most MAX_GAP_BYTES apart are fetched together with the gap; larger ones are divided.
+    Ranges that lie at most MAX_GAP_BYTES apart are merged, with the gap, while the sum fits into one request;
+    a range larger than one request is divided.
     """
     start = stop = -1
     for each_start, each_stop in sorted(ranges):

@@ -26,7 +26,7 @@ GATHER_FROM_ROWS = 50
 def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
     """Read rows of results and of failures; rows that do not exist are left out.
 
-    Where 50 or more results have files of their own, the results read are written to `gathered.parquet`.
+    Where 50 or more results have files of their own, the results read are also written to `gathered.parquet`.
 
     Args:
         output: folder of the results.
@@ -54,7 +54,7 @@ def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> 
 
 
 def _read_gathered(path: Path) -> pa.Table:
-    """Read gathered rows; an empty table if the file is missing, damaged or has other columns."""
+    """Read the file of gathered rows; an empty table if it is missing, damaged or has other columns."""
     try:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException):

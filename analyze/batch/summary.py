@@ -53,19 +53,19 @@ class Repeated:
     sessions: int
     """number of sessions with a value"""
     mean: float
-    """mean weighted by the stated sd"""
+    """mean of the sessions' values, each weighted by 1 / stated sd²"""
     scatter: float
-    """sd from session to session; NaN for one session"""
+    """sd of the values from session to session; NaN for one session"""
     stated: float
-    """median of the stated sd"""
+    """median of the sd that the sessions' results state"""
     chi_square: float
     """chi-square of the sessions about their mean, per degree of freedom; far above 1 if they scatter more
     than stated, NaN for one session"""
     drift: float
-    """drift per day; NaN for fewer than three sessions with a start time, or if they span less than an
-    hour"""
+    """drift [`unit` per day]; NaN for fewer than three sessions with a start time, or if these span less than
+    an hour"""
     drift_sd: float
-    """sd of the drift; NaN if `drift` is"""
+    """sd of the drift [`unit` per day]; NaN if `drift` is"""
     drift_half: float
     """half width of the drift's 95 % interval (Student's t, for few sessions); NaN if `drift` is"""
     drift_freedom: int
@@ -73,7 +73,10 @@ class Repeated:
 
     @property
     def stands_out(self) -> str:
-        """Words on scatter or drift of the quantity that is unlikely to be chance; "" if there is none."""
+        """Words on scatter and drift that are unlikely to be chance, such as "drifts"; "" if neither is.
+
+        Unlikely is a p-value below `MAX_CHANCE_PROBABILITY`.
+        """
         said: list[str] = []
         if (
             self.sessions > 1
@@ -109,7 +112,7 @@ class Summary:
 
 
 def summarise(rows: pa.Table) -> Summary:
-    """Summarise the results of an archive.
+    """Summarise the results of an archive: objects, repeatability per object, and failures by kind.
 
     Args:
         rows: table with one row per recording, from `read_recording_rows`.
@@ -236,7 +239,8 @@ def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:
 
     Returns:
         Slope per day and its standard deviation, from the stated ones or from the scatter about the line
-        where that is larger; both NaN for fewer than three sessions or a span of less than an hour.
+        where that is larger; both NaN for fewer than three sessions with a start time, or if these span less
+        than an hour.
     """
     known = np.isfinite(when)
     value, sd, when = value[known], sd[known], when[known]

@@ -99,12 +99,11 @@ def _print_failures(console: Console, summary: Summary) -> None:
 
 
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
-    """Table cells of a quantity's repeatability.
+    """Texts for the table cells of a quantity's repeatability.
 
     Returns:
         Mean with unit; standard deviation from session to session; stated standard deviation; chi-square per
-        degree of freedom; drift per day ± half width of its 95 % interval, with unit. A value that is NaN is
-        "–".
+        degree of freedom; drift per day ± half width of its 95 % interval, with unit. NaN is shown as "–".
     """
     digits = 3 if each.unit == "mm" else 1
     drift = (
@@ -122,7 +121,7 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
 
 
 def stands_out_text(each: Repeated) -> str:
-    """Sentence with figures on a quantity that scatters or drifts more than chance explains."""
+    """Clause with figures on a quantity that scatters or drifts more than chance explains."""
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (
@@ -138,7 +137,7 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
     beside it as `<stem>-objects` and `<stem>-failures` with the same suffix.
 
     Returns:
-        Paths of the files written, `path` first.
+        Paths of the files written, `path` first; the only one for HTML.
 
     Raises:
         ArchiveError: the suffix is unknown.

@@ -43,19 +43,19 @@ class Outcome:
     url: str
     """URL or local path of the recording's first file"""
     source_id: str
-    """hash of URL, size and time of change of the recording's files"""
+    """hash of URL, size and stamp (time of change or ETag) of the recording's files"""
     key: str = ""
-    """key of its row of results; "" if it failed"""
+    """key of the recording's row of results; "" if the analysis failed"""
     failure: str = ""
-    """kind of failure; "" if it succeeded"""
+    """kind of failure; "" if the analysis succeeded"""
     reason: str = ""
-    """reason for the failure, one sentence; "" if it succeeded"""
+    """reason for the failure, one sentence; "" if the analysis succeeded"""
     seconds: float = 0.0
     """time that the analysis took [s]"""
     known: bool = False
-    """True if the same content had been analysed before"""
+    """True if the same content had been analysed before with these settings, so that no row was written"""
     own_files: list[str] = field(default_factory=list[str])
-    """names of the files that belong to its recording"""
+    """names of the files that belong to the recording; empty if its worker failed"""
 
 
 def write_failure(request: Request, failure: str, reason: str, seconds: float, scratch: Path) -> Outcome:
@@ -69,7 +69,7 @@ def write_failure(request: Request, failure: str, reason: str, seconds: float, s
         scratch: folder for the unfinished file, on the disk of the results.
 
     Returns:
-        Outcome with the failure.
+        Outcome with kind and reason of the failure.
 
     Raises:
         OutputError: the row cannot be written.

@@ -25,7 +25,8 @@ SCRATCH = "unfinished"
 ONE_THREAD_ENVIRONMENT = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
-"""results must not depend on the number of workers, and several threads would compete for the cores"""
+"""variables that limit numerical libraries to one thread: results must not depend on the number of workers,
+and several threads would compete for the cores"""
 ERROR_TAIL_BYTES = 2000
 
 
