@@ -72,11 +72,12 @@ def estimate(
         ValueError: no recording is given, or a loaded one together with `object_file`.
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is given twice.
-        ShapeError: the object file or the object's shape cannot be used.
-        PlanError: a recording's strike plan is of another object.
+        ShapeError: the object file or the object's shape cannot be used, or a label of the file names a part
+            that the shape does not have.
+        PlanError: a recording's strike plan is of another object or shape, or does not hold a strike.
         TrackingError: no marker of any strike of one recording can be tracked.
-        EstimationError: fewer than three strikes can be used, or `exclude` holds an id that no strike, or
-            more than one, has.
+        EstimationError: fewer than three strikes can be used, `exclude` holds an id that no strike, or more
+            than one, has, or labelled parts or a filling cannot be estimated.
     """
     if not recordings:
         raise ValueError("no recording: give one or several, as in analyze.estimate('strikes.mcap')")
@@ -114,15 +115,15 @@ def plan(
         given: recordings (.mcap) and results (JSON) of strikes already made, from which the plan continues.
 
     Returns:
-        The plan with the accuracy expected of it.
+        The planned strikes with the accuracy expected from them.
 
     Raises:
         ShapeError: the object file or its shape cannot be used.
         RecordingError, MergeError, TrackingError, EstimationError: the recordings in `given` cannot be read,
             merged, tracked or estimated.
         DocumentError: a result in `given` holds an entry that cannot be used.
-        PlanError: no set of strikes determines the centre of mass, or the rig file or a result cannot be
-            used.
+        PlanError: no set of strikes determines the centre of mass, a marker is not on the object's surface,
+            or the rig file or a result cannot be used.
     """
     from analyze.verbs.plan.plan_object import STRIKES, PlanOptions, plan_object
 

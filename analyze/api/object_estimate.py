@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CentreOfMass:
-    """Centre of mass c of the object without its markers, in O, the frame of the object's shape file."""
+    """Centre of mass c of the object without its markers, in O, the frame of the object's shape file.
+
+    The markers are included if the pose of one that has a mass is not known.
+    """
 
     position: Array
     """(3,) centre of mass [m] in O"""
@@ -145,29 +148,39 @@ class ObjectEstimate:
 
     @property
     def mass(self) -> float:
-        """Mass of the object without its markers [kg], from the object file."""
+        """Mass [kg] of the object without its markers, from the object file.
+
+        The markers are included if the pose of one that has a mass is not known.
+        """
         return self._answer.estimate.inertial.mass
 
     @property
     def mass_sd(self) -> float:
-        """Standard deviation of the mass without markers [kg], from the object file."""
+        """Standard deviation of the mass [kg], from the object file."""
         return self._answer.estimate.inertial.mass_sd
 
     @property
     def centre_of_mass(self) -> CentreOfMass:
-        """Centre of mass without markers, in the shape file's frame O, with its covariance."""
+        """Centre of mass [m] in the shape file's frame O, with its covariance.
+
+        It is that of the object without its markers, or with them if the pose of one that has a mass is not
+        known.
+        """
         com = self._answer.estimate.com
         return CentreOfMass(com.position, com.covariance, com.observed, com.unobserved_direction)
 
     @property
     def inertia(self) -> InertiaTensor:
-        """Inertia tensor about the centre of mass in the axes of O, with sd and origin of each entry."""
+        """Inertia tensor [kg m²] about the centre of mass in the axes of O, the shape file's frame.
+
+        Each entry has its standard deviation and origin: strikes or prior.
+        """
         inertial = self._answer.estimate.inertial
         return InertiaTensor(inertial.inertia, inertial.inertia_sd, inertial.measured)
 
     @property
     def parameters_covariance(self) -> Array:
-        """Covariance (10, 10) of the ten inertial parameters, SI units, in frame O.
+        """Covariance (10, 10) of the ten inertial parameters, SI units, in O, the shape file's frame.
 
         Order: mass; x, y, z of the centre of mass; Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass.
         """
@@ -175,19 +188,22 @@ class ObjectEstimate:
 
     @property
     def regions(self) -> tuple[PartMass, ...]:
-        """Masses of the shell and of the interior on either side of the dividing plane; empty if none."""
+        """Masses [kg] of the shell and of the interior on either side of the dividing plane.
+
+        Empty if they were not computed.
+        """
         regions = self._answer.result.regions
         return () if regions is None else tuple(_part(each.name, each.mass) for each in regions.regions)
 
     @property
     def parts(self) -> tuple[PartMass, ...]:
-        """Masses of the parts that the object file labels; empty if it labels none, or a filling."""
+        """Masses [kg] of the parts that the object file labels; empty if it labels none, or a filling."""
         parts = self._answer.result.parts
         return () if parts is None else tuple(_part(each.name, each.mass) for each in parts.parts)
 
     @property
     def verdict(self) -> tuple[str, ...]:
-        """Sentences on what to trust or doubt and which strikes to repeat, most important first.
+        """Sentences on what to trust, then what to doubt, last which strikes to repeat.
 
         Each begins with "trust", "doubt" or "repeat".
         """
@@ -223,8 +239,8 @@ class ObjectEstimate:
             Path of the file.
 
         Raises:
-            RecordingError: a recording is no longer where it was read, or the virtual recordings hold
-                different ground truths.
+            RecordingError: a recording cannot be read again, or the virtual recordings hold different ground
+                truths.
             OutputError: the file cannot be written.
         """
         from analyze.report.report import write_report

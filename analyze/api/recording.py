@@ -43,7 +43,7 @@ class StrikeFit:
     covariance: Array
     """(2, 2) covariance of (phi, k); rad, rad/s²; the row and column of k are 0 if k is None"""
     time: Array
-    """(m,) times of the fitted frames [s], from the strike's first frame"""
+    """(m,) times of the fitted frames [s]; 0 is the strike's first frame with a marker"""
     theta: Array
     """(m,) fitted tipping angle [rad]; the measured one for sign_change, which fits no curve"""
     residual: Array
@@ -54,7 +54,7 @@ class StrikeFit:
 class Strike:
     """Motion of one strike: tipping angle theta(t), phases, verdict and fit.
 
-    The arrays are empty if no marker could be tracked.
+    If no marker could be tracked, the arrays and `phases` are empty and `fit` is None.
     """
 
     id: str
@@ -66,7 +66,7 @@ class Strike:
     reason: str
     """explanation of the verdict, one sentence with its numbers"""
     time: Array
-    """(n,) times of the frames [s], from the strike's first frame"""
+    """(n,) times of the frames with a marker [s]; 0 is the first of them"""
     theta: Array
     """(n,) tipping angle since rest [rad]"""
     theta_sd: Array
@@ -86,7 +86,7 @@ class Strike:
         return f"Strike({self.id!r}, axis {self.axis_id}, {self.verdict}, {len(self.time)} frames, {fit})"
 
     def to_dict(self) -> dict[str, Any]:
-        """Strike as a dict of JSON values in SI units; keys of the fit are None if there is none.
+        """Strike as a dict of JSON values in SI units; values of the fit are None if there is no fit.
 
         Keys: id, axis_id, verdict, reason, time_s, theta_rad, theta_sd_rad, phases (first frame and end by
         name), phi_rad, phi_sd_rad, k_rad_s2, k_sd_rad_s2 and energy_ratio.
@@ -160,12 +160,12 @@ class Recording:
 
     @cached_property
     def evidence(self) -> Evidence:
-        """Tracked markers and fitted motions of all strikes; computed on first use, in seconds.
+        """Tracked markers and fitted motions of all strikes; computed on first use, which takes seconds.
 
         Raises:
             RecordingError: the file cannot be read, is damaged, or holds no strike plan.
-            ShapeError: the object's shape cannot be used.
-            PlanError: the strike plan is of another object, or lacks a strike.
+            ShapeError: the object's file or shape cannot be used.
+            PlanError: the strike plan is of another object or shape, or lacks a strike.
             TrackingError: no marker of any strike can be tracked.
         """
         return read_evidence(self._head, self._object_file, self._progress)
@@ -184,6 +184,7 @@ class Recording:
 
         Raises:
             KeyError: no strike has this id.
+            AnalyzeError: the strikes cannot be tracked, as for `strikes`.
         """
         for strike in self.strikes:
             if strike.id == strike_id:
@@ -204,7 +205,11 @@ class Recording:
         return html_table(title, self._rows())
 
     def summary(self) -> str:
-        """Text table of the strikes: id, pivot edge, verdict, balance angle phi [°], k [rad/s²]."""
+        """Text table of the strikes: id, pivot edge, verdict, balance angle phi [°], rate constant k.
+
+        k is in rad/s². The cells of phi and k are blank where the fit does not give them. Markers are tracked
+        on first use.
+        """
         return text_table(self._rows())
 
     def _rows(self) -> list[dict[str, str]]:
@@ -222,7 +227,8 @@ class Recording:
     def to_dict(self) -> dict[str, Any]:
         """Recording as a dict of JSON values, SI units: path, object, mass_kg, created, strikes.
 
-        "object" is the object's name, "strikes" the list of `Strike.to_dict`.
+        "object" is the object's name, "created" the start time (ISO 8601), "strikes" a list with the dict of
+        each strike (`Strike.to_dict`). Markers are tracked on first use.
         """
         return {
             "path": str(self.path),

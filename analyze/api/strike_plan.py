@@ -52,7 +52,7 @@ class Plan:
         return self.document.model_dump(mode="json")
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Planned strikes as a pandas table, one per row.
+        """Planned strikes as a pandas table, one strike per row.
 
         Columns: strike, axis (pivot edge), plane (resting face), heading [°] (turn of object and striker
         about the vertical), impulse [N s] and phi predicted [°] (balance angle).

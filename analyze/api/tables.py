@@ -25,7 +25,10 @@ def data_frame(table: Sequence[Mapping[str, Any]] | Mapping[str, Any]) -> pd.Dat
 
 
 def html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    """HTML table under a title; all rows have the keys of the first, which become the header."""
+    """HTML text of a table under a title; the keys of the first row become the header.
+
+    All rows have these keys; without rows the table is empty.
+    """
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else {}))
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row.values()) + "</tr>" for row in rows
