@@ -32,7 +32,7 @@ class RecordingError(AnalyzeError):
 
 
 class RecordingCut(RecordingError):
-    """A recording ends early; `acquire recover` can save what it holds, unless it is empty."""
+    """A recording ends early; `acquire recover` can save what it holds, unless the file is empty."""
 
 
 class RecordingForeign(RecordingError):

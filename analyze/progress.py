@@ -6,11 +6,11 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 Progress = Callable[[str, int, int], None]
-"""called with the name of the step, the units of work done, and the units in all"""
+"""callback: called with the name of the step, the units of work done, and the units in all"""
 
 
 def no_progress(_text: str, _done: int, _total: int) -> None:
-    """Discard a progress report; a `Progress` callback for callers that show none."""
+    """Discard a progress report: the `Progress` callback of callers that show no progress."""
 
 
 class ProgressBar(ExitStack):

@@ -155,7 +155,7 @@ class RollingContact:
     """offset [m] of the circle's centre from the plan's pivot point in the rest pose, horizontal, in the
     direction of tipping"""
     up: float
-    """offset [m] of that centre upwards"""
+    """offset [m] of the circle's centre from that point, upwards"""
     radius: float
     """radius of curvature [m]"""
     sd: float
@@ -184,8 +184,8 @@ class MotionFit:
     """m g R / (I_c,l + m (R + rho)^2) [rad/s^2], with R the distance of c from the pivot's centre line, rho
     the edge radius and I_c,l the moment about the parallel axis through c; None if not reported"""
     covariance: Array
-    """(2, 2) covariance of (phi, k), including errors shared by all frames of the strike; the row of k is 0
-    if k is None"""
+    """(2, 2) covariance of (phi [rad], k [rad/s^2]), including errors shared by all frames of the strike; row
+    and column of k are 0 if k is None"""
     theta0: float
     """theta [rad] at `time0_ns`"""
     omega0: float
@@ -195,9 +195,9 @@ class MotionFit:
     window: tuple[int, int]
     """index range [start, stop) of the fitted frames"""
     residual: Array
-    """(stop - start,) measured minus fitted theta [rad]"""
+    """(stop - start,) measured minus fitted theta [rad]; 0 for an estimator that fits no curve"""
     note: str = ""
-    """reason for this estimator and this window"""
+    """reason for the choice of this estimator and this window"""
     violated: tuple[str, ...] = ()
     """assumptions of the estimator that the motion violated, each with its number"""
     rolling: RollingContact | None = None
@@ -221,11 +221,11 @@ class TipMotion:
     phases: Phases | None = None
     """phases of theta(t); None if there is no theta(t)"""
     fit: MotionFit | None = None
-    """the fit that the estimate uses; None if nothing fits"""
+    """the fit that the estimate uses; None if no estimator fits the motion"""
     alternatives: tuple[MotionFit, ...] = ()
     """fits by other estimators, for comparison"""
     energy_ratio: float | None = None
-    """kinetic energy after the strike over the energy needed to reach the balance; None if nothing fits"""
+    """kinetic energy after the strike over the energy needed to reach the balance; None without a fit"""
     frame_rate_ratio: float | None = None
     """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the
     stated rate, or at none of the ratios tried"""
@@ -273,7 +273,7 @@ class EquiPlane:
     """True if `edge_radius` is the edges' rounding, whose error all edges share; False if it is a curvature
     of the section"""
     level: int = 0
-    """number of the levelling of the table; strikes on one levelling share its tilt"""
+    """index of the levelling (set-up of the table), from 0; strikes on one levelling share its tilt"""
     radius_sd: float = 0.0
     """standard deviation [m] of a section's radius of curvature; a larger radius moves the line towards c by
     the same amount"""
@@ -324,12 +324,12 @@ class CentreOfMass:
     tilts: tuple[TableTilt, ...] = ()
     """tilt of each levelling of the table"""
     planes: tuple[EquiPlane, ...] = ()
-    """equi-planes of the strikes, corrected for the estimated tilt of gravity"""
+    """equi-planes of the strikes, corrected for the estimated tilt of the table"""
 
 
 @dataclass(frozen=True)
 class AxisInertia:
-    """Moments of inertia about one pivot edge, and about the parallel axis through c."""
+    """Moments of inertia about one pivot edge, and about the parallel axis through the centre of mass c."""
 
     axis_id: str
     """id of the pivot axis"""
