@@ -100,8 +100,8 @@ class MeshSections:
     def outline(self, planned: PlannedStrike) -> SupportFunction | None:
         """Support function of the curved flank on which the object rolls in the strike.
 
-        It is the pivot point's height [m] over the table by tipping angle [rad]. None at a corner or bevel, if
-        the outline has no area, or if the shape is not available.
+        It is the pivot point's height [m] over the table by tipping angle [rad]. None at a corner or bevel,
+        if the outline has no area, or if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else rolling_outline(model, planned)
