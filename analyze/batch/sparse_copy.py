@@ -130,6 +130,9 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
 def _fetch_windows(first: Path, remotes: Sequence[tuple[RemoteFile, list[ChunkEntry]]]) -> None:
     """Fetch the image chunks that overlap a strike's window into the local copies.
 
+    For a video without a key picture for long, the full-sized chunks just before these are fetched too, since
+    decoding needs them.
+
     Args:
         first: copy of the recording's first file, without its images.
         remotes: each file with its image chunks in the order of the file.

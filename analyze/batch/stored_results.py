@@ -26,7 +26,8 @@ GATHER_FROM_ROWS = 50
 def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:
     """Read rows of results and of failures; rows that do not exist are left out.
 
-    Where 50 or more results have files of their own, the results read are also written to `gathered.parquet`.
+    If 50 or more of the results are read from files of their own, all results read are also written to
+    `gathered.parquet`, from which the next call reads them.
 
     Args:
         output: folder of the results.

@@ -89,9 +89,9 @@ def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
 
 
 def equiplane_by(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
-    """Equi-plane in O of a motion by the named estimator; by the motion's own fit if that has no fit of it.
+    """Equi-plane of a motion by the named estimator, or by the motion's own fit if that did not fit it.
 
-    An equi-plane passes through the strike's pivot line and the centre of mass; O is the object frame.
+    An equi-plane passes through the strike's pivot line and the centre of mass; it is in the object frame O.
 
     Raises:
         EstimationError: the motion has no fit, or the planned pivot does not lie along the world's y.

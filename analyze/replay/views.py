@@ -188,8 +188,8 @@ def plane_section(model: ObjectModel, point: Array, normal: Array, margin: float
         margin: factor by which the polygon is enlarged about its centre.
 
     Returns:
-        Corners (n, 3) in O [m], in order around the polygon; (0, 3) if the plane misses the hull or only
-        touches it.
+        Corners (n, 3) in O [m], in order around the polygon; (0, 3) if the plane misses the hull, or
+        touches only a corner or an edge of it.
     """
     hull = ConvexHull(model.hull_vertices)
     edges = np.unique(np.sort(hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)

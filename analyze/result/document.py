@@ -330,8 +330,8 @@ def strike_result(
 
     Returns:
         Row of the Result document. The values of the fit (balance angle, rate constant k, residual rms) are
-        None without a fit; the distance [m] of the centre of mass from the strike's equi-plane is None unless
-        the strike was used, I_edge [kg m²] unless its k was.
+        None without a fit. The distance [m] of the centre of mass from the strike's equi-plane is None if the
+        strike was not used; I_edge [kg m²] is None if the strike or its k was not used.
     """
     fit = motion.fit
     values: dict[str, Any] = {}
