@@ -194,7 +194,7 @@ class _Search:
         Empty if all leave a direction of the centre of mass unknown.
 
         Args:
-            size: Number of axes of a set, 1 to 3, all from the pool.
+            size: Number of axes of a set, 1 to 3; they are taken from `_pool`.
             each: Number of strikes on each axis.
         """
         sets = np.array(list(combinations(self._pool(each), size)))
@@ -214,8 +214,8 @@ class _Search:
     def _pool(self, each: int) -> list[int]:
         """Sorted indices of up to `POOL_SIZE` candidates that are likely to be of use.
 
-        All if there are no more; else three that span space well, then those that lower the loss most with
-        `each` strikes per axis, one after another.
+        All if there are no more; else three whose equi-planes' normals span space well, then those that lower
+        the loss most with `each` strikes per axis, one after another.
         """
         everything = list(range(len(self._candidates)))
         if len(everything) <= POOL_SIZE:

@@ -142,7 +142,7 @@ def with_strikes_made(
     mass: float,
     gravity: float,
 ) -> Belief:
-    """Belief with the information of the strikes made added.
+    """Belief, the prior of centre of mass and inertia, with the information of the strikes made added.
 
     Args:
         belief: Belief before any strike.

@@ -80,6 +80,8 @@ def examine(
 ) -> tuple[list[UsableAxis], list[Rejection]]:
     """Check axes for a marker in view, an impact point and tip speed in reach, and an edge that holds.
 
+    The balance angle must be at most `MAX_PHI` too.
+
     Args:
         model: Shape of the object.
         spec: Mass, edge radius and markers.
@@ -138,6 +140,8 @@ def _reach(
     model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypothesis, bench: Bench
 ) -> _Reached | Rejection:
     """Swing, impact point and visible markers of an axis, or a rejection if it lacks one of them.
+
+    An axis that balances beyond `MAX_PHI` is rejected too.
 
     Args:
         model: Shape of the object.

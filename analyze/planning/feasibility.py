@@ -45,9 +45,9 @@ FRICTIONS = np.array(
 class StrikeCase:
     """One strike on one edge, in the world frame W at rest.
 
-    W has x in the direction of the tip, y along the edge with y = 0 at the strike, z up and the table at
-    z = 0. c is the object's centre of mass; the edge is rounded, and its centre
-    line is the axis of the rounding.
+    W has x in the direction in which the object tips, y along the edge with y = 0 at the strike, z up and the
+    table at z = 0. c is the object's centre of mass; the edge is rounded, and its centre line is the axis of
+    the rounding.
     """
 
     distance: float
@@ -107,7 +107,7 @@ def strike_case(
 
     Args:
         axis: Pivot axis (edge about which the object tips).
-        expected: Expected swing about it.
+        expected: Expected swing (parameters of the tip) about it.
         com: (3,) centre of mass c [m], in the object frame.
         unit_inertia: (3, 3) inertia about c per kilogram [m^2], in the object frame.
         height: Impact height over the table [m].
@@ -155,14 +155,16 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
 def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float = np.inf) -> TipOutcomes:
     """Integrate n strikes and swings up to balance, all at once.
 
-    theta is the tipping angle, b = phi - theta the angle left to balance, P the centre line of the edge's
-    rounding (radius rho), c = (x_c, y_c, z_c) the centre of mass at distance R from P, with z_c = rho + R*cos
-    b. The contact slides at speed u = dx_P/dt - rho*theta'; F and N are its forces along x and z, S is the
-    striker's push at height h: m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin
-    b*N. Sticking: u' = 0. Sliding: F = -mu*N*sign u. About P's x and z the contact must give M_x =
-    I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its two ends at y1
-    and y2 share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands
-    on its whole face.
+    x is the direction of tipping, y runs along the edge, z up. theta is the tipping angle, phi the balance
+    angle, b = phi - theta, m the mass, mu the friction coefficient, P the centre line of the edge's rounding
+    (radius rho), c = (x_c, y_c, z_c) the centre of mass at distance R from P, with z_c = rho + R*cos b, and
+    I_c the moment of inertia about the line through c along y. The contact slides at speed u = dx_P/dt -
+    rho*theta'; F and N are its forces along x and z, S is the striker's push at height h: m*x_c'' = F + S,
+    m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N. Sticking: u' = 0. Sliding: F =
+    -mu*N*sign u. About x and z through the contact, where I_xy and I_zy are entries of the inertia tensor,
+    the forces must give M_x = I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2,
+    which the edge's two ends at y1 and y2 share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is
+    pushed too little to rise stands on its whole face.
 
     A case ends at balance, where it rocks back or the edge leaves the table, and after `MAX_FREE_TIME`.
 

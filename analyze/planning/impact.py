@@ -105,10 +105,10 @@ def impact_points(
 ) -> list[ImpactPoint]:
     """Places that the striker's tip, a sphere moving along W's +x at y = 0, can meet with its front.
 
-    W is the world frame at rest: x along the tip of the object, y along the pivot edge, z up, y = 0 at the
-    strike. Heights are `HEIGHT_STEP` apart. Left out are heights at which the sphere's flank meets another
-    part first, those whose surface within `HEIGHT_ERROR` has an edge or is too oblique, those less than
-    `MIN_DEPTH_BELOW_TOP` below the top, and those out of the striker's reach.
+    W is the world frame at rest: x in the direction in which the object tips, y along the pivot edge, z up, y
+    = 0 at the strike. Heights are `HEIGHT_STEP` apart. Left out are heights at which the sphere's flank meets
+    another part first, those whose surface within `HEIGHT_ERROR` has an edge or is too oblique, those less
+    than `MIN_DEPTH_BELOW_TOP` below the top, and those out of the striker's reach.
 
     Args:
         model: Shape of the object.
@@ -168,18 +168,18 @@ def _clear_heights(heights: Array, distance: Array, glance: Array, tried: IntArr
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
     """Distance to the surface, and angle of its normal, along rays in W's +x at y = 0, at several heights.
 
-    W is the world frame at rest: x along the tip of the object, y along the pivot edge, z up. The faces that
-    the plane y = 0 cuts become segments (x, z), of which each ray meets the foremost.
+    W is the world frame at rest: x in the direction in which the object tips, y along the pivot edge, z up.
+    The faces that the plane y = 0 cuts become segments (x, z), of which each ray meets the foremost.
 
     Args:
         model: Shape of the object.
         axis: Pivot axis, for the rest pose.
         heights: (n,) heights over the table [m].
-        start: x at which the rays start [m].
+        start: x at which the rays start [m], outside the object.
 
     Returns:
-        Distance (n,) [m] to the surface, and angle (n,) [rad] between its outward normal and -x; inf and pi
-        where nothing is met.
+        Distance (n,) [m] from `start` to the surface, and angle (n,) [rad] between its outward normal and -x;
+        inf and pi where nothing is met.
     """
     R, p = axis.R_world_object, axis.p_world_object
     # Offset so that no corner lies exactly in the plane.

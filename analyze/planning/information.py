@@ -293,11 +293,11 @@ class Information:
         return np.linalg.inv(total) * np.outer(units, units)
 
     def sources(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> dict[str, float]:
-        """Rms distance of the centre of mass c from the truth [m] that each error source causes.
+        """Rms error [m] of the centre of mass c that each error source causes, by name of the source.
 
-        The squares add up to that of the whole. Sources are those of `SOURCES`, "place of the edges", "angle
-        error of an axis" and, for the remainder, "noise of the angles": the strikes' noise, the axes' errors
-        of ln k, and the priors of c and the inertia.
+        The squares add up to the square of the whole rms error. Sources are those of `SOURCES`, "place of the
+        edges", "angle error of an axis" and, for the remainder, "noise of the angles": the strikes' noise,
+        the axes' errors of ln k, and the priors of c and the inertia.
 
         Args:
             chosen: Axes of further strikes.

@@ -130,15 +130,15 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
 def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Array]]:
     """Rotation points p^r (3,) [m] and unit tip directions (3,) of a plane, in the object frame.
 
-    Rays from the mean of the support points along their two in-plane principal axes, both ways, leave the
+    Rays from the mean of the plane's points along their two in-plane principal axes, both ways, leave the
     support polygon at the rotation points; the tip direction is the outward normal of the edge there.
 
     Args:
         plane: Resting plane.
-        support: (n, 3) support points of the plane [m], in the object frame.
+        support: (n, 3) points of the surface that lie in the plane [m], in the object frame.
 
     Returns:
-        Four pairs.
+        Four pairs: for both ways along the axis of largest spread, then along the other.
     """
     centre = support.mean(axis=0)
     offset = support - centre
@@ -162,8 +162,8 @@ def impact_force(
 
     F r abs(cos theta1 - cos(theta1 - Delta theta)) = m g (h2 - h1), with the centre of mass assumed at the
     impact point: r is its distance from the rotation point, h2 - h1 its rise to balance (r less its height
-    over the rotation point), theta1 the angle of the lever to the opposite of `inwards`, Delta theta
-    `CONTACT_ANGLE`.
+    over the rotation point), theta1 the angle between the vector from rotation to impact point and the
+    opposite of `inwards`, Delta theta `CONTACT_ANGLE`.
 
     Args:
         rotation_point: (3,) rotation point p^r_ij [m], in the object frame.

@@ -153,7 +153,7 @@ def pivot_axes(
 
 
 def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity: float) -> Swing:
-    """Swing of a tip about an axis, for a given centre of mass c and inertia (method, symbols).
+    """Parameters of a tip about an axis, for a given centre of mass c and inertia.
 
     Args:
         axis: Pivot axis.

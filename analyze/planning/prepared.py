@@ -28,7 +28,7 @@ INERTIA_SD = 0.3
 
 @dataclass(frozen=True)
 class PreparedObject:
-    """Object, bench and checked axes: the input of a plan before the number of strikes is chosen.
+    """Object, bench and checked pivot axes: the input of a plan before the number of strikes is chosen.
 
     c is the centre of mass, Q the region that is believed to hold it.
     """

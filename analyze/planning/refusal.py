@@ -63,7 +63,7 @@ def refusal_message(
 
     Args:
         model: Shape of the object.
-        planes: All its resting planes.
+        planes: All resting planes of the object.
         stable: Resting planes that are planned on.
         candidates: Usable axes.
         rejected: Rejected axes and faces.
@@ -95,7 +95,7 @@ def _shape_message(
 
     Args:
         model: Shape of the object.
-        planes: All its resting planes.
+        planes: All resting planes of the object.
         stable: Resting planes that are planned on.
         unseen: Number of faces and edges rejected because they were not scanned.
     """
