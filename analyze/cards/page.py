@@ -67,7 +67,7 @@ class Card:
 
     @property
     def put_down(self) -> str:
-        """Sentence for the object's placement: the sides that face camera and table, and a tag on top."""
+        """Sentence for the object's placement: the sides that face camera and table, and any tag on top."""
         camera = self.sides.behind if self.turned else self.sides.camera
         facing = f"{_capitalised(camera)} faces the camera, {self.sides.under} is underneath"
         if self.sides.top.startswith("tag"):
@@ -109,7 +109,7 @@ class Card:
 
 
 def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: Path) -> None:
-    """Write the cards of a plan as an HTML file; it appears complete or not at all.
+    """Write the placement cards of a plan as an HTML file; it appears complete or not at all.
 
     Args:
         plan: Plan of the strikes.

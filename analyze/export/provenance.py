@@ -85,9 +85,10 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
 
 
 def provenance_text(provenance: Mapping[str, object]) -> str:
-    """Provenance as JSON text with an entry per line, valid in an XML comment.
+    """Provenance (origin of the exported numbers) as JSON text, an entry per line, for an XML comment.
 
-    The text contains no two hyphens in a row, none at its end, and nothing unprintable.
+    The word "percuss" precedes it. The text contains no two hyphens in a row, none at its end, and no
+    invisible characters but blanks and line ends.
     """
     lines = [f"  {json.dumps(key)}: {_json(value)}" for key, value in provenance.items()]
     return " percuss\n{\n" + ",\n".join(lines) + "\n}\n"

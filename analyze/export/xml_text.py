@@ -14,7 +14,8 @@ def document(root: ET.Element, body: ExportBody) -> str:
     """Text of an XML document, with the provenance (origin of the numbers) as a comment in its root.
 
     Args:
-        root: root element, changed in place: the comment becomes its first child, and it is indented.
+        root: root element, changed in place: the comment becomes its first child, and its content is
+            indented.
         body: exported body, of which the provenance is taken.
     """
     root.insert(0, ET.Comment(provenance_text(body.provenance)))

@@ -20,7 +20,7 @@ body they touch."""
 
 @dataclass(frozen=True)
 class Body:
-    """One body of a mesh file, in the object frame O; closed unless it has open edges."""
+    """One body of a mesh file, in the object frame O; closed if `open_edges` is 0."""
 
     properties: MassProperties
     """Mass properties as a uniform solid, in O."""

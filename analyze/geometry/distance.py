@@ -42,9 +42,9 @@ class Depth:
 
 
 def box_depth(half_size: Array, points: Array) -> Depth:
-    """Depth of points below the surface of a box centred on the origin, with edges along the axes.
+    """Depth of points in a box centred on the origin, with edges along the axes, and its gradient.
 
-    Outside it is minus the distance.
+    It is the distance to the surface, negative outside.
 
     Args:
         half_size: (3,) half edges [m].
@@ -62,9 +62,10 @@ def box_depth(half_size: Array, points: Array) -> Depth:
 
 
 def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
-    """Depth of points below the surface of a cylinder centred on the origin, with its axis along z.
+    """Depth of points in a cylinder centred on the origin, with its axis along z, and its gradient.
 
-    Outside it is minus the distance. The gradient is 0 on the axis where the flank is nearest.
+    The depth is the distance to the surface, negative outside. The gradient is 0 on the axis where the flank
+    is nearest.
 
     Args:
         radius: Radius [m].
@@ -92,10 +93,11 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Depth of points below the surface of a convex body: minus the largest height over a face's plane.
+    """Depth of points in a convex body, and its gradient.
 
-    Outside, beside edges and corners, this is less than the distance from the body. For speed, successive
-    points should lie close together if there are `MANY_PLANES` planes or more.
+    The depth is minus the largest height over a face's plane. Outside it is negative, and beside edges and
+    corners smaller in size than the distance from the body. For speed, successive points should lie close
+    together if there are `MANY_PLANES` planes or more.
 
     Args:
         planes: (p, 4) unit outward normals n and d [m] of the faces, n.x + d = 0.
@@ -182,10 +184,11 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
-    """Depth of points below the surface of a closed mesh: distance to the nearest face, negative outside.
+    """Depth of points in a closed mesh, the distance to the nearest face, and its gradient.
 
-    The sign follows from ray crossings. Only the faces of the `NEAREST_SAMPLES` nearest samples are examined.
-    The gradient is the unit vector straight inwards, for a point on the surface minus the face's normal.
+    The depth is negative outside; the sign follows from ray crossings. Only the faces of the
+    `NEAREST_SAMPLES` nearest samples are examined. The gradient is the unit vector straight inwards, for a
+    point on the surface minus the face's normal.
 
     Args:
         index: Index of the mesh's surface.
@@ -223,7 +226,7 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
 def closest_on_triangles(points: Array, triangles: Array) -> Array:
     """Closest points (n, 3) [m] to n points on n triangles, one each.
 
-    Ericson, Real-Time Collision Detection, 2005, 5.1.5.
+    Source: Ericson, Real-Time Collision Detection, 2005, 5.1.5.
 
     Args:
         points: (n, 3) points [m].
