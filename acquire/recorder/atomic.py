@@ -31,7 +31,11 @@ def refuse_taken(path: Path) -> None:
 
 
 def create_part(part_path: Path, flags: int = 0) -> int:
-    """Create `part_path` for writing, with additional `flags` of open(2).
+    """Create the new file `part_path` (temporary name of an output) for writing.
+
+    Args:
+        part_path: path at which no file exists yet.
+        flags: flags of open(2) besides those for a new file that is written.
 
     Returns:
         The file descriptor.
@@ -51,10 +55,10 @@ def create_part(part_path: Path, flags: int = 0) -> int:
 
 
 def reserve(folder: Path, size: int) -> int | None:
-    """Reserve `size` bytes of the disk in a file without a name, until its descriptor is closed.
+    """Reserve `size` bytes on the disk of `folder` in an unnamed file, until its descriptor is closed.
 
     Returns:
-        The descriptor; None if the disk has too little space or the file system cannot do it.
+        The descriptor; None if no such file can be created in `folder` or the disk has too little space.
     """
     try:
         fd = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o600)
@@ -88,7 +92,7 @@ def write_all(fd: int, buffers: Sequence[Buffer]) -> int:
 
 
 def remaining(buffers: Sequence[Buffer], taken: int) -> list[memoryview]:
-    """Views of the bytes of `buffers` after the first `taken` ones; empty if none are left."""
+    """Views of the bytes of `buffers` after the first `taken` bytes; an empty list if none are left."""
     for number, buffer in enumerate(buffers):
         if taken < len(buffer):
             return [memoryview(buffer)[taken:], *map(memoryview, buffers[number + 1 :])]
@@ -107,8 +111,8 @@ def publish(part_path: Path, path: Path) -> None:
         path: final name, in the same folder.
 
     Raises:
-        RecorderError: `path` was taken meanwhile; the file keeps its temporary name.
-        OSError: the file cannot be renamed.
+        RecorderError: a file exists at `path`; the new file keeps its temporary name.
+        OSError: the file cannot be renamed, or the folder cannot be written to the disk.
     """
     try:
         os.link(part_path, path)
@@ -125,7 +129,11 @@ def publish(part_path: Path, path: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make renames in `folder` survive a power cut: fsync the folder."""
+    """Make renames in `folder` survive a power cut: fsync the folder.
+
+    Raises:
+        OSError: the folder is missing, or the disk refuses.
+    """
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(fd)

@@ -22,7 +22,7 @@ import deflate
 from schemas.mcap.records import Buffer
 
 _LARGE_BYTES: Final = 8192
-"""size below which reading twice is cheaper than combining two CRCs"""
+"""size [bytes] below which reading twice is cheaper than combining two CRCs"""
 _Table = list[int]
 _ByteTables = tuple[_Table, _Table, _Table, _Table]
 
@@ -37,7 +37,7 @@ class Checksums(NamedTuple):
 
 
 def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
-    """CRCs after one more message of a chunk.
+    """CRC of a chunk after one more message, and CRC of the message's data.
 
     Args:
         chunk: CRC of the chunk before this message; 0 at the chunk's beginning.
@@ -59,7 +59,9 @@ def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
 
 
 def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
-    """CRCs of a chunk that holds one image, without reading its pixels again.
+    """CRC of a chunk that holds one image, and CRC of the image's message, from the CRC of the pixels.
+
+    The pixels are not read again.
 
     Args:
         head: bytes of the message record before its data.
@@ -68,7 +70,7 @@ def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Che
         size: number of bytes of pixels.
 
     Returns:
-        CRC of head, prefix and pixels, and CRC of prefix and pixels.
+        CRC of head, prefix and pixels (`chunk`), and CRC of prefix and pixels (`data`).
     """
     zeros = _over_zeros(size)
     data = zlib.crc32(prefix)
@@ -84,7 +86,7 @@ def crc_of(pixels: Buffer) -> int:
 
 @lru_cache(maxsize=8)
 def _over_zeros(size: int) -> _ByteTables:
-    """Linear part of continuing a CRC over `size` zero bytes.
+    """Tables of the linear map from a CRC to that CRC continued over `size` zero bytes.
 
     Returns:
         One table of 256 entries for each byte of the CRC, lowest byte first; `_apply` XORs their entries.
@@ -102,5 +104,6 @@ def _over_zeros(size: int) -> _ByteTables:
 
 
 def _apply(tables: _ByteTables, crc: int) -> int:
+    """Map `crc` by the linear map in `tables`: XOR of one entry per byte of the CRC."""
     low, second, third, high = tables
     return low[crc & 255] ^ second[crc >> 8 & 255] ^ third[crc >> 16 & 255] ^ high[crc >> 24]

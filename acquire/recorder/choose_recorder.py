@@ -22,8 +22,8 @@ def choose_recorder(
 
     Args:
         sink: file, or series of files. If it never waits for the disk, continuous raw frames are written
-            directly from their borrowed buffers; else they are copied.
-        frames: size and rate of the frames.
+            directly from the camera's borrowed buffers; else they are copied.
+        frames: camera name, size and rate of the frames.
         config: mode, image format, and times of a window (time span of a strike).
         wall_anchor_ns: log time minus host monotonic time [ns].
 

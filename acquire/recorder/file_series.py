@@ -30,7 +30,7 @@ class Rotation:
     """Size of a full file, and number of files that are kept."""
 
     rotate_bytes: int = 0
-    """size from which on the next file is begun; 0: everything goes to one file"""
+    """size of a file [bytes] from which on the next one is begun; 0: everything goes to one file"""
     keep_files: int = 0
     """number of files, including the one being written; older ones are deleted. 0: all are kept"""
 
@@ -113,7 +113,7 @@ class FileSeries:
 
     @property
     def size(self) -> int:
-        """Number of bytes written so far, to all files that this object opened and wrote."""
+        """Number of bytes written so far, to all files that this object opened."""
         return self._written + self._writer.size
 
     @property
@@ -147,8 +147,9 @@ class FileSeries:
 
         Raises:
             DiskBehind: there is no memory for them now; only if `never_waits`.
-            RecorderError: the disk is full or failing, or the next file could not be opened or an earlier one
-                not finished. In each case no image was written.
+            RecorderError: the disk is full or failing, the next file could not be opened or an earlier one
+                not finished, the recording is finished, or a log time is not positive. In each case no image
+                was written.
         """
         with self._lock:
             self._rotate_if_full()
@@ -162,15 +163,18 @@ class FileSeries:
 
         Raises:
             DiskBehind: there is no room for them now.
-            RecorderError: the disk is full or failing, or the next file could not be opened or an earlier one
-                not finished. In each case no buffer is released.
+            RecorderError: the disk is full or failing, the next file could not be opened or an earlier one
+                not finished, the recording is finished, or a log time is not positive. In each case no buffer
+                is released.
         """
         with self._lock:
             self._rotate_if_full()
             self._writer.write_borrowed(channel, images)
 
     def flush(self) -> None:
-        """Hand small topics to the current file; on return others can read in it what was written before.
+        """Hand waiting small messages to the current file; other programs can read all of it on return.
+
+        Small messages are those of all topics but the images.
 
         Raises:
             RecorderError: the disk refused some of it.
@@ -199,7 +203,7 @@ class FileSeries:
             return seal
 
     def abandon(self) -> None:
-        """Stop writing and delete the current file; files finished before stay."""
+        """Stop writing and delete the unfinished files (current and next one); finished ones stay."""
         self._join_rotation()
         with self._lock:
             _discard(self._next)

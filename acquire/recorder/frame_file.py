@@ -46,7 +46,8 @@ class FrameFile:
 
         Raises:
             DiskBehind: there is no memory for them now.
-            RecorderError: the disk is full or failing, or an image has another size. In each case none was
+            RecorderError: the file accepts no images (disk full or failing, recording finished), a raw image
+                differs in size from the recording's, or a PNG cannot be encoded. In each case none was
                 written.
         """
         messages: list[ImageMessage] = []
@@ -68,9 +69,9 @@ class FrameFile:
             frames: at least one, whose buffers are borrowed.
 
         Raises:
-            DiskBehind: there is no room now.
-            RecorderError: the disk is full or failing, or an image has another size. In each case no buffer
-                was released.
+            DiskBehind: there is no room for them now.
+            RecorderError: the file accepts no images (disk full or failing, recording finished), or an image
+                differs in size from the recording's. In each case no buffer was released.
         """
         anchor, prefix = self._anchor, self._encoder.prefix
         pixels = [frame.pixels for frame in frames]
@@ -91,7 +92,7 @@ class FrameFile:
             frames: each frame, with True if its image is in the file.
 
         Raises:
-            RecorderError: the disk is full or failing.
+            RecorderError: the disk is full or failing, or the recording is finished.
         """
         anchor = self._anchor
         self._sink.write_small(
@@ -103,7 +104,9 @@ class FrameFile:
         )
 
     def flush(self) -> None:
-        """Hand small topics to the file; on return others can read what was written before.
+        """Hand waiting small messages to the current file; other programs can read all of it on return.
+
+        Small messages are those of all topics but the images.
 
         Raises:
             RecorderError: the disk refused some of it.

@@ -32,12 +32,13 @@ WRITE_TIMEOUT_S: Final = 30.0
 class WindowReport:
     """Content of a closed window (the time span of one strike).
 
-    The times are log times of its first and last image, or of the window itself if it has no image.
+    Its times are log times [ns] of its first and last image, or of the window itself if it has no image.
     """
 
     start_ns: int
     end_ns: int
     frames: int
+    """number of images in the window"""
     lost: int
     """frames that should be in the window and are not: lost on the way from the camera, or dropped by a slow
     disk"""
@@ -56,13 +57,19 @@ class DelayedFrame:
 
 @dataclass
 class _Window:
+    """An open or closing window; its times are host monotonic times [ns]."""
+
     start_ns: int
-    """host monotonic"""
     end_ns: int | None = None
+    """None while the window is open"""
     first_ns: int = 0
+    """mid-exposure of the first image; 0 while there is none"""
     last_ns: int = 0
+    """mid-exposure of the last image; 0 while there is none"""
     frames: int = 0
+    """number of images recorded"""
     lost: int = 0
+    """number of images lost, or dropped by a slow disk"""
 
     def add(self, delayed: DelayedFrame) -> None:
         """Count a frame: as recorded, with its mid-exposure time, or as lost if it has no image.
@@ -103,7 +110,7 @@ class FrameRecorder(ABC):
         Args:
             path: queue of frames before the file.
             file: writer of the images and their metadata.
-            frames: size and rate of the frames.
+            frames: camera name, size and rate of the frames.
             config: `pre_trigger_s` and `max_window_s` are used here.
             wall_anchor_ns: log time minus host monotonic time [ns].
         """

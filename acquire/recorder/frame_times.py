@@ -1,4 +1,4 @@
-"""Number, losses and last time of the frames in a finished file, for the gap before the next file."""
+"""Frame count, losses and last frame's time of a finished file, for the gap before the next file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ class FrameTimes:
             camera: name of the camera.
 
         Returns:
-            Frame counts; zeros and None if the file has no frame of this camera.
+            Number of frames, number lost between the first and the last of them (losses before the first do
+            not count), and log time [ns] of the last frame in the file. If the file has no frame of this
+            camera: 0, 0 and None.
 
         Raises:
             RecorderError: the file cannot be read, or is incomplete.

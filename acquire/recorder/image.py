@@ -1,4 +1,4 @@
-"""Encoding of images as messages: foxglove.RawImage without copying pixels, PNG for small disks."""
+"""Encoding of images as messages: foxglove.RawImage without copying pixels, or PNG to save disk space."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class RawImageEncoder:
         self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + varint(width * height)
 
     def prefix(self, log_time_ns: int, size: int) -> bytes:
-        """Bytes of the message before its pixels.
+        """Serialised RawImage message up to its pixels.
 
         Args:
-            log_time_ns: time stamp of the image [ns].
+            log_time_ns: time stamp of the image, since the Unix epoch [ns].
             size: number of bytes of pixels that follow.
 
         Raises:
@@ -50,17 +50,17 @@ class RawImageEncoder:
         return timestamp_field(log_time_ns) + self._after_time
 
     def encode(self, log_time_ns: int, image: NDArray[np.uint8]) -> list[Buffer]:
-        """Message of one image, in two parts: the bytes before the pixels, and the pixels.
+        """Serialised RawImage message, in two parts: the bytes before the pixels, and the pixels.
 
         Args:
-            log_time_ns: time stamp of the image [ns].
+            log_time_ns: time stamp of the image, since the Unix epoch [ns].
             image: (height, width) mono8.
 
         Returns:
             The parts; the second is a view of `image`, or of a copy if `image` is not contiguous.
 
         Raises:
-            RecorderError: the image has another size.
+            RecorderError: the image differs in size from the encoder's.
         """
         if image.shape != self._shape:
             size, expected = f"{image.shape[1]} x {image.shape[0]}", f"{self._shape[1]} x {self._shape[0]}"
@@ -78,7 +78,7 @@ def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> byte
 
     Args:
         camera: name of the camera frame, the message's `frame_id`.
-        log_time_ns: time stamp of the image [ns].
+        log_time_ns: time stamp of the image, since the Unix epoch [ns].
         image: (height, width) mono8.
 
     Raises:

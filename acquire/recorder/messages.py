@@ -10,7 +10,7 @@ from schemas.mcap.records import Buffer
 
 
 class DiskBehind(RecorderError):
-    """The memory is full of bytes that wait for the disk: this image is refused; a later one may fit."""
+    """Error for images refused because memory is full of bytes that wait for the disk; later ones may fit."""
 
 
 class ImageMessage(NamedTuple):

@@ -1,4 +1,4 @@
-"""Interface of the file under a recording: bytes are appended in order until it is finished or aborted."""
+"""Interface of a recording's file: bytes are appended in order until it is finished or aborted."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class BorrowedRun(NamedTuple):
 
     @property
     def borrowed_bytes(self) -> int:
-        """Size of the borrowed pages."""
+        """Size of the borrowed pages [bytes]."""
         return sum(map(len, self.pages))
 
     @property
     def own_bytes(self) -> int:
-        """Size of the bytes around the borrowed pages."""
+        """Number of copied bytes: before, between and after the borrowed pages."""
         return len(self.lead) + sum(map(len, self.following))
 
 
 class RecordingFile(Protocol):
-    """Interface of the file under a recording: PageCacheFile or DirectFile.
+    """Interface of a recording's file; PageCacheFile and DirectFile implement it.
 
     One thread at a time appends; other threads may call `sync` and `wait_until`.
     """

@@ -1,6 +1,7 @@
 """Recorder of strike windows: full rate inside and shortly before a window, previews between windows.
 
-The metadata of every frame are recorded.
+A preview is a single image, recorded at most `preview_hz` times per second. The metadata of every frame are
+recorded.
 
 A frame enters a delay line (queue of recent frames) and leaves it `pre_trigger_s` later; a window that opens
 takes the frames in the line with it. The frame's meta (FrameMeta message), and a preview, wait at most
@@ -44,8 +45,8 @@ class WindowRecorder(FrameRecorder):
         Args:
             queue: buffers and queue of copied frames before the file.
             file: writer of the images and their metadata.
-            frames: size and rate of the frames.
-            config: times of a window, and rate of the previews.
+            frames: camera name, size and rate of the frames.
+            config: times of a window [s], and rate of the previews [Hz].
             wall_anchor_ns: log time minus host monotonic time [ns].
         """
         super().__init__(queue, file, frames, config, wall_anchor_ns)

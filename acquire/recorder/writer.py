@@ -93,7 +93,7 @@ class McapWriter:
             path: final path; the file appears there when it is complete.
             memory: for direct I/O (where `can_write_directly`); None: write through the page cache.
             flush_s: interval between flushes of small topics [s].
-            sync_bytes: bytes after which the disk is made to write.
+            sync_bytes: bytes after which the written data are forced to the disk (fdatasync).
         """
         self.path = path
         self.part_path = path.with_name(path.name + PART_SUFFIX)
@@ -272,10 +272,10 @@ class McapWriter:
             self._hash.add_all(channel.topic.name, chunks.hashed)
 
     def flush(self) -> None:
-        """Hand small topics to the file; on return others can read in it what was written before.
+        """Hand waiting small messages to the file; other programs can read all of it on return.
 
-        Small messages that find no room on a full disk stay in memory. After `finish` or `abort` the call
-        does nothing.
+        Small messages are those of all topics but the images; they stay in memory where a full disk has no
+        room for them. After `finish` or `abort` the call does nothing.
 
         Raises:
             RecorderError: the disk refused some of it.

@@ -14,12 +14,20 @@ BACKLOG_S: Final = 2.0
 
 
 def backlog_frames(frames: FrameFormat) -> int:
-    """Number of camera buffers that a recording may borrow at a time; 0 for images smaller than a page."""
+    """Number of camera buffers that a recording may borrow at a time: the frames of BACKLOG_S.
+
+    0 for images smaller than a page (4096 bytes), which are copied.
+    """
     return math.ceil(BACKLOG_S * frames.frame_rate_hz) if frames.image_bytes >= PAGE_BYTES else 0
 
 
 def backlog_memory(frames: FrameFormat, borrowable: int) -> BlockMemory:
-    """Allocate blocks of memory for the bytes that are copied around `borrowable` borrowed images."""
+    """Allocate blocks of memory for the bytes that are copied around borrowed images.
+
+    Args:
+        frames: size of the images.
+        borrowable: greatest number of images that wait in borrowed camera buffers at a time.
+    """
     # Two pages at most are copied for each image: its end, and the records between it and the next image.
     # Eight blocks more, because the end of one file is written beside the head of the next.
     return BlockMemory(borrowable * 2 * PAGE_BYTES + 8 * BLOCK_BYTES, borrowable * frames.image_bytes)

@@ -1,10 +1,10 @@
 """Packs MCAP chunks of one image each, in which every image begins on a page of the file.
 
-Therefore the disk reads the image from its own buffer.
+Therefore the disk can read the image from the camera's buffer, without a copy.
 
-A record of padding stands before each chunk, outside of it: with the chunk's head, the message's head and the
-message's fields before its pixels it ends with a page. An image's last bytes, less than a page, are copied
-into the page that holds what follows: the message index, the next padding and the next heads.
+A record of padding precedes each chunk. Together with the chunk's head, the message's head and the message's
+fields before its pixels it fills the file up to the beginning of a page. An image's last bytes, less than a
+page, are copied into a page together with the bytes that follow: message index, next padding, next heads.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ _MESSAGE: Final = struct.Struct("<BQHIQQ")
 
 
 class BorrowedChunks(NamedTuple):
-    """Packed chunks, with their entries in the summary and the content hash."""
+    """Packed chunks of one image each, with their entries in the summary and the content hash."""
 
     run: BorrowedRun
+    """bytes to append to the file: borrowed pages, and the copied bytes around them"""
     size: int
     """bytes in the file"""
     entries: list[bytes]
@@ -40,9 +41,9 @@ class BorrowedChunks(NamedTuple):
 
 
 def gap_before(at: int) -> int:
-    """Size of the padding that moves offset `at` to the beginning of a page [bytes].
+    """Size of the padding that moves offset `at` of a file to the beginning of a page [bytes].
 
-    It is 0, or at least the size of a record's head.
+    It is 0, or at least the size of a record's head, because the padding is a record.
     """
     gap = -at % PAGE_BYTES
     return gap if gap == 0 or gap >= container.RECORD_HEAD else gap + PAGE_BYTES
@@ -52,7 +53,7 @@ def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage])
     """Pack images into chunks for a file that ends at `offset`, without copying their whole pages.
 
     Args:
-        offset: offset at which the chunks will begin [bytes].
+        offset: size of the file; the chunks, or padding before them, begin there [bytes].
         channel_id: channel of the images in the file.
         images: at least one image.
 

@@ -1,4 +1,4 @@
-"""Path of frames past the page cache: the disk reads whole pages from the camera's own buffers.
+"""Path of frames to the disk past the page cache: it reads whole pages from the camera's own buffers.
 
 Several frames are written together: first their checksums, which read every pixel and therefore leave nothing
 else in the processor's cache, then everything that runs in Python.
@@ -131,10 +131,12 @@ class BorrowedQueue(FramePath):
         return True
 
     def _write_images(self, frames: list[Frame]) -> bool:
-        """Write images from borrowed buffers; on an error that lasts, count and release them instead.
+        """Write images from borrowed buffers, or drop them: release the buffers and count the images.
+
+        They are dropped after an error other than DiskBehind, now or earlier.
 
         Returns:
-            True if the images were written; False on such an error, or for an empty list.
+            True if the images were written; False if they were dropped, or the list is empty.
 
         Raises:
             DiskBehind: there is no room for them now; the buffers stay borrowed.

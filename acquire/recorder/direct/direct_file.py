@@ -11,7 +11,7 @@ next image, never an accepted one. O_DIRECT writes whole pages: the last page is
 record begins with, and written again when more bytes follow. `finish` cuts the file to its length; the file
 of a killed process ends in such zeros.
 
-A reader that maps the growing file sees whole records, followed by nothing but zeros.
+A reader that maps the growing file sees whole records, then at most one record that is cut, or zeros.
 """
 
 from __future__ import annotations
@@ -91,10 +91,10 @@ class DirectFile:
     Args:
         part_path: path of the new file.
         memory: blocks for copied bytes.
-        sync_bytes: bytes after which the writing thread calls fdatasync.
+        sync_bytes: written bytes after which the writing thread calls fdatasync.
 
     Raises:
-        RecorderError: `part_path` is taken, or its folder is missing.
+        RecorderError: `part_path` is taken, or cannot be created in its folder.
     """
 
     never_waits: ClassVar = True
@@ -127,9 +127,9 @@ class DirectFile:
         self._thread.start()
 
     def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:
-        """True if `append` accepts bytes now without waiting; also if the disk is full or failing.
+        """True if `append` would not wait now: it accepts the bytes, or raises the error of the disk.
 
-        In the latter case `append` raises the error.
+        False if too few blocks of memory are free, or too little disk space is allocated as yet.
 
         Args:
             size: bytes to be copied.
@@ -144,13 +144,17 @@ class DirectFile:
         )
 
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
-        """Copy `buffers` for the writing thread, all or none; waits where there is no room.
+        """Copy all `buffers` for the writing thread, or none; waits while there is no room.
+
+        Args:
+            buffers: bytes to append, in order.
+            image: True for images, which leave RESERVE_BYTES of the disk free.
 
         Returns:
-            Number of bytes.
+            Number of bytes appended.
 
         Raises:
-            OSError: the disk is full or failing; images are refused RESERVE_BYTES earlier.
+            OSError: the disk is full or failing.
         """
         size = sum(map(len, buffers))
         self._make_room(size, image=image)
@@ -193,7 +197,10 @@ class DirectFile:
             self._wait_for_disk()
 
     def _copy(self, at: int, buffers: Sequence[Buffer], blocks: list[memoryview]) -> int:
-        """Copy bytes for offset `at` of the file into `blocks`, which it uses up, then into free ones.
+        """Copy bytes that belong at offset `at` of the file into blocks of memory.
+
+        The block in use is filled first, then those of `blocks`, which are removed from that list, then free
+        ones; the call waits for the disk if none is free.
 
         Returns:
             Offset of the end of the copied bytes.
@@ -214,6 +221,7 @@ class DirectFile:
         return at
 
     def _accept_until(self, at: int) -> None:
+        """Set the size of the file to `at` [bytes], and wake the writing thread if enough bytes wait."""
         self.size = self._committed = at
         if at - self._written >= self._gather:
             with self._change:
@@ -226,7 +234,7 @@ class DirectFile:
         """Wait until other programs can read the first `size` bytes from the file.
 
         Raises:
-            OSError: the disk failed before.
+            OSError: the disk failed before these bytes were in the file.
         """
         with self._change:
             self._change.wait_for(lambda: self._readable >= size or self._failed is not None)
@@ -260,6 +268,11 @@ class DirectFile:
             os.close(self._fd)
 
     def _end(self) -> None:
+        """End the writing thread once it wrote all bytes or failed; free the memory, cut the file's padding.
+
+        Raises:
+            OSError: the file cannot be cut.
+        """
         with self._change:
             self._closing = True
             self._change.notify_all()
@@ -269,10 +282,11 @@ class DirectFile:
         os.ftruncate(self._fd, self.size if self._failed is None else self._readable)
 
     def _fits(self, size: int, *, image: bool) -> bool:
+        """True if `size` bytes more fit in the allocated space, of which images leave RESERVE_BYTES free."""
         return self.size + size + (RESERVE_BYTES if image else 0) <= self._allocated
 
     def _take(self, at: int) -> memoryview:
-        """Take a free block for the bytes from offset `at` on; waits for the disk if there is none.
+        """Take a free block for the bytes from offset `at` of the file on; waits while there is none.
 
         Raises:
             OSError: the disk failed.
@@ -285,7 +299,10 @@ class DirectFile:
                 self._wait_for_disk()
 
     def _take_blocks(self, size: int) -> list[memoryview]:
-        """Take the blocks that copying `size` bytes needs, beyond the room in the present block.
+        """Take the blocks that copying `size` bytes needs beyond the room in the block in use; may wait.
+
+        Returns:
+            Blocks of BLOCK_BYTES; empty if the block in use has room enough.
 
         Raises:
             OSError: the disk failed; the blocks were given back.
@@ -301,6 +318,11 @@ class DirectFile:
         return blocks
 
     def _wait_for_disk(self) -> None:
+        """Wake the writing thread, and wait until it has written something, at most FLUSH_S.
+
+        Raises:
+            OSError: the disk failed.
+        """
         with self._change:
             self._change.notify_all()
             self._change.wait(FLUSH_S)
@@ -332,6 +354,10 @@ class DirectFile:
                     return
 
     def _allocate_ahead(self) -> None:
+        """Allocate disk space in advance, in smaller steps as the disk fills up.
+
+        Where even BLOCK_BYTES are refused, the error is kept in `_full` and no more is allocated.
+        """
         step = ALLOCATE_BYTES
         while self._full is None and self._allocated < max(self._written + self._ahead, self._wanted):
             try:
@@ -345,7 +371,7 @@ class DirectFile:
                 step = max(BLOCK_BYTES, step // 4)
 
     def _write(self, size: int, *, tail: bool) -> None:
-        """Write the file up to offset `size`, or without `tail` up to the last whole page before it.
+        """Write the waiting bytes before offset `size` of the file; without `tail` only whole pages of them.
 
         Raises:
             OSError: the disk refuses.
@@ -370,6 +396,11 @@ class DirectFile:
 
 
 def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
+    """Write whole pages to the file `fd` from `offset` [bytes] on.
+
+    Raises:
+        OSError: the disk is full or failing.
+    """
     while views:
         first = views[:MOST_VIEWS]
         taken = os.pwritev(fd, first, offset)

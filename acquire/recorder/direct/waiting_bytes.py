@@ -16,7 +16,7 @@ from acquire.recorder.recording_file import BorrowedRun
 
 
 class _Stretch:
-    """Consecutive bytes of the file: one growing block, or a run with borrowed pages."""
+    """Consecutive bytes of the file: copied ones in one block, or borrowed pages with bytes between them."""
 
     __slots__ = ("block", "borrowed_bytes", "closed", "end", "release", "start", "views")
 
@@ -28,8 +28,9 @@ class _Stretch:
         """True if it does not grow any more, its views cover exactly its bytes, and it ends with a page of
         the file"""
         self.block: list[memoryview] = []
-        """given back together with the stretch"""
+        """full blocks, given back once the stretch is written"""
         self.release: list[Callable[[], None]] = []
+        """called once the borrowed pages are written"""
         self.borrowed_bytes = 0
 
 
@@ -68,6 +69,9 @@ class WaitingBytes:
         Args:
             at: offset of `part` in the file: the end of the bytes added before.
             part: at most `room` bytes.
+
+        Raises:
+            IndexError: there is no block to copy to.
         """
         stretch = self._growing
         if stretch is None:
@@ -89,10 +93,13 @@ class WaitingBytes:
         Args:
             at: offset of the first borrowed page, the beginning of a page of the file.
             run: borrowed pages and the bytes between them.
-            more: free blocks for those bytes, taken from the end of the list as needed.
+            more: free blocks for those bytes, removed from the end of this list as needed.
 
         Returns:
             Offset after the last borrowed page.
+
+        Raises:
+            IndexError: `more` has too few blocks.
         """
         self._close_growing()
         stretch = _Stretch(at)

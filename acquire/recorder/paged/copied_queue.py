@@ -41,7 +41,8 @@ class CopiedQueue(FramePath):
         Args:
             file: destination of the frames.
             frames: size of the images.
-            buffers: number of images that may be held at a time, including those that wait for a trigger.
+            buffers: number of images that may be held at a time, including those that wait for a trigger (the
+                opening of a window).
         """
         super().__init__()
         self._pool = BufferPool(0, buffers, frames.image_bytes)
@@ -145,7 +146,7 @@ class CopiedQueue(FramePath):
         """Write images together; after an error count them as dropped.
 
         Returns:
-            True if they were written, or the list is empty; False if the file failed, now or earlier.
+            False if the file failed, now or earlier; else True, also for an empty list.
         """
         try:
             if frames and self.error is None:

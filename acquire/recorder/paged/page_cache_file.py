@@ -27,7 +27,7 @@ class PageCacheFile:
         sync_bytes: bytes after which `sync` calls fdatasync.
 
     Raises:
-        RecorderError: `part_path` is taken, or its folder is missing.
+        RecorderError: `part_path` is taken, or cannot be created in its folder.
     """
 
     never_waits: ClassVar = False
@@ -47,7 +47,7 @@ class PageCacheFile:
         """Write borrowed pages and the bytes around them, then release the buffers.
 
         Returns:
-            Number of bytes.
+            Number of bytes appended.
 
         Raises:
             OSError: the disk is full or failing; the file is unchanged and no buffer was released.
@@ -62,7 +62,7 @@ class PageCacheFile:
         """Write all `buffers` at the end of the file, or none; waits for the disk where it must.
 
         Returns:
-            Number of bytes.
+            Number of bytes appended.
 
         Raises:
             OSError: the disk is full or failing; the file is unchanged.

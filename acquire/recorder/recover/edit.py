@@ -40,11 +40,11 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
 
     Args:
         path: the recording.
-        messages: (topic, log time [ns], serialised message) of each.
+        messages: (topic, log time [ns], serialised message) of each, in the order in which they are added.
 
     Raises:
-        RecorderError: the recording is incomplete, holds such a topic already, or cannot be rewritten, or a
-            topic is not below /truth/; the recording is unchanged then.
+        RecorderError: the recording is missing or incomplete, holds such a topic already, or cannot be
+            rewritten, or a topic is not below /truth/; the recording is unchanged then.
     """
     with mapped(path) as data:
         layout = read_layout(path, data)
@@ -83,7 +83,7 @@ def _body(whole: bytes) -> memoryview:
 
 
 def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
-    """Copy a chunk's messages whose channel is in `topics`, and add them to `digest`.
+    """Copy a chunk's messages whose channel is in `topics` to a new file, and add them to `digest`.
 
     A chunk of which every record is copied stays one chunk; else the messages are gathered in new chunks.
 

@@ -111,8 +111,8 @@ def recover(path: Path, out: Path) -> RecoverReport:
         Numbers of saved messages and attachments, and extent of the losses.
 
     Raises:
-        RecorderError: `path` is missing, empty or no MCAP file, nothing in it can be saved, or `out` exists
-            or cannot be written; nothing is left behind then.
+        RecorderError: `path` is missing, empty or no MCAP file, nothing in it can be saved, or `out` exists,
+            cannot be written or cannot be read back; nothing is left behind then.
     """
     atomic.refuse_unwritable(out)
     atomic.refuse_taken(out)

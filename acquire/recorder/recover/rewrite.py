@@ -146,14 +146,23 @@ class Rewriter:
 
     @property
     def summary(self) -> Summary:
-        """Summary of the records written so far; messages that are still pending are not in it."""
+        """Summary (lists of channels, chunks, ... at the end of the file) of the records written so far.
+
+        Messages that are still pending are not in it.
+        """
         return self.records.summary
 
     def copy_from(self, source: Path, size: int, summary: Summary) -> None:
-        """Begin the file with the first `size` bytes of `source`, which `summary` describes.
+        """Begin the file with the first `size` bytes of `source`.
+
+        Args:
+            source: existing recording.
+            size: number of bytes copied.
+            summary: summary of the records in those bytes; it is extended by later records.
 
         Raises:
             RecorderError: the bytes cannot be copied.
+            OSError: `source` cannot be opened.
         """
         fd = os.open(source, os.O_RDONLY | os.O_CLOEXEC)
         copied = 0
@@ -167,7 +176,7 @@ class Rewriter:
         self.records.size, self.records.summary = copied, summary
 
     def add_topic(self, topic: Topic, number: int) -> None:
-        """Declare a topic as channel and schema of the given number."""
+        """Write the records that declare a topic: schema and channel, both with the id `number`."""
         self.flush()
         self.records.add_topic(topic, number)
 
@@ -245,6 +254,14 @@ class Rewriter:
 
 
 def _copy_range(source: int, target: int, count: int, offset: int) -> int:
+    """Copy bytes of the file `source` from `offset` on to the end of the file `target` (both descriptors).
+
+    Returns:
+        Number of bytes copied: at least 1, at most `count`.
+
+    Raises:
+        OSError: the bytes cannot be copied, or `source` ends at `offset`.
+    """
     try:
         copied = os.copy_file_range(source, target, count, offset)
     except OSError:
