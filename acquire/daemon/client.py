@@ -32,7 +32,8 @@ class DaemonClient:
         DaemonNotRunning: no daemon listens, or it went away.
         DaemonSilent: the daemon does not answer. The client cannot be used any more.
         DaemonError: the socket belongs to another user, or its answer is invalid.
-        AcquireError: from `call`, the error that the daemon raised, as the same class.
+        AcquireError: from `call`, the error that the daemon raised, as the same class; DaemonError if this
+            version has no such class.
     """
 
     def __init__(self, path: Path, patience_s: float = PATIENCE_S) -> None:
@@ -108,7 +109,7 @@ class DaemonClient:
         raise errors.by_name(name, DaemonError)(message)
 
     def events(self) -> Iterator[dict[str, Any]]:
-        """Subscribe, and yield events until the daemon or `close` ends the connection.
+        """Subscribe, and yield events until the daemon or `close` ends the connection, or a line is no JSON.
 
         The client cannot make another call afterwards.
 

@@ -73,7 +73,8 @@ class Daemon:
         client's `shutdown`.
 
         Args:
-            on_ready: called once with the status, when clients are served and all devices are open.
+            on_ready: called once with the answer to `status` (a JSON object), when clients are served and all
+                devices are open.
             goes_on: checked ten times a second; False ends the daemon as a stop request does.
 
         Raises:

@@ -231,15 +231,28 @@ class LiveRecording:
             raise RecordingBroken(str(error)) from None
 
     def require_space(self) -> None:
-        """Raise RecorderError if a recording is open and the disk has no room for a window of images."""
+        """Raise RecorderError if a recording is open and the disk has no room for a window of images.
+
+        Does nothing if no recording is open.
+
+        Raises:
+            RecorderError: too little space is free, the recording could not continue after an interruption,
+                or no capture process runs after CONTINUE_TIMEOUT_S (CaptureGone).
+            SessionError: the recording was closed meanwhile.
+        """
         if self._open is not None:
             self._ask(self._capture.require_space)
 
     def open_window(self) -> int:
-        """Record every image from the pre-trigger time before now on.
+        """Open a window (time span of a strike): record every image from the pre-trigger time before now on.
 
         Returns:
             Start of the window as a log time [ns].
+
+        Raises:
+            SessionError: no recording is open.
+            RecorderError: a window is open already, the file accepts no more images, the recording could not
+                continue after an interruption, or no capture process runs (CaptureGone).
         """
         start_ns = self._ask(self._capture.open_window)
         opened = self._uninterrupted()
@@ -292,7 +305,8 @@ class LiveRecording:
         """Begin the next file after an interruption, because the capture process runs again; report it.
 
         The files of the dead process are recovered meanwhile. If the next file cannot be begun, the recording
-        ends, and later requests raise RecorderError with the reason.
+        ends, and later requests raise RecorderError with the reason. Does nothing if no recording is open, or
+        it is not interrupted.
         """
         with self._changed:
             opened = self._open
@@ -341,6 +355,11 @@ class LiveRecording:
         )
 
     def _wait_for_first_frame(self, file: Path) -> int | None:
+        """Log time of the first frame in the current file [ns]; waits for it up to FIRST_FRAME_TIMEOUT_S.
+
+        Returns:
+            The time; None if no frame comes in that time, or another file than `file` is recorded.
+        """
         end = time.monotonic() + FIRST_FRAME_TIMEOUT_S
         while time.monotonic() < end:
             with contextlib.suppress(AcquireError):
@@ -356,12 +375,17 @@ class LiveRecording:
 
     @property
     def watcher(self) -> Watcher | None:
-        """Child process `analyze watch` that follows the recording; None if there is none."""
+        """Child process `analyze watch` of the open recording; None if there is no recording or child."""
         opened = self._open
         return opened.watch.watcher if opened is not None else None
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare the object's placement with the strike `plan_strike_id` of the plan from now on."""
+        """Compare the object's placement with the strike `plan_strike_id` of the plan from now on.
+
+        Raises:
+            SessionError: no recording is open.
+            RecorderError: the recording could not continue after an interruption.
+        """
         opened = self._uninterrupted()
         opened.watch.expect(plan_strike_id)
 
@@ -383,9 +407,9 @@ class LiveRecording:
     # --- under the lock ---
 
     def _begin(self, opened: RecordingState) -> None:
-        """Begin the file number `opened.part` in the capture process, write its first messages, watch it.
+        """Begin the file number `opened.part` in the capture process, and watch it with `analyze watch`.
 
-        These are the camera's calibration and the messages that waited for the file.
+        The first messages are the camera's calibration and those that waited for the file.
 
         Raises:
             AcquireError: the capture process cannot begin it.
@@ -438,7 +462,13 @@ class LiveRecording:
         """Result of a request about the recording, made as soon as the recording is not interrupted.
 
         Args:
-            ask: sends the request to the capture process; called again if that process died.
+            ask: sends the request to the capture process and returns the result; called again if that process
+                died.
+
+        Raises:
+            SessionError: no recording is open.
+            RecorderError: the recording ended by itself or did not continue, the capture process refused the
+                request, or none runs (CaptureGone).
         """
 
         def attempt() -> T:
@@ -449,6 +479,9 @@ class LiveRecording:
 
     def _retry(self, ask: Callable[[], T]) -> T:
         """Result of a request to the capture process, repeated with the next process if that one died.
+
+        Args:
+            ask: sends the request and returns the result; it raises CaptureGone if the process died.
 
         Raises:
             CaptureGone: there is no running process after CONTINUE_TIMEOUT_S.

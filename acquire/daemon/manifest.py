@@ -77,7 +77,8 @@ def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
         Object, hashes and attachments: object, plan, rig and, if there is one, the shape.
 
     Raises:
-        SessionError: object or plan cannot be used, or do not belong together.
+        SessionError: object or plan cannot be used, or the plan was made for another object.
+        KeyError, ValueError: a parameter is missing, or the shape is not base64.
     """
     try:
         spec = parse_object_spec(request["object_toml"], request.get("object_name", OBJECT_ATTACHMENT))
@@ -107,9 +108,9 @@ def session_manifest(
 
     Args:
         config: the rig.
-        camera: identity and clock of the camera.
+        camera: identity of the camera, and whether its clock can be read.
         files: object, plan and attachments.
-        anchor_ns: wall clock minus host monotonic time [ns].
+        anchor_ns: wall clock (Unix time) minus host monotonic time [ns].
     """
     return SessionManifest(
         recording_id=str(uuid.uuid4()),
@@ -143,7 +144,10 @@ def session_manifest(
 
 
 def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
-    """Intrinsics of a camera as Foxglove's message, for viewers that draw over the images."""
+    """Intrinsics of a camera as Foxglove's message, for viewers that draw over the images.
+
+    K is the camera matrix [px], D the distortion, P is K with a column of zeros, and R the identity.
+    """
     message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
     message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
     message.D.extend(spec.distortion)

@@ -1,4 +1,4 @@
-"""Questions to the person at the rig: one client asks, all subscribers see it, the first answer counts."""
+"""Questions to the person at the rig: one client asks, all subscribers see it, one answer counts."""
 
 from __future__ import annotations
 
@@ -56,12 +56,13 @@ class Prompts:
             return answer
 
     def answer(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        """Answer a question: `{"prompt_id": n, "ok": true}`, optionally with `"text"`.
+        """Answer an open question on behalf of a client.
 
-        `ok` is true and `text` empty unless given.
+        Args:
+            params: `prompt_id`, number of the question; `ok`, true unless given; `text`, empty unless given.
 
         Returns:
-            An empty answer.
+            An empty JSON object.
 
         Raises:
             SessionError: the question is not open: it was answered already, or never asked.

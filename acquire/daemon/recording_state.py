@@ -31,7 +31,7 @@ class RecordingState:
     part: int = 1
     """number of the current file"""
     began_ns: int = 0
-    """log time at which the current file began"""
+    """log time at which the current file began [ns]"""
     window_part: int | None = None
     """number of the file in which the open window was opened; None if no window is open"""
     broken: str = ""
@@ -49,10 +49,10 @@ class RecordingState:
         self.watch.follow(self._watched_file())
 
     def restart_watching_if_ended(self) -> str:
-        """Restart the child process `analyze watch` if it ended, a limited number of times.
+        """Restart the child process `analyze watch` if it ended, unless it has ended too often.
 
         Returns:
-            A report for people; empty if nothing happened.
+            A report for people: restarted, or given up; empty if nothing happened.
         """
         return self.watch.restart_if_ended(self._watched_file)
 

@@ -113,7 +113,7 @@ class Connection:
 class ApiServer:
     """Server that runs the requests of each client in order, in a thread per client.
 
-    Therefore `stop` never waits for the `strike` of another client.
+    Therefore the request `striker.stop` never waits for the `striker.strike` of another client.
 
     Args:
         path: path of the socket.
@@ -256,6 +256,12 @@ def _error(kind: str, message: str) -> dict[str, Any]:
 
 
 def _listen(path: Path) -> socket.socket:
+    """Socket that listens at `path`, with mode 0600 in a private folder; replaces that of a killed daemon.
+
+    Raises:
+        DaemonBusy: a daemon listens there already.
+        DaemonError: the path is too long or taken, its folder is not private, or the socket cannot be made.
+    """
     if len(str(path).encode()) > 100:
         raise DaemonError(
             f"{path}: a socket's path may have 100 bytes; "

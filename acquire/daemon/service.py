@@ -19,7 +19,7 @@ class ServiceManager:
         environment: NOTIFY_SOCKET, its address; WATCHDOG_USEC and WATCHDOG_PID, its watchdog time [us] and
             the process that it watches. Each may be missing.
         pid: id of this process.
-        monotonic_ns: host clock.
+        monotonic_ns: function that returns the host monotonic time [ns].
     """
 
     def __init__(self, environment: Mapping[str, str], pid: int, monotonic_ns: Callable[[], int]) -> None:
@@ -33,7 +33,7 @@ class ServiceManager:
 
     @classmethod
     def from_environment(cls, environment: MutableMapping[str, str] = os.environ) -> ServiceManager:
-        """Manager named in the environment; its variables are removed from `environment`.
+        """Service manager of this process; its three variables are removed from `environment`.
 
         Therefore child processes send no notifications for the daemon.
         """

@@ -67,8 +67,10 @@ class StrikerControl:
             `{"state": name}`, the striker's state.
 
         Raises:
-            StrikerStopped: there was a stop after `stops_seen`, or any stop without `after_stop`.
+            StrikerStopped: there was a stop after `stops_seen`, or, without `after_stop`, one after which no
+                person started again.
             StrikerRefused: the daemon is stopping.
+            StrikerError: the striker failed.
         """
         stops = int(params.get("stops_seen", self.stops))
         with self._lock:

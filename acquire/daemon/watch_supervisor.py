@@ -13,7 +13,7 @@ WATCHER_LIVES = 3
 
 
 class WatchSupervisor:
-    """Runs `analyze watch` on the files of one recording, and restarts it a limited number of times.
+    """Supervisor of `analyze watch`: runs it on the files of one recording, restarts it if it ends.
 
     Args:
         on_event: called with each observation that the child reports, in a thread of its own.
@@ -43,9 +43,10 @@ class WatchSupervisor:
             watcher.expect(plan_strike_id)
 
     def restart_if_ended(self, file: Callable[[], Path]) -> str:
-        """Restart a child that ended, on the file that `file()` returns.
+        """Restart a child that ended, unless it ended for the WATCHER_LIVES-th time.
 
-        When it ended for the WATCHER_LIVES-th time it is not started again.
+        Args:
+            file: function that returns the recording to follow; called only for a restart.
 
         Returns:
             Text of a report; empty if the child runs, was never started, or was given up before.
