@@ -24,7 +24,7 @@ _POLL_S: Final = 0.1
 
 
 class Heartbeat:
-    """Sends a byte on a pipe every `BEAT_S` while the process is healthy, from creation until `stop`.
+    """Sender of a byte on a pipe every BEAT_S while the process is healthy, from creation until `stop`.
 
     Args:
         fd: writing end of the pipe; closed by `stop`.
@@ -70,7 +70,7 @@ class HeartbeatListener:
         self._thread.start()
 
     def join(self) -> None:
-        """Wait until the sender has closed the pipe, by its end at the latest."""
+        """Wait until the sender has closed the pipe, which the end of its process does at the latest."""
         self._thread.join()
 
     def _run(self) -> None:

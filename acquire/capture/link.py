@@ -129,7 +129,7 @@ class CaptureProcess:
     def end(self) -> str:
         """Reason why the process ended, as a predicate of "the capture process".
 
-        Waits up to 1 s for its exit code, which is None while it runs.
+        Waits up to 1 s for its exit code; the text has "None" for it while the process runs.
         """
         if self._hung:
             return f"gave no sign of life for {SILENCE_S:g} s and was ended"
@@ -146,7 +146,8 @@ class CaptureProcess:
             Identity of the camera.
 
         Raises:
-            AcquireError: the camera or the rig file cannot be used; the process has ended then.
+            AcquireError: the camera or the rig file cannot be used, or the process ended or does not answer;
+                it has ended then.
             OSError: the process cannot be started.
         """
         here, there = socket.socketpair()
@@ -190,6 +191,11 @@ class CaptureProcess:
             path: first file of the recording.
             manifest: written at the head of every file.
             attachments: (name, media type, content) of the files attached to it.
+
+        Raises:
+            RecorderError: a recording is open, `path` is taken, the disk refuses or has no room, or the
+                process does not run (CaptureGone) or answer.
+            CameraError: the camera was not started.
         """
         header = {
             "op": "open_recording",
@@ -202,15 +208,20 @@ class CaptureProcess:
     def require_space(self) -> None:
         """Raise RecorderError unless the disk has room for a window; called before the striker is armed.
 
-        A window is the time span of a strike, here of the greatest length.
+        A window is the time span of a strike, here of the greatest length. The error is raised as well if no
+        recording is open, or the process does not run (CaptureGone) or answer.
         """
         self._call({"op": "require_space"})
 
     def open_window(self) -> int:
-        """Record every image from `pre_trigger_s` before now on.
+        """Open a window (time span of a strike): record every image from `pre_trigger_s` before now on.
 
         Returns:
             Start of the window as a log time [ns].
+
+        Raises:
+            RecorderError: no recording is open, a window is open already, the disk is full or has no room for
+                a window, or the process does not run (CaptureGone) or answer.
         """
         return int(self._call({"op": "open_window"})["start_ns"])
 
@@ -221,7 +232,11 @@ class CaptureProcess:
             end_ns: log time [ns] at which the window ends if that has passed; 0: now.
 
         Returns:
-            Times of the first and last image, and numbers of recorded and lost frames.
+            Log times of the first and last image, and numbers of recorded and lost frames.
+
+        Raises:
+            RecorderError: no recording or window is open, the file accepts no more images, or the process
+                does not run (CaptureGone) or answer.
         """
         return WindowReport(
             **self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_TIMEOUT_S)
@@ -251,7 +266,12 @@ class CaptureProcess:
             self._batch += wire.pack_message(number, log_time_ns, data)
 
     def status(self) -> CaptureStatus:
-        """Ask for the health of camera and recorder."""
+        """Ask the process for the health of camera and recorder.
+
+        Raises:
+            CameraError: the camera was not started.
+            RecorderError: the process does not run (CaptureGone) or answer.
+        """
         reply = self._call({"op": "status"})
         reply["recording"] = Path(reply["recording"]) if reply["recording"] is not None else None
         reply["camera"] = CameraInfo(**reply["camera"]) if reply["camera"] is not None else None
@@ -262,7 +282,11 @@ class CaptureProcess:
         """Finish the recording; its file is called `<path>.part` until then.
 
         Returns:
-            Path of the last file, frame counts and content id.
+            Path of the last file, its content id (hash of its messages), and frame counts of all files.
+
+        Raises:
+            RecorderError: no recording is open, a file could not be finished, or the process does not run
+                (CaptureGone) or answer.
         """
         reply = self._call({"op": "close_recording"}, timeout_s=FINISH_TIMEOUT_S)
         return RecordingReport(Path(reply["path"]), reply["frames"], reply["lost"], reply["content_id"])

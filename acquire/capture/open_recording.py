@@ -113,7 +113,10 @@ class OpenRecording:
         return queued + (self._memory.used_bytes if self._memory is not None else 0)
 
     def require_space(self) -> None:
-        """Raise RecorderError unless the disk has room for a window (strike) of the greatest length."""
+        """Raise RecorderError unless the disk has room for a window of the greatest length.
+
+        A window is the time span of a strike, with the pre-trigger time before it.
+        """
         config = self.rig.recorder
         frames = math.ceil((config.max_window_s + config.pre_trigger_s) * self._format.frame_rate_hz)
         self._disk.require(frames * self._format.image_bytes, "a window")
@@ -127,7 +130,7 @@ class OpenRecording:
             data: serialised message.
 
         Raises:
-            RecorderError: there is no such topic, or the disk refuses.
+            RecorderError: there is no such topic, the log time is not positive, or the disk refuses.
         """
         topic = self._small.get(name)
         if topic is None:
