@@ -47,7 +47,7 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
         rate_limit: greatest |rate| of a line, where the rate is host clock against device clock, minus 1.
 
     Returns:
-        None if no line satisfies all bounds.
+        Mean and covariance of the lines' offset and rate; None if no line satisfies all bounds.
     """
     newest = readings[-1]
     width = float(max(1, newest.host_after_ns - newest.host_before_ns))
@@ -69,10 +69,12 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
 
 
 def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
-    """Part of a convex polygon where a x + b y + c >= 0 (Sutherland and Hodgman 1974).
+    """Part of a convex polygon, given by its corners (x, y) in order, where a x + b y + c >= 0.
+
+    Method of Sutherland and Hodgman (1974).
 
     Returns:
-        Its corners (x, y) in order; empty if no part is left.
+        Corners (x, y) of the part, in order; empty if no part is left.
     """
     distance = [a * x + b * y + c for x, y in polygon]
     if min(distance, default=0.0) >= 0.0:
@@ -119,7 +121,10 @@ def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
 
 
 def _line_moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
-    """Mean (x, y) and covariance (xx, xy, yy) for a polygon without area: uniform between its two ends."""
+    """Mean (x, y) and covariance (xx, xy, yy) of the uniform distribution along a polygon without area.
+
+    Its two ends are the least and the greatest corner in the order of (x, y).
+    """
     (ax, ay), (bx, by) = min(polygon), max(polygon)
     dx, dy = bx - ax, by - ay
     return ((ax + bx) / 2.0, (ay + by) / 2.0), (dx * dx / 12.0, dx * dy / 12.0, dy * dy / 12.0)

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from acquire.clock.reading import ClockReading
 
 DRIFT_LIMIT = 3e-4
-"""greatest rate between two clocks: twice a poor crystal's 100 ppm, plus the rate at which NTP slews the host
-clock"""
+"""greatest |rate| of the host clock against a device clock, minus 1: twice a poor crystal's 100 ppm, plus the
+rate at which NTP slews the host clock"""
 DRIFT_PRIOR_SD = 1e-4
-"""1 sigma of a crystal's rate before any reading: 100 ppm"""
+"""1 sigma of the rate of one clock against another, minus 1, before any reading: 100 ppm"""
 BIN_NS = 500_000_000
-"""Length of a bin of frame arrivals, of which the one of the least delay is used."""
+"""length of a bin of frame arrivals [ns]; only the arrival of the least delay in each bin is used"""
 BURST_NS = 20_000_000
 """of readings closer than this [ns] only the quickest counts: the others bound the same line less tightly"""
 MAPPING_SD_FLOOR_NS = 2_000.0
@@ -35,7 +35,10 @@ class Clock(Protocol):
         ...
 
     def wall_ns(self) -> int:
-        """Present time of CLOCK_REALTIME [ns]; only for the wall anchor (log time minus monotonic time)."""
+        """Present time of CLOCK_REALTIME, since the Unix epoch [ns].
+
+        Used only for the wall anchor (log time minus monotonic time).
+        """
         ...
 
     def sleep(self, seconds: float) -> None:
@@ -51,7 +54,7 @@ class SystemClock:
         return time.monotonic_ns()
 
     def wall_ns(self) -> int:
-        """Present time of CLOCK_REALTIME [ns]."""
+        """Present time of CLOCK_REALTIME, since the Unix epoch [ns]."""
         return time.time_ns()
 
     def sleep(self, seconds: float) -> None:
@@ -79,7 +82,7 @@ class _Line:
     offset_ns: float
     rate: float
     covariance: tuple[float, float, float]
-    """covariance of (offset, rate): var(offset), cov, var(rate)"""
+    """covariance of (offset, rate): var(offset) [ns^2], cov [ns], var(rate)"""
 
     def host_ns(self, device_ns: int) -> int:
         elapsed = device_ns - self.device0_ns
@@ -149,7 +152,8 @@ class DeviceClockMapper:
         """Add a reading of the device clock and update the mapping.
 
         A clock that ran backwards (the device restarted) empties the window. Of readings within BURST_NS only
-        the quickest is kept.
+        the quickest is kept. Readings older than the window are discarded, and the oldest ones as long as no
+        line satisfies all.
         """
         if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
             self._readings.clear()
@@ -165,9 +169,10 @@ class DeviceClockMapper:
         self._line = _mean_line(lines, reading)
 
     def add_arrival(self, device_time_ns: int, host_time_ns: int) -> None:
-        """Add a frame's device time and its arrival on the host's monotonic clock [ns].
+        """Add a frame's time on the device clock and its arrival on the host's monotonic clock, both [ns].
 
-        It is used only while there is no clock reading. A device clock that ran backwards empties the window.
+        They are used only while there is no clock reading. A device clock that ran backwards empties the
+        window.
         """
         if self._readings:
             return

@@ -41,7 +41,7 @@ class Frame(NamedTuple):
     """
 
     image: NDArray[np.uint8]
-    """(height, width) mono8"""
+    """(height, width) mono8, uint8"""
     sequence: int
     """number of complete frames before this one: since the camera started, or since the stream began once its
     times are mapped (`mid_exposure_ns`)
