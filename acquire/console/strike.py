@@ -34,7 +34,7 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
 
     Args:
         socket: path of the daemon's socket.
-        tip_speed_m_s: commanded tip speed.
+        tip_speed_m_s: tip speed to command [m/s].
         yes: True to strike without asking.
         as_json: True to print the outcome as JSON.
 
@@ -54,10 +54,10 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
 
 
 def planned_speed(plan_path: Path, strike_id: str, energy: float | None) -> float:
-    """Tip speed [m/s] of a planned strike, with the strike's card and expected energy ratio printed.
+    """Tip speed [m/s] of a planned strike; prints the strike's card (instruction) and energy ratio.
 
-    The energy ratio is the kinetic energy after the strike over the energy needed to reach balance. The text
-    goes to standard error.
+    The energy ratio, expected with its 90 % interval, is the kinetic energy after the strike over the energy
+    needed to reach balance. The text goes to standard error.
 
     Args:
         plan_path: plan file.
@@ -108,7 +108,9 @@ def parse_speeds(text: str | None) -> tuple[float, ...] | None:
 def calibrate(
     rig_path: Path, order: single_strike.CalibrationOrder, *, write: bool, yes: bool, as_json: bool
 ) -> None:
-    """Calibrate a bare striker: swing, estimate its parameters and print them.
+    """Calibrate a bare striker: swing, estimate effective mass and restitution, print them.
+
+    The ratio of reached to commanded tip speed is printed as well.
 
     Args:
         rig_path: the rig file; with `write` its section [striker] gets the estimates.

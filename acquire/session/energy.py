@@ -34,14 +34,15 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 LOG_ENERGY_SD = 0.03
-"""standard deviation of ln E between strikes on one axis"""
+"""standard deviation of ln E, E the energy ratio, between strikes on one axis"""
 LOG_ENERGY_SD_DISTURBED = 0.25
-"""the same for strikes with a disturbed contact, see `_DISTURBED`"""
+"""standard deviation of ln E for strikes with a disturbed contact (verdicts of `_DISTURBED`)"""
 T_DEGREES_OF_FREEDOM = 3.0
 """degrees of freedom of the measurements' t distribution; its tails are heavy because a second contact of the
 arm sometimes adds a third or a half of the energy"""
 PHI_EXTRA_SD_RAD = math.radians(0.3)
-"""standard deviation added to that of a balance angle: gravity's tilt, the edge's position, the placement"""
+"""standard deviation [rad] added in quadrature to that of a balance angle: gravity's tilt, the edge's
+position, the placement"""
 LOG_ENERGY_SD_FROM_TOP = 0.08
 """standard deviation of ln E derived from the largest angle of a tip that fell back"""
 BOUND_SD = 0.05
@@ -179,8 +180,9 @@ class EnergyLearner:
     def tip_speed(self, strike: PlannedStrike) -> float:
         """Tip speed [m/s] to command for the next strike on a planned strike's axis.
 
-        It is the largest speed at which every quantile of the energy ratio E respects ENERGY_LIMITS, clipped
-        to the plan's limits for this strike.
+        It is the largest speed at which every quantile of the energy ratio E (kinetic energy after the strike
+        over the energy needed to reach balance) respects ENERGY_LIMITS, clipped to the plan's limits for this
+        strike.
         """
         log_energy = self._log_energy_draws(strike)
         margins = [math.log(limit) - float(np.quantile(log_energy, q)) for q, limit in ENERGY_LIMITS]
@@ -188,14 +190,17 @@ class EnergyLearner:
         return min(max(speed, strike.tip_speed_m_s.min), strike.tip_speed_m_s.max)
 
     def speed_for(self, strike: PlannedStrike, energy: float) -> float:
-        """Commanded tip speed [m/s] whose median energy ratio E is `energy`.
+        """Commanded tip speed [m/s] of a planned strike whose median energy ratio E is `energy`.
 
-        The plan's limits of the tip speed are not applied.
+        E is the kinetic energy after the strike over the energy needed to reach balance. The plan's limits of
+        the tip speed are not applied.
         """
         return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy_draws(strike)))))
 
     def energy(self, strike: PlannedStrike, tip_speed_m_s: float) -> tuple[float, float, float]:
-        """Predicted energy ratio E of a planned strike at a commanded tip speed.
+        """Predicted energy ratio E of a planned strike at a commanded tip speed [m/s].
+
+        E is the kinetic energy after the strike over the energy needed to reach balance.
 
         Returns:
             The median, then the lower and upper end of the 90 % interval.
@@ -215,9 +220,9 @@ class EnergyLearner:
 
         Args:
             strike: the planned strike; its axis must be one of the plan's.
-            command_m_s: commanded tip speed.
-            speed_m_s: tip speed measured by the striker; None if the arm met nothing or the speed is unknown.
-                The reached speed is then the expected one.
+            command_m_s: commanded tip speed [m/s].
+            speed_m_s: tip speed measured by the striker [m/s]; None if the arm met nothing or the speed is
+                unknown. The reached speed is then the expected one.
             verdict: the verdict of `analyze watch`; None if there is none.
         """
         axis = self._axes[strike.axis_id]
@@ -255,10 +260,10 @@ class EnergyLearner:
         return log_energy + 2 * self._model.log_swing_ratio(states) + LOG_ENERGY_SD * self._draws[:, -1]
 
     def _posterior_draws(self) -> Array:
-        """Draws (DRAW_COUNT, d) of the model's state from the posterior; the position of c is clipped.
+        """Draws (DRAW_COUNT, d) of the model's state, of d entries, from the posterior.
 
-        c is the centre of mass; it is kept within the hypothesis region, or as far outside as its estimate
-        is.
+        The centre of mass c is clipped to the hypothesis region (REGION_HALF_EDGE_SDS), which is extended to
+        the estimate of c where that lies outside.
         """
         states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
         # The hypothesis region ends at two standard deviations, but the estimate of c may lie outside.
@@ -295,7 +300,7 @@ class EnergyLearner:
         self._mode = z
 
     def _residuals(self, z: Array) -> Array:
-        """Residuals (k, n) of the observations, then of the prior, for k states z (k, d) of the model.
+        """Residuals (k, n) of the n - d observations, then of the prior, for k states z (k, d) of the model.
 
         They are in standard deviations. Those of the prior are z itself; without observations there are no
         others.
@@ -309,7 +314,10 @@ class EnergyLearner:
         return np.concatenate([np.stack(residuals, axis=-1), z], axis=-1)
 
     def _weights(self, residual: Array) -> Array:
-        """Weights (n,) of residuals (n,): of a t distribution for measurements, 1 for bounds and prior."""
+        """Weights (n,) of squared residuals (n,): of a t distribution for measurements, 1 for the others.
+
+        The others are bounds and prior.
+        """
         measured = [
             *(each.quantity in _MEASURED for each in self._observations),
             *([False] * self._model.size),
@@ -320,6 +328,8 @@ class EnergyLearner:
 
 def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
     """Observations of the balance angle phi and of the energy ratio E from one verdict on a strike.
+
+    E is the kinetic energy after the strike over the energy needed to reach balance.
 
     Args:
         axis: number of the pivot axis in the model.

@@ -38,7 +38,7 @@ class EnergyModel:
 
     Entries of z, d in number: position of the centre of mass c (3), scale of the moments of inertia,
     effective striker mass m_s, 1 + e with restitution e, swing ratio (reached over commanded tip speed), and
-    one model error per axis.
+    one model error of ln E (E: energy ratio) per axis. `size` is d.
 
     Args:
         plan: the strike plan; its hypothesis, if it has one, gives the priors.
@@ -75,11 +75,11 @@ class EnergyModel:
         ]
 
     def log_striker_mass(self, z: Array) -> Array:
-        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg] for k states z (k, d)."""
+        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg] for k model states z (k, d)."""
         return self._log_mass + self._log_mass_sd * z[:, 4]
 
     def log_rebound(self, z: Array) -> Array:
-        """Logarithm ln (1 + e) (k,), e the restitution of tip and object, for k states z (k, d)."""
+        """Logarithm ln (1 + e) (k,), e the restitution of tip and object, for k model states z (k, d)."""
         return self._log_rebound + self._log_rebound_sd * z[:, 5]
 
     def log_swing_ratio(self, z: Array) -> Array:
@@ -122,9 +122,9 @@ class _Axis:
     point: Array
     """(3,) point on the axis [m]"""
     tip: Array
-    """(3,) unit vector in the direction of the strike"""
+    """(3,) unit vector in the direction of the strike, horizontal at rest"""
     up: Array
-    """(3,) unit vector, vertical at rest"""
+    """(3,) unit vector that points up when the object is at rest"""
     radius: float
     """radius of the edge's rounding [m]"""
     height: float

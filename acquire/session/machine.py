@@ -3,7 +3,7 @@
     place → check pose → arm → strike → record until at rest → judge → next
 
 A strike without a good verdict is repeated with a tip speed estimated from all strikes so far, until it was
-attempted `max_attempts` times; every attempt is kept. A strike without any verdict is not repeated.
+attempted MAX_ATTEMPTS times; every attempt is kept. A strike without any verdict is not repeated.
 """
 
 from __future__ import annotations
@@ -65,14 +65,14 @@ class Ready(Event):
 
 @dataclass(frozen=True)
 class Struck(Event):
-    """Event: the striker has completed the strike. Times are host monotonic."""
+    """Event: the striker has completed the strike. Times are host monotonic [ns]."""
 
     contact_time_ns: int | None
-    """time of first contact as the striker measured it; None if it measured none"""
+    """time of first contact as the striker measured it [ns]; None if it measured none"""
     contact_time_sd_ns: float
-    """standard deviation of the contact time"""
+    """standard deviation of the contact time [ns]"""
     tip_speed_m_s: float
-    """tip speed just before contact; 0 if it was not measured"""
+    """tip speed just before contact [m/s]; 0 if it was not measured"""
     contacts: int
     """number of contacts that may have occurred"""
 
@@ -85,13 +85,13 @@ class Recorded(Event):
     """
 
     window_start_ns: int
-    """log time of the window's beginning"""
+    """log time of the window's first image [ns]"""
     window_end_ns: int
-    """log time of the window's end"""
+    """log time of the window's last image [ns]"""
     frames: int
     """number of frames recorded in the window"""
     lost: int
-    """number of frames lost in the window"""
+    """number of frames lost in the window, or dropped by a slow disk"""
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class Strike:
     strike_id: str
     """id of the attempt, unique in the recording"""
     tip_speed_m_s: float
-    """tip speed to command"""
+    """tip speed to command [m/s]"""
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,9 @@ class WriteRecord:
     strike_id: str
     """id of the attempt, unique in the recording"""
     attempt: int
+    """number of the attempt, from 1"""
     tip_speed_command_m_s: float
+    """commanded tip speed [m/s]"""
     struck: Struck
     recorded: Recorded
     verdict: StrikeVerdict | None
@@ -303,7 +305,7 @@ class SessionMachine:
     def on_pose_checked(self, event: PoseChecked) -> list[Action]:
         """React to the checked pose: arm the striker, or ask for a better placement.
 
-        After `max_placements` rejected placements the planned strike is skipped.
+        After MAX_PLACEMENTS rejected placements the planned strike is skipped.
 
         Returns:
             Actions to execute, in order.
@@ -329,7 +331,7 @@ class SessionMachine:
     def on_striker_failed(self, event: StrikerFailed) -> list[Action]:
         """React to a striker fault: clear it and place the object again, or end the session.
 
-        More than `max_faults` device faults end the session.
+        More than MAX_FAULTS device faults end the session.
 
         Returns:
             Actions to execute, in order.
@@ -339,7 +341,7 @@ class SessionMachine:
     def on_file_cut_short(self, event: FileCutShort) -> list[Action]:
         """React to lost images: repeat their attempt, or end the session.
 
-        More than `max_faults` device faults, lost images included, end the session. While placing or
+        More than MAX_FAULTS device faults, lost images included, end the session. While placing or
         finished, the attempt to repeat is the one judged last: its record could not be written.
 
         Returns:
@@ -379,7 +381,7 @@ class SessionMachine:
         return [self._announce(hint), AskToPlace(self.strike, hint)]
 
     def _after_fault(self, text: str, remedy: list[Action], hint: str) -> list[Action]:
-        """Actions after a device's fault: repeat the attempt; after more than `max_faults` faults, end.
+        """Actions after a device's fault: repeat the attempt; after more than MAX_FAULTS faults, end.
 
         Args:
             text: description of the fault.
@@ -394,9 +396,9 @@ class SessionMachine:
     def on_judged(self, event: Judged) -> list[Action]:
         """React to the verdict: write the strike's record, learn from it, and repeat it or go on to the next.
 
-        A strike is repeated if its verdict is not good or its energy ratio is outside `energy_accepted`,
-        until it was attempted `max_attempts` times. Without a verdict it is not repeated. A swing that met
-        nothing is not learned from.
+        A strike is repeated if its verdict is not good or its energy ratio is outside ENERGY_ACCEPTED, until
+        it was attempted MAX_ATTEMPTS times. Without a verdict it is not repeated. A swing that met nothing is
+        not learned from.
 
         Returns:
             Actions to execute, in order.

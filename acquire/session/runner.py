@@ -33,18 +33,19 @@ POSE_TIMEOUT_S = 8.0
 WATCHER_RESTART_S = 1.5
 """time the daemon needs to restart `analyze watch` after it died"""
 POSE_TOLERANCE_RAD = 0.14
-"""8 degrees: far above the error of a careful placement, far below that of a wrong face"""
+"""largest error of a placement, 8 degrees: far above that of a careful one, far below that of a wrong face"""
 SERVO_TIMEOUT_S = 120.0
 """time for a person to mend the servo's cable or supply during a session"""
 SERVO_RETRY_S = 0.5
 """interval between attempts to reach the servo meanwhile"""
 REST_TIMEOUT_S = 3.0
-"""recorded time after which the window is closed although the object moves: it has long landed and only
-rolls"""
+"""recorded time after the strike [s] after which the window is closed although the object moves: it has long
+landed and only rolls"""
 LATE_TIMEOUT_S = 9.0
-"""time on the host's clock after which the window is closed in any case; longer, as images may arrive late"""
+"""time on the host's clock [s] after which the window is closed in any case; longer than REST_TIMEOUT_S,
+because images may arrive late"""
 REST_MINIMUM_S = 0.9
-"""shortest recorded time: an object that hesitates at the balance point looks as if it were at rest"""
+"""shortest recorded time after the strike [s]: an object that hesitates at the balance point looks at rest"""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class SessionReport:
 
 
 Progress = Callable[[str, int, int], None]
-"""called with a text, the number of planned strikes done, and of all planned strikes"""
+"""called with a text, the number of planned strikes done, and the number of all planned strikes"""
 
 
 class SessionRunner:
@@ -78,7 +79,8 @@ class SessionRunner:
         client: client of the running daemon.
         given: object and plan of the session.
         output: path of the recording to write.
-        progress: called with a text, the number of planned strikes done, and of all planned strikes.
+        progress: called with a text, the number of planned strikes done, and the number of all planned
+            strikes.
     """
 
     def __init__(

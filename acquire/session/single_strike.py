@@ -56,18 +56,20 @@ def strike_once(
     Args:
         client: client of the daemon.
         name: id of the strike.
-        tip_speed_m_s: commanded tip speed.
+        tip_speed_m_s: tip speed to command [m/s].
         confirm: asks a person before anything moves; False refuses.
         after_stop: True if this call may home the striker again after somebody stopped it.
 
     Returns:
-        Measured contact time, tip speed, impulse and number of contacts; the contact time is None if nothing
-        was hit.
+        Measured contact time, tip speed, impulse and number of contacts; the contact time is None if no
+        contact was measured.
 
     Raises:
         StrikerRefused: the answer was no, or an interlock refused.
-        StrikerStopped: somebody stopped the striker after the question was asked.
+        StrikerStopped: somebody stopped the striker after the question was asked, or before it without
+            `after_stop`.
         StrikerError: the striker failed.
+        SessionError: another program's session has begun.
     """
     stops = client.call("status")["stops"]
     if not confirm(
@@ -87,7 +89,7 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
 
     Args:
         outcome: measurements of the strike; without a contact there is a single line.
-        command_m_s: commanded tip speed.
+        command_m_s: commanded tip speed [m/s].
     """
     if outcome.contact_time_ns is None:
         return [f"contact      none measured (commanded {command_m_s:.3f} m/s)"]
@@ -152,7 +154,7 @@ def calibrate(
         on_swing: called after every swing.
 
     Returns:
-        Commanded and reached tip speed, and loss of speed, of each swing in the order made.
+        Commanded and reached tip speed, and loss of speed at contact, of each swing, in the order made.
 
     Raises:
         StrikerRefused: a person strikes by hand at this rig, or the answer was no.
@@ -219,6 +221,12 @@ def _measured_swing(
 
     The loss is None in the air and if the arm lost no significant speed. The uncertainty of the effective
     mass is removed from the loss's standard deviation.
+
+    Args:
+        outcome: measurements of the swing.
+        command_m_s: commanded tip speed [m/s].
+        body_kg: mass of the struck free body [kg]; None in the air, infinite for a wall.
+        rig: rig file; it gives the effective mass.
     """
     drop, drop_sd = None, 0.0
     if body_kg is not None and outcome.impulse_n_s is not None:
@@ -229,7 +237,10 @@ def _measured_swing(
 
 
 def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
-    """Entries of the rig file's section [striker] from a calibration, as TOML text by key."""
+    """Entries of the rig file's section [striker] from a calibration, as TOML text by key.
+
+    They are effective mass [kg] and restitution with their standard deviations.
+    """
     return {
         "effective_mass_kg": f"{numbers.effective_mass_kg:.4g}",
         "effective_mass_sd_kg": f"{numbers.effective_mass_sd_kg:.2g}",
