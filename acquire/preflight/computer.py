@@ -22,7 +22,7 @@ _SIOCGIFADDR, _SIOCGIFMTU = 0x8915, 0x8921
 MAX_SOCKET_PATH_BYTES = 100
 """longest path of the daemon's socket; the kernel allows 107 bytes"""
 LATENCY_MS = 1
-"""required latency timer of the USB adapter"""
+"""largest permitted latency timer of the USB adapter [ms]"""
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class Computer:
         return None
 
     def latency_timer_ms(self, port: str) -> int | None:
-        """Latency timer [ms] of the USB adapter at a serial port; None if the port has none."""
+        """Latency timer [ms] of the USB adapter at a serial port; None if it has none that can be read."""
         name = Path(port).resolve().name
         try:
             return int(

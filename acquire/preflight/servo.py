@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from schemas.rig import StrikerConfig
 
 MIN_SUPPLY_V, MAX_SUPPLY_V = 10.0, 14.8
-"""range of the supply voltage (the vendor's, for XM430)"""
+"""range of the supply voltage [V] (the vendor's, for XM430)"""
 TEMPERATURE_MARGIN_C = 10
 """required margin below the limit at which the servo switches its torque off, so that no session ends that
 way"""
@@ -47,7 +47,7 @@ ReadServo = Callable[["StrikerConfig"], ServoState]
 
 
 def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
-    """Open the servo's port, read the servo's state and close the port.
+    """Model, supply voltage, temperature and hardware error of the servo; its port is opened and closed.
 
     Args:
         config: the rig file's settings of the striker.
@@ -92,7 +92,7 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
         config: the rig file's settings of the striker.
 
     Returns:
-        The checks of SERVO_LINES; if the servo does not answer, all but the first are not checked.
+        The checks of SERVO_LINES; if the servo does not answer, the first fails and the others are not made.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]

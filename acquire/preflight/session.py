@@ -55,7 +55,7 @@ class RunningDaemon:
     status: dict[str, Any]
     """the daemon's answer to `status`"""
     source: VideoSource
-    """test video through this daemon"""
+    """the daemon's camera, which records the test video"""
 
     @property
     def busy(self) -> bool:
@@ -105,10 +105,10 @@ def real_probes(clock: Clock | None = None) -> Probes:
 
 
 def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
-    """Check the rig that a rig file describes; yields each check as it finishes, ten seconds in all.
+    """Check the rig that a rig file describes; yields each check as it finishes, in about ten seconds.
 
-    If the rig file cannot be used, the remaining checks are yielded as not checked. Camera and servo are
-    checked through the daemon if one runs.
+    If the rig file cannot be used, its check fails and the remaining ones are yielded as not checked. Camera
+    and servo are checked through the daemon if one runs.
 
     Args:
         path: the rig file.
@@ -172,7 +172,7 @@ def check_level(rig: RigConfig) -> Check:
     """Report the assumed tilt of the table against gravity, a level's reading or the prior; always passes.
 
     Returns:
-        Result of the check: outcome, finding, and a remedy if it failed.
+        Passed check with the tilt and its standard deviation [deg] in words.
     """
     degrees = math.degrees(rig.gravity_tilt_sd_rad)
     if rig.level is not None:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from schemas.rig import RigConfig
 
 CLIP_S = 1.0
-"""duration of the test video"""
+"""duration of the test video [s]"""
 WATCH_TIMEOUT_S = 12.0
 """time for `analyze watch` to start and to reach the end of the video"""
 _POLL_S = 0.1
@@ -69,11 +69,11 @@ class VideoContent:
     """Content of a test video's recording: the last image and the quality of the frame times."""
 
     image: NDArray[np.uint8]
-    """(height, width) last image"""
+    """(height, width) last image, grey levels 0 to 255"""
     clock_samples: int
     """number of readings of the camera's clock; 0 if it cannot be latched"""
     mapping_sd_ns: int
-    """standard deviation of the frame times on the host's clock; 0 if unknown"""
+    """standard deviation of the last frame's time on the host's clock [ns]; 0 if unknown"""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class CheckVideo:
     """Test video: duration, frame counts, content and the last report of `analyze watch`."""
 
     seconds: float
-    """time from the first frame to the last"""
+    """time from the first frame to the last [s]"""
     frames: int
     """number of frames recorded"""
     lost: int
@@ -105,18 +105,21 @@ class VideoSource(ABC):
 
     @abstractmethod
     def open(self) -> str:
-        """Start the camera with the rig's settings and return a description of it.
+        """Make, model, serial number and address of the camera, as text; it streams with the rig's settings.
+
+        The camera is started for this unless a daemon, which started it, holds it.
 
         Raises:
-            AcquireError: camera, settings or capture process failed.
+            AcquireError: camera, settings or capture process failed, or the daemon does not answer.
         """
 
     @abstractmethod
     def record(self, folder: Path) -> CheckVideo:
-        """Record a test video in `folder`, read it and delete it.
+        """Record a test video of CLIP_S in `folder`, read it and delete it; `open` must have been called.
 
         Raises:
             AcquireError: the video could not be recorded or read.
+            ContainerError: a chunk of its recording is damaged.
         """
 
     @abstractmethod
@@ -139,8 +142,9 @@ class VideoSource(ABC):
         """Newest report of `analyze watch` when none after it is needed; None if there was none.
 
         The wait ends at the first report on the end of the video that states rest, or that is at least a
-        second later than the first report. If `analyze watch` starts late it begins with the present, and it
-        needs two images to distinguish rest from motion.
+        second later than the first report; also when `analyze watch` ends, and after WATCH_TIMEOUT_S. If
+        `analyze watch` starts late it begins with the present, and it needs two images to distinguish rest
+        from motion.
 
         Args:
             until_ns: log time [ns] of the end of the video.
@@ -194,6 +198,7 @@ class OwnCapture(VideoSource):
 
         Raises:
             AcquireError: the video could not be recorded or read.
+            ContainerError: a chunk of its recording is damaged.
         """
         capture = self._capture
         with _temporary(folder) as path, contextlib.closing(self):
@@ -238,6 +243,7 @@ class DaemonCapture(VideoSource):
 
         Raises:
             AcquireError: the video could not be recorded or read.
+            ContainerError: a chunk of its recording is damaged.
         """
         call = self._client.call
         with _temporary(folder) as path:
@@ -266,6 +272,14 @@ class DaemonCapture(VideoSource):
 
 @contextmanager
 def _temporary(folder: Path) -> Iterator[Path]:
+    """Context that yields a path for the test video, in a temporary folder that is deleted at the end.
+
+    Args:
+        folder: existing folder in which the temporary one is created.
+
+    Raises:
+        RecorderError: no folder can be created there.
+    """
     try:
         place = tempfile.TemporaryDirectory(prefix=".check-", dir=folder)
     except OSError as error:
