@@ -185,7 +185,8 @@ class StrikeOptions:
     strike_id: str | None
     """id of the strike in the plan; None if not given"""
     energy: float | None
-    """energy ratio of the planned strike; None if not given"""
+    """energy ratio of the planned strike: kinetic energy after it over that needed to reach balance; None if
+    not given"""
     calibrate: bool
     """True to calibrate the bare striker in place of one strike"""
     bodies: tuple[float, ...]

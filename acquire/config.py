@@ -64,7 +64,7 @@ class RigLimits:
 
     @classmethod
     def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
-        """Limits of a rig from the daemon's answer to `rig`, a JSON object."""
+        """Limits of a rig from the daemon's answer to the request `rig`, a JSON object."""
         speeds, reach = answer["speeds_m_s"], answer["reach_m"]
         return cls(
             None if speeds is None else TipSpeeds(*speeds),

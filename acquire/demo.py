@@ -33,7 +33,7 @@ from acquire.virtual.station import calibration_sheet
 from acquire.virtual.truth import merge_truth
 
 START_TIMEOUT_S = 30.0
-"""longest wait for the daemon's socket"""
+"""longest wait for the daemon's socket [s]"""
 _FOLDER = "percuss-demo-"
 """prefix of a demo's temporary folder: /tmp/percuss-demo-<process id>-*"""
 
@@ -97,7 +97,7 @@ def run_demo(
     """Plan and run a session on the virtual rig, then add the ground truth to its recording.
 
     Args:
-        object_name: one of OBJECT_NAMES.
+        object_name: name of a virtual object: carton, spray, juice, salt or parcel.
         seed: seed of everything random in the virtual rig.
         output: the recording to write, and older files to delete once the rig is up.
         address: loopback address of the virtual camera, one per rig.
