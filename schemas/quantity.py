@@ -64,8 +64,8 @@ class Quantity(Document):
     unobserved_direction: list[float] | None = None
     """unit direction (3,) in which a vector is not observed"""
     source: Literal["measured", "prior", "given"] = "measured"
-    """origin of the number; for several numbers that of the weakest (`inertia_measured` has it entry by
-    entry)"""
+    """origin of the number: the strikes (measured), an assumption (prior) or an input (given); prior as soon
+    as one of several numbers is (`inertia_measured` has it entry by entry)"""
 
     def as_scalar(self) -> float:
         """Value of a scalar quantity, in its unit.

@@ -34,7 +34,8 @@ class ReportRecording(Document):
 class InfluenceResult(Document):
     """Sensitivity of the centre of mass to one strike's phi and k, all else fixed.
 
-    phi is the balance angle [rad], k [1/s^2] = m g R / I_edge the rate of the pendulum equation of the tip.
+    phi is the balance angle [rad], k [1/s^2] = m g R / I_edge the rate of the pendulum equation of the tip: m
+    the mass, R the distance of the centre of mass from the pivot edge, I_edge the moment of inertia about it.
     """
 
     strike_id: str

@@ -98,11 +98,12 @@ class RegionResult(SparseDocument):
 class Regions(RenamedDocument, SparseDocument):
     """Masses of the shell and of the interior on either side of the dividing plane n.x = offset in O.
 
-    O is the object's frame; the upper region is on the side towards which the normal n points.
+    O is the object's frame, x a position and n the plane's unit normal, which points towards the upper
+    region.
 
-    Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the moments
-    (`explained` is false), they are the limits under any filling, and the plane divides the body in the
-    middle of its longest direction.
+    Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the measured
+    mass, centre of mass and inertia (`explained` is false), they are the limits under any filling, and the
+    plane divides the body in the middle of its longest direction.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")
@@ -154,7 +155,7 @@ class PartResult(Document):
 
 
 class Parts(Document):
-    """Masses of the parts that the object file labels, with the misfit of such a body to the measurements."""
+    """Masses of the parts that the object file labels, with the misfit of that body to the measurements."""
 
     parts: list[PartResult]
     """mass and density of each part"""

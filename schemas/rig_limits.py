@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 MIN_ARM_SPEED_RAD_S = 0.5
-"""Lowest angular speed of the arm: below it the servo's steps are visible."""
+"""Lowest angular speed of the arm [rad/s]: below it the servo's steps are visible."""
 RUN_UP_S = 0.06
-"""Time until the servo follows its speed profile within 1 %.
+"""Time until the servo follows its speed profile within 1 % [s].
 
 The fastest strike accelerates over the whole angle from the cocked position.
 """
 ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S = 0.12, -0.6, 8.0
 """Arm length, cocked angle and speed limit of the nominal striker."""
 MIN_TAG_EDGE_PX = 60.0
-"""Smallest mean edge of a tag's black square in the image.
+"""Smallest mean edge of a tag's black square in the image [px].
 
 At 80 px the angle's noise is 0.07 deg a frame; it grows as 1/edge².
 """

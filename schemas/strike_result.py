@@ -40,7 +40,8 @@ class AlternativeFit(Document):
     phi: Quantity
     """balance angle [rad]"""
     k: Quantity | None = None
-    """rate k = m g R / I_edge [1/s^2]; null if the estimator gives none"""
+    """rate k = m g R / I_edge [1/s^2], R the distance of the centre of mass from the pivot edge, I_edge the
+    moment of inertia about it; null if the estimator gives none"""
     note: str = ""
     """remark on the fit"""
     violated: list[str] = Field(default=[])
@@ -50,7 +51,8 @@ class AlternativeFit(Document):
 class PredictionResult(RenamedDocument):
     """Leave-one-out prediction of one strike from all others, compared with its measurement.
 
-    Predicted are the balance angle phi, the rate k of the pendulum equation and the tipping angle theta(t).
+    Predicted are the balance angle phi [rad], the tipping angle theta(t) [rad] and the rate k [1/s^2] of the
+    pendulum equation theta'' = -k sin(phi - theta).
     """
 
     phi: Quantity = Field(description="predicted balance angle; sd of the prediction")
@@ -84,7 +86,8 @@ class PredictionResult(RenamedDocument):
 class StrikeResult(RenamedDocument, SparseDocument):
     """Outcome of one strike in a result: verdict, window, balance angle phi, rate k and residuals.
 
-    The values are null where the strike could not be fitted.
+    k is the rate [1/s^2] of the pendulum equation theta'' = -k sin(phi - theta), theta the tipping angle. The
+    values are null where the strike could not be fitted.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction")

@@ -103,7 +103,7 @@ TRUTH_BODY = Topic("/truth/body", pb.TruthBody)
 TRUTH_PREFIX = "/truth/"
 
 VIDEO_CHUNK_BYTES = 1 << 26
-"""Size from which on a new chunk of CompressedVideo begins even without a key picture.
+"""Size [bytes] from which on a new chunk of CompressedVideo begins even without a key picture.
 
 Below it, every chunk begins with a key picture.
 """

@@ -43,8 +43,8 @@ _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
 class JudgeRequest(Document):
     """Request on the standard input of `analyze watch`.
 
-    `judge` asks for a verdict on the window; `expect` sets the planned strike whose placement is checked.
-    Times are log times; `expect` needs none.
+    `judge` asks for a verdict on the strike in the window (time span recorded for it); `expect` sets the
+    planned strike whose placement is checked. Times are log times [ns]; `expect` needs none.
     """
 
     kind: Literal["judge", "expect"] = "judge"
@@ -55,13 +55,14 @@ class JudgeRequest(Document):
     window_start_ns: _LogTime = 0
     window_end_ns: _LogTime = 0
     contact_time_ns: _LogTime = 0
-    """time of the contact; 0 if the striker measured none"""
+    """log time of the contact [ns]; 0 if the striker measured none"""
 
 
 class StrikeVerdict(Document):
     """Verdict on a strike, the answer of `analyze watch` to a JudgeRequest.
 
-    Numbers that could not be determined are null.
+    The energy ratio E is the kinetic energy after the strike over the energy needed to reach balance. Numbers
+    that could not be determined are null.
     """
 
     kind: Literal["verdict"] = "verdict"
@@ -78,4 +79,4 @@ class StrikeVerdict(Document):
         default=None, description="log time of the contact, estimated from the images [ns]"
     )
     contact_time_sd_ns: float | None = None
-    """1 sigma of contact_time_ns"""
+    """1 sigma of contact_time_ns [ns]"""

@@ -52,7 +52,13 @@ class ContentHash:
         self.add_all(topic, [(log_time_ns, size, data, crc)])
 
     def add_all(self, topic: str, messages: Iterable[HashedMessage]) -> None:
-        """Add several messages of one topic, in file order; those of a topic under /truth/ are ignored."""
+        """Add several messages of one topic to the hash; those of a topic under /truth/ are ignored.
+
+        Args:
+            topic: name of the topic.
+            messages: (log time [ns], bytes of the data, data, CRC-32 of the data or None) of each, in file
+                order.
+        """
         if topic.startswith(TRUTH_PREFIX):
             return
         digest = self._topics.get(topic)

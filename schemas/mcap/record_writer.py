@@ -26,7 +26,7 @@ Append = Callable[[Sequence[Buffer]], object]
 
 
 class RecordWriter:
-    """Packs the records of one file, counts its bytes and gathers the summary that ends it.
+    """Writer of one file's records: packs them, counts bytes and gathers the summary that ends the file.
 
     A record that `append` refused (by raising) is in neither `size` nor `summary`.
 
@@ -100,7 +100,7 @@ class RecordWriter:
         """Append messages as an uncompressed chunk with its message indexes.
 
         Args:
-            buffers: message records, in one or more pieces of any lengths.
+            buffers: message records, at least one, in one or more pieces of any lengths.
             size: bytes of all buffers.
             crc: CRC-32 of all buffers.
             places: log time [ns] and offset in the chunk of each message, by channel id.
