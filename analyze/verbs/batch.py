@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from analyze.verbs.options import one_line, pass_options, results_folder_option
+from analyze.verbs.options import one_line, pass_options, path_option, results_folder_option
 from schemas.command_line import INTERRUPTED, LOSS, NumberRange
 
 if TYPE_CHECKING:
@@ -119,12 +119,7 @@ class _BatchArguments:
 @click.option("--dry-run", is_flag=True, help="List the recordings that would be analysed, and stop.")
 @click.option("--only-failed", is_flag=True, help="Analyse only recordings that failed before.")
 @click.option("--verify", is_flag=True, help="Read every recording and check its content against its hash.")
-@click.option(
-    "--object",
-    "object_file",
-    type=click.Path(path_type=Path),
-    help="Use this object file instead of the recordings' own.",
-)
+@path_option("--object", "object_file", help="Use this object file instead of the recordings' own.")
 @click.option(
     "--time-limit",
     type=NumberRange(0, min_open=True),
@@ -146,11 +141,7 @@ class _BatchArguments:
     "--shard", type=_Shard(), default="1/1", help="Analyse only the i-th of n parts, for array jobs."
 )
 @click.option("--summary", is_flag=True, help="Analyse nothing; summarise the results in the folder.")
-@click.option(
-    "--save",
-    type=click.Path(path_type=Path),
-    help="With --summary: the file to write it to (.html, .csv or .parquet).",
-)
+@path_option("--save", help="With --summary: the file to write it to (.html, .csv or .parquet).")
 @one_line
 @pass_options(_BatchArguments)
 def batch(arguments: _BatchArguments) -> None:

@@ -8,18 +8,15 @@ from pathlib import Path
 import click
 
 from analyze.verbs.estimate_files import estimate_files
-from analyze.verbs.options import files_argument, one_line, with_estimate_options
+from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.outputs import refuse_outputs
 
 
 @click.command()
 @files_argument
 @with_estimate_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-@click.option(
-    "--voxels",
-    type=click.Path(path_type=Path),
-    help="Also write the most uniform mass distribution that fits, cell by cell (CSV).",
-)
+@path_option("--voxels", help="Also write the most uniform mass distribution that fits, cell by cell (CSV).")
 @one_line
 def estimate(
     files: Sequence[Path],
@@ -29,13 +26,10 @@ def estimate(
     voxels: Path | None,
 ) -> None:
     """Estimate centre of mass, moments of inertia and region masses from recordings of one object."""
-    from analyze.reading.file_series import find_series_files
     from analyze.report.summary import render_summary
     from analyze.report.voxel_map import write_voxels
-    from schemas.output_file import refuse_unwritable
 
-    if voxels is not None:
-        refuse_unwritable(voxels, *(part for file in files for part in find_series_files(file).files))
+    refuse_outputs([voxels], files)
     answer = estimate_files(files, object_file, exclude)
     if voxels is not None:
         write_voxels(answer.estimate.voxels, voxels)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from analyze.pipeline.estimate import EstimateOptions
     from analyze.result.answer import Answer
     from analyze.result.comparison import SessionComparison
 
@@ -25,14 +26,11 @@ def estimate_files(files: Sequence[Path], object_file: Path | None, exclude: tup
     Raises:
         AnalyzeError: a recording or the object cannot be used, or the strikes do not suffice.
     """
-    from analyze.pipeline.estimate import EstimateOptions
     from analyze.progress import ProgressBar
     from analyze.result.answer import answer_recordings
 
     with ProgressBar() as progress:
-        return answer_recordings(
-            files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress
-        )
+        return answer_recordings(files, _options(object_file, exclude), progress)
 
 
 def compare_files(
@@ -51,11 +49,14 @@ def compare_files(
     Raises:
         AnalyzeError: a recording or the object cannot be used, or the strikes of one do not suffice.
     """
-    from analyze.pipeline.estimate import EstimateOptions
     from analyze.progress import ProgressBar
     from analyze.result.comparison import compare_recordings
 
     with ProgressBar() as progress:
-        return compare_recordings(
-            files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress
-        )
+        return compare_recordings(files, _options(object_file, exclude), progress)
+
+
+def _options(object_file: Path | None, exclude: tuple[str, ...]) -> EstimateOptions:
+    from analyze.pipeline.estimate import EstimateOptions
+
+    return EstimateOptions(object_path=object_file, exclude=frozenset(exclude))

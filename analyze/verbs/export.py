@@ -9,7 +9,8 @@ import click
 
 from analyze.errors import ExportError
 from analyze.export.formats import Format, why_misnamed
-from analyze.verbs.options import files_argument, one_line, with_estimate_options
+from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.outputs import refuse_outputs
 
 
 @click.command()
@@ -22,7 +23,7 @@ from analyze.verbs.options import files_argument, one_line, with_estimate_option
     required=True,
     help="Format of the file. A scanned shape becomes a mesh file (.obj) beside it; USD contains the mesh.",
 )
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The file to write.")
+@path_option("-o", "--output", required=True, help="The file to write.")
 @click.option(
     "--measured-only",
     is_flag=True,
@@ -50,14 +51,11 @@ def export(
     from analyze.export.read_back import refuse_without_reader
     from analyze.export.write import write_body
     from analyze.progress import ProgressBar
-    from analyze.reading.file_series import find_series_files
     from analyze.types import tensor_entry_name
-    from schemas.output_file import refuse_unwritable
     from schemas.software import software_version
 
     kind = Format(wanted)
-    inputs = files if is_result(files) else [part for file in files for part in find_series_files(file).files]
-    refuse_unwritable(output, *inputs, *([] if object_file is None else [object_file]))
+    refuse_outputs([output], [] if is_result(files) else files, [*files, object_file])
     if (reason := why_misnamed(output, kind)) is not None:
         raise ExportError(reason)
     refuse_without_reader(kind)

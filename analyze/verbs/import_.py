@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, pass_options
+from analyze.verbs.options import one_line, pass_options, path_option
+from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
 if TYPE_CHECKING:
@@ -50,24 +51,15 @@ class _ImportArguments:
 
 @click.command("import")
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--object", "object_path", required=True, type=click.Path(path_type=Path), help="The object file (TOML)."
-)
-@click.option(
-    "--plan",
-    "plan_path",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="The plan that was struck, made by `analyze plan`.",
-)
-@click.option(
+@path_option("--object", "object_path", required=True, help="The object file (TOML).")
+@path_option("--plan", "plan_path", required=True, help="The plan that was struck, made by `analyze plan`.")
+@path_option(
     "--camera",
     "camera_path",
-    type=click.Path(path_type=Path),
     help="The lens: a file of `analyze calibrate -o`, a rig file, or a calibration of OpenCV, Kalibr or ROS "
     "(YAML, JSON).  [default: the calibration in the MCAP file or bag]",
 )
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The recording to write (.mcap).")
+@path_option("-o", "--output", help="The recording to write (.mcap).")
 @click.option(
     "--strike",
     "strikes",
@@ -89,9 +81,8 @@ class _ImportArguments:
     help="Standard deviation of the frame rate, as `analyze calibrate --drop` measures it.  [default: 0.2 "
     "% of it]",
 )
-@click.option(
+@path_option(
     "--times",
-    type=click.Path(path_type=Path),
     metavar="CSV",
     help="For a folder of images: CSV with columns name,time_s.  [default: the one in the folder]",
 )
@@ -138,16 +129,15 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
     from analyze.importing.prepare import ImportOptions
     from analyze.importing.writer import refuse_taken
     from analyze.sources.open_source import SourceOptions
-    from schemas.output_file import refuse_unwritable
 
     output, camera = arguments.output, arguments.camera_path
     if output is None and not arguments.dry_run:
         raise click.UsageError(
             "no output is named: give the recording to write with -o FILE.mcap, or --dry-run"
         )
+    inputs = [*arguments.sources, arguments.object_path, arguments.plan_path, camera]
+    refuse_outputs([output], inputs=inputs)
     if output is not None:
-        inputs = (*arguments.sources, arguments.object_path, arguments.plan_path)
-        refuse_unwritable(output, *inputs, *([] if camera is None else [camera]))
         refuse_taken(output)
     return ImportOptions(
         arguments.sources,

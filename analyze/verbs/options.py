@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import wraps
+from functools import partial, reduce, wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,40 +13,42 @@ from analyze.errors import AnalyzeError
 from schemas.command_line import one_line_errors
 
 Options = TypeVar("Options")
+Command = Callable[..., Any]
+
+path_option = partial(click.option, type=click.Path(path_type=Path))
 
 one_line = one_line_errors("analyze", AnalyzeError)
 files_argument = click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-results_folder_option = click.option(
-    "--out",
-    "output",
-    type=click.Path(path_type=Path),
-    default=Path("results"),
-    show_default=True,
-    help="Folder of the results.",
+results_folder_option = path_option(
+    "--out", "output", default=Path("results"), show_default=True, help="Folder of the results."
 )
-_estimate_options = [
-    click.option(
-        "--object",
-        "object_file",
-        type=click.Path(path_type=Path),
-        help="Use this object file instead of the one in the recording.",
-    ),
+
+
+def with_options(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Decorator that adds options to a click command; its help lists them in the given order.
+
+    Args:
+        options: decorators, as `click.option` returns them.
+    """
+
+    def decorate(command: Command) -> Command:
+        return reduce(lambda decorated, option: option(decorated), reversed(options), command)
+
+    return decorate
+
+
+with_estimate_options = with_options(
+    path_option("--object", "object_file", help="Use this object file instead of the one in the recording."),
     click.option(
         "--exclude",
         multiple=True,
         metavar="STRIKE",
         help="Leave out a strike, by its id in the report; may be repeated.",
     ),
-]
-
-
-def with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --object and --exclude to a verb's click command, and return its function."""
-    for option in reversed(_estimate_options):
-        function = option(function)
-    return function
+)
+"""decorator that adds --object and --exclude to a verb's click command"""
 
 
 def pass_options(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from analyze.verbs.options import one_line, pass_options
+from analyze.verbs.options import one_line, pass_options, path_option
+from analyze.verbs.outputs import refuse_outputs
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,8 @@ class _PrintTagsOptions:
 
 
 @click.command("print-tags")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The PDF to write.")
-@click.option(
-    "--object",
-    "object_file",
-    type=click.Path(path_type=Path),
-    help="Take family, ids and sizes of the tags from this object file.",
-)
+@path_option("-o", "--output", required=True, help="The PDF to write.")
+@path_option("--object", "object_file", help="Take family, ids and sizes of the tags from this object file.")
 @click.option("--ids", help="Tags to print: 0-11, or 0,3,7.  [default: 0-11]")
 @click.option("--size-mm", type=float, help="Edge of a tag's black square in mm.  [default: 30]")
 @click.option("--family", help="Tag family, such as 25h9 or 4x4_100.  [default: 36h11; for a board 5x5_100]")
@@ -58,10 +54,9 @@ class _PrintTagsOptions:
 def print_tags(options: _PrintTagsOptions) -> None:
     """Print tags, or a ChArUco board, as a PDF to scale, with rulers to check the print."""
     from analyze.tags import printing
-    from schemas.output_file import refuse_unwritable
 
     _refuse_contradictions(options)
-    refuse_unwritable(options.output, *([] if options.object_file is None else [options.object_file]))
+    refuse_outputs([options.output], inputs=[options.object_file])
     if options.board is not None:
         default = printing.BoardOptions()
         board = printing.BoardOptions(

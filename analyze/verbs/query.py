@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from analyze.verbs.options import one_line, results_folder_option
+from analyze.verbs.options import one_line, path_option, results_folder_option
 
 
 @click.command()
@@ -14,9 +14,7 @@ from analyze.verbs.options import one_line, results_folder_option
 @results_folder_option
 @click.option("--csv", "as_csv", is_flag=True, help="Print CSV.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, one line per row.")
-@click.option(
-    "--save", type=click.Path(path_type=Path), help="The file to write the answer to (.parquet or .csv)."
-)
+@path_option("--save", help="The file to write the answer to (.parquet or .csv).")
 @one_line
 def query(sql: str, output: Path, as_csv: bool, as_json: bool, save: Path | None) -> None:
     """Query the results of `analyze batch` in SQL.

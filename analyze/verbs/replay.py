@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, pass_options, with_estimate_options
+from analyze.verbs.options import one_line, pass_options, path_option, with_estimate_options
+from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import PROBLEM
 
 if TYPE_CHECKING:
@@ -56,14 +57,8 @@ class _ReplayArguments:
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @with_estimate_options
-@click.option(
-    "--save", type=click.Path(path_type=Path), help="Write a .rrd file instead of opening the viewer."
-)
-@click.option(
-    "--screenshot",
-    type=click.Path(path_type=Path),
-    help="Write a picture of the front page (PNG); needs no screen.",
-)
+@path_option("--save", help="Write a .rrd file instead of opening the viewer.")
+@path_option("--screenshot", help="Write a picture of the front page (PNG); needs no screen.")
 @click.option(
     "--web", is_flag=True, help="Show it in the browser, served on this computer only, until Ctrl-C."
 )
@@ -84,7 +79,7 @@ def replay(arguments: _ReplayArguments) -> None:
     if arguments.no_browser and not arguments.web:
         raise click.UsageError("--no-browser needs --web: add it")
     recording = find_recording(arguments.file)
-    _refuse_unwritable(recording.path, *arguments.outputs)
+    refuse_outputs(arguments.outputs, [recording.path])
     with ExitStack() as stack:
         # A window opens while the rest is loaded.
         target = _open_target(stack, recording, arguments)
@@ -140,11 +135,3 @@ def _replay(recording: RecordingFile, target: ToFile | ToViewer, arguments: _Rep
     options = ReplayOptions(arguments.object_file, frozenset(arguments.exclude), choice, arguments.page)
     with ProgressBar() as progress:
         return replay_recording(recording, target, options, progress)
-
-
-def _refuse_unwritable(recording: Path, *outputs: Path) -> None:
-    from analyze.reading.file_series import find_series_files
-    from schemas.output_file import refuse_unwritable
-
-    for output in outputs:
-        refuse_unwritable(output, *find_series_files(recording).files)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from analyze.verbs.estimate_files import compare_files, estimate_files
-from analyze.verbs.options import files_argument, one_line, with_estimate_options
+from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.outputs import refuse_outputs
 
 if TYPE_CHECKING:
     from analyze.report.csv_table import CsvTable
@@ -19,11 +20,8 @@ if TYPE_CHECKING:
 @click.command()
 @files_argument
 @with_estimate_options
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="The page to write; default: FILE with .html; required for several files.",
+@path_option(
+    "-o", "--output", help="The page to write; default: FILE with .html; required for several files."
 )
 @click.option(
     "--compare",
@@ -36,12 +34,8 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Print the page's content as JSON; the page itself is written only with -o.",
 )
-@click.option(
-    "--csv",
-    "csv_folder",
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    help="Also write the page's tables as CSV files into FOLDER.",
+@path_option(
+    "--csv", "csv_folder", metavar="FOLDER", help="Also write the page's tables as CSV files into FOLDER."
 )
 @one_line
 def report(
@@ -57,13 +51,10 @@ def report(
 
     Several recordings give one answer together, or with --compare one answer each.
     """
-    from analyze.reading.file_series import find_series_files
     from analyze.report.csv_table import make_folder, write_tables
-    from schemas.output_file import refuse_unwritable
 
     output = _page_path(files, output, compare, as_json)
-    if output is not None:
-        refuse_unwritable(output, *(part for file in files for part in find_series_files(file).files))
+    refuse_outputs([output], files)
     if csv_folder is not None:
         make_folder(csv_folder)
     page = _comparison(files, object_file, exclude) if compare else _answer(files, object_file, exclude)

@@ -8,7 +8,8 @@ from pathlib import Path
 import click
 
 from analyze.errors import EstimationError
-from analyze.verbs.options import one_line
+from analyze.verbs.options import one_line, path_option
+from analyze.verbs.outputs import refuse_outputs
 
 
 @click.group()
@@ -17,12 +18,8 @@ def reproduce() -> None:
 
 
 @reproduce.command("cube-tosses")
-@click.option(
-    "--data",
-    type=click.Path(path_type=Path),
-    help="File of the tosses (.npz).  [default: ../shared/data/contactnets_tosses.npz]",
-)
-@click.option("--plot", type=click.Path(path_type=Path), help="The figure to write (.png, .svg or .pdf).")
+@path_option("--data", help="File of the tosses (.npz).  [default: ../shared/data/contactnets_tosses.npz]")
+@path_option("--plot", help="The figure to write (.png, .svg or .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
@@ -34,11 +31,9 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
     from analyze.report.style import write_figure
     from analyze.reproduce.cube_tosses import DEFAULT_DATA, analyse_tosses, answer_json, read_tosses
     from analyze.reproduce.cube_tosses_figure import cube_figure, render_cube
-    from schemas.output_file import refuse_unwritable
 
     source = data or DEFAULT_DATA
-    if plot is not None:
-        refuse_unwritable(plot, source)
+    refuse_outputs([plot], inputs=[source])
     tosses = read_tosses(source)
     with ProgressBar() as progress:
         answer = analyse_tosses(tosses, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from analyze.verbs.calibrate.drop_command import measure_frame_rate, refuse_mixed, with_drop_options
-from analyze.verbs.options import one_line
+from analyze.verbs.options import one_line, path_option
+from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
 if TYPE_CHECKING:
     from analyze.cameras.calibrate import CalibrateOptions, CalibrationAnswer
 
-_DEFAULT_MODEL, _DEFAULT_MARK = "pinhole", "0,0,0"
+_DEFAULT_MARK = "0,0,0"
 
 
 @dataclass(frozen=True)
@@ -48,36 +50,16 @@ class _LensArguments:
     picture: Path | None
     """plot to write (PNG); None for the default, a file beside `output`"""
 
-    def named(self) -> list[str]:
-        """Names (such as "--squares") of the options whose value is not the default; may be empty."""
-        given = {
-            "-o": self.output,
-            "--squares": self.squares,
-            "--square-mm": self.square_mm,
-            "--family": self.family,
-            "--table": self.table,
-            "--rig": self.rig,
-            "--upright": self.upright,
-            "--write": self.write,
-            "--picture": self.picture,
-            "--model": self.model != _DEFAULT_MODEL,
-            "--mark-mm": self.mark_mm != _DEFAULT_MARK,
-        }
-        return [name for name, value in given.items() if value]
-
 
 @click.command()
 @click.argument("inputs", metavar="IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="Calibration file to write (TOML): the table [camera.calibration] of a rig file.",
+@path_option(
+    "-o", "--output", help="Calibration file to write (TOML): the table [camera.calibration] of a rig file."
 )
 @click.option(
     "--model",
     type=click.Choice(["pinhole", "fisheye"]),
-    default=_DEFAULT_MODEL,
+    default="pinhole",
     show_default=True,
     help="Lens model.",
 )
@@ -90,9 +72,8 @@ class _LensArguments:
     help="Edge of the board's squares in mm, as measured on the print.  [default: 22]",
 )
 @click.option("--family", help="Tag family of the board.  [default: 5x5_100]")
-@click.option(
+@path_option(
     "--table",
-    type=click.Path(path_type=Path),
     metavar="IMAGE",
     help="Image of the board on the table, its mark at W's origin, to measure the camera's pose.",
 )
@@ -108,16 +89,14 @@ class _LensArguments:
     show_default=True,
     help="With --table: position of the board's mark in W; Z is the board's thickness.",
 )
-@click.option(
+@path_option(
     "--rig",
-    type=click.Path(path_type=Path),
     help="Rig file. Its image size must be that of the images; its T_world_camera is kept unless --table is "
     "given.",
 )
 @click.option("--write", is_flag=True, help="Write the calibration into the rig file.")
-@click.option(
+@path_option(
     "--picture",
-    type=click.Path(path_type=Path),
     help="Plot of coverage, precision and residuals to write (PNG).  [default: with -o, beside it]",
 )
 @with_drop_options
@@ -132,11 +111,27 @@ def calibrate(*, drop: bool, as_json: bool, **given: Any) -> None:
     With --drop: measure a video's true frame rate from a tag in free fall.
     """
     lens = _LensArguments(**{name: given.pop(name) for name in _LensArguments.__dataclass_fields__})
-    refuse_mixed(drop, given, lens.named())
+    refuse_mixed(drop, _options_used(given), _options_used(_LensArguments.__dataclass_fields__))
     if drop:
         measure_frame_rate(lens.inputs, given, as_json)
     else:
         _calibrate_lens(lens, as_json)
+
+
+def _options_used(names: Container[str]) -> list[str]:
+    """Options of the command line (such as "--squares") whose value is not the default; may be empty.
+
+    Args:
+        names: names of the parameters to list.
+    """
+    context = click.get_current_context()
+    return [
+        option.opts[0]
+        for option in context.command.params
+        if isinstance(option, click.Option)
+        and option.name in names
+        and context.params[option.name] not in (None, option.get_default(context))
+    ]
 
 
 def _calibrate_lens(arguments: _LensArguments, as_json: bool) -> None:
@@ -214,14 +209,9 @@ def _picture_path(arguments: _LensArguments) -> Path | None:
     Raises:
         OutputError: the plot or the file of -o cannot be written, or would replace a file that is read.
     """
-    from schemas.output_file import refuse_unwritable
-
     output = arguments.output
     picture = arguments.picture or (None if output is None else output.with_suffix(".png"))
-    for path in (output, picture):
-        if path is not None:
-            others = (each for each in (arguments.rig, arguments.table) if each is not None)
-            refuse_unwritable(path, *arguments.inputs, *others)
+    refuse_outputs([output, picture], inputs=[*arguments.inputs, arguments.rig, arguments.table])
     return picture
 
 

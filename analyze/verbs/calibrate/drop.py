@@ -190,9 +190,10 @@ def _frames(source: FrameSource) -> Iterator[ImageFrame]:
 def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_progress) -> DropAnswer:
     marker_id = _first_tag(footage) if options.marker is None else _marker_id(options.marker)
     track, frames = _follow(footage, Marker(marker_id, options.size, None), progress)
+    seen = 0 if track is None else len(track.time_ns)
     setup = _fall_setup(footage, options)
     found: list[Fall] = []
-    if len(track.time_ns):
+    if track is not None:
         corner_sd = np.hypot(track.corner_sd_px, SHARED_CORNER_SD_PX)
         covariance = position_covariance(
             track.R_camera_marker, track.p_camera_marker, corner_sd, options.size, footage.camera.K
@@ -204,7 +205,7 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
         ]
     if not found:
         raise CalibrationError(
-            f"{footage.name}: marker {marker_id} is seen in {len(track.time_ns)} of {frames} frames, but no "
+            f"{footage.name}: marker {marker_id} is seen in {seen} of {frames} frames, but no "
             f"free fall of {MIN_FALL_M:g} m: hold it still in view, let go without a push, and let it fall "
             "0.3 m or more before the camera; more light and a shorter exposure if it blurs"
         )
@@ -214,7 +215,7 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
         options,
         marker_id,
         frames,
-        len(track.time_ns),
+        seen,
         tuple(falls),
         true_time(falls, setup),
         setup,
@@ -286,7 +287,12 @@ def _first_tag(footage: _Footage) -> int | str:
     )
 
 
-def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[MarkerTrack, int]:
+def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[MarkerTrack | None, int]:
+    """Follow the tag through all frames: its track, None if it is never seen, and the number of frames.
+
+    Raises:
+        TrackingError: the tag is in view twice, or the images are not of the camera's size.
+    """
     # The fit models the rolling shutter itself, since the stated seconds may not be true seconds.
     follower = MarkerFollower(
         replace(footage.camera, line_time_s=0.0), [marker], rescan_every=RESCAN_EVERY_FRAMES
@@ -296,16 +302,4 @@ def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[Mark
             progress("following the tag", follower.frames_total, footage.count or follower.frames_total + 1)
         follower.add(frame)
     report = follower.report()
-    if report.tracks:
-        return report.tracks[0], report.frames_total
-    nothing = np.zeros(0)
-    empty = MarkerTrack(
-        marker.id,
-        nothing.astype(np.int64),
-        np.zeros((0, 4, 2)),
-        nothing,
-        np.zeros((0, 3, 3)),
-        np.zeros((0, 3)),
-        report.frames_total,
-    )
-    return empty, report.frames_total
+    return next(iter(report.tracks), None), report.frames_total

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
+from analyze.verbs.options import path_option, with_options
 from schemas.command_line import NumberRange
 
-_options = [
+with_drop_options = with_options(
     click.option(
         "--drop",
         is_flag=True,
@@ -32,10 +33,9 @@ _options = [
         metavar="ID",
         help="With --drop: the tag, as 3 or 25h9-0.  [default: the first that is seen]",
     ),
-    click.option(
+    path_option(
         "--camera",
         "camera_file",
-        type=click.Path(path_type=Path),
         help="With --drop: the lens: a file written by -o, a rig file, or a file of OpenCV, Kalibr or ROS.",
     ),
     click.option(
@@ -55,36 +55,19 @@ _options = [
         help="With --drop: local gravity [m/s²].  [default: 9.81 ± 0.04]",
     ),
     click.option("--global-shutter", is_flag=True, help="With --drop: the camera reads all rows at once."),
-]
-DROP_OPTIONS = {
-    "marker_size_mm": "--marker-size-mm",
-    "marker_size_sd_mm": "--marker-size-sd-mm",
-    "marker": "--marker",
-    "camera_file": "--camera",
-    "capture_fps": "--capture-fps",
-    "mass_g": "--mass-g",
-    "gravity": "--g",
-    "global_shutter": "--global-shutter",
-}
-"""names on the command line of the parameters that only --drop uses"""
+)
+"""decorator that adds --drop and the options that only --drop uses to a click command"""
 DEFAULT_SIZE_SD_MM, DEFAULT_MASS_G = 0.1, 100.0
 
 
-def with_drop_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --drop and the options that only --drop uses to a click command, and return its function."""
-    for option in reversed(_options):
-        function = option(function)
-    return function
-
-
-def refuse_mixed(drop: bool, drop_values: dict[str, Any], lens_options: Sequence[str]) -> None:
+def refuse_mixed(drop: bool, drop_options: Sequence[str], lens_options: Sequence[str]) -> None:
     """Refuse options of the lens together with --drop, and options of --drop without it.
 
     Args:
         drop: True if --drop was given.
-        drop_values: values of the parameters in `DROP_OPTIONS`, by name; an option whose value is None, False
-            or 0 counts as not given.
-        lens_options: names of the lens's options that were given, such as "--squares".
+        drop_options: names of the options given that only --drop uses, such as "--mass-g".
+        lens_options: names of the options given that only the calibration of a lens uses, such as
+            "--squares".
 
     Raises:
         click.UsageError: options of both kinds are mixed.
@@ -93,9 +76,8 @@ def refuse_mixed(drop: bool, drop_values: dict[str, Any], lens_options: Sequence
         raise click.UsageError(
             f"{', '.join(lens_options)}: for the lens, which --drop does not measure: leave them out"
         )
-    given = [name for key, name in DROP_OPTIONS.items() if drop_values[key]]
-    if not drop and given:
-        raise click.UsageError(f"{', '.join(given)}: only for a recorded fall: add --drop")
+    if not drop and drop_options:
+        raise click.UsageError(f"{', '.join(drop_options)}: only for a recorded fall: add --drop")
 
 
 def measure_frame_rate(inputs: Sequence[Path], drop_values: dict[str, Any], as_json: bool) -> None:
@@ -103,7 +85,7 @@ def measure_frame_rate(inputs: Sequence[Path], drop_values: dict[str, Any], as_j
 
     Args:
         inputs: the video, folder of images or recording; exactly one.
-        drop_values: values of the parameters in `DROP_OPTIONS`, by name.
+        drop_values: values of the parameters that only --drop uses, by name; None for an option not given.
         as_json: True to print JSON instead of text.
 
     Raises:

@@ -46,11 +46,13 @@ def capture_fps(answer: DropAnswer) -> float:
     """Frame rate [Hz] to state when videos of this camera are imported.
 
     It is the usual rate of cameras (`COMMON_FRAME_RATES_HZ`) nearest to the measured rate if it lies within
-    the 95 % interval, else the measured rate, rounded to four significant digits.
+    the 95 % interval, else the measured rate, rounded to four significant digits, or to as many more as keep
+    it within the interval.
     """
     half = SIGMAS_95 * answer.true_sd_hz
     near = min(COMMON_FRAME_RATES_HZ, key=lambda rate: abs(rate - answer.true_hz))
-    return near if abs(near - answer.true_hz) <= half else float(f"{answer.true_hz:.4g}")
+    rounded = (float(f"{answer.true_hz:.{digits}g}") for digits in range(4, 18))
+    return next(rate for rate in (near, *rounded) if abs(rate - answer.true_hz) <= half)
 
 
 def capture_fps_sd(answer: DropAnswer) -> float:
@@ -98,7 +100,7 @@ def drop_text(answer: DropAnswer) -> list[str]:
     if abs(time.time_ratio - 1) <= SIGMAS_95 * time.sd:
         lines.append("the video's times are true within this interval")
     lines.append(
-        f"import this camera's videos of that mode with --capture-fps {capture_fps(answer):g} "
+        f"import this camera's videos of that mode with --capture-fps {capture_fps(answer):.12g} "
         f"--capture-fps-sd {capture_fps_sd(answer):.2g}"
     )
     return lines + doubts(answer)

@@ -80,17 +80,12 @@ def write_picture(found: Calibration, output: Path) -> None:
 def _coverage(axes: Axes, found: Calibration) -> None:
     lens, count = found.lens, found.covered.count
     rows, columns = count.shape
-    for row in range(rows):
-        for column in range(columns):
-            if not count[row, column]:
-                axes.add_patch(
-                    _hatched(
-                        column * lens.width / columns,
-                        row * lens.height / rows,
-                        lens.width / columns,
-                        lens.height / rows,
-                    )
-                )
+    for row, column in np.argwhere(count == 0):
+        corner = (column * lens.width / columns - 0.5, row * lens.height / rows - 0.5)
+        size = (lens.width / columns, lens.height / rows)
+        axes.add_patch(
+            Rectangle(corner, *size, facecolor=EMPTY, edgecolor=EMPTY_LINES, hatch="////", linewidth=0)
+        )
     for number, shot in enumerate(found.shots):
         axes.plot(*shot.view.place.T, ".", ms=3.8, color=CYCLE[number % len(CYCLE)], alpha=0.75, mew=0)
     axes.set_title(f"{sum(len(shot.view.place) for shot in found.shots)} corners in {len(found.shots)} views")
@@ -98,12 +93,6 @@ def _coverage(axes: Axes, found: Calibration) -> None:
     axes.set_xlabel(
         "colour: view"
         + (f"; hatched: no corner there ({bare:.0f} %)" if bare > 0.5 else "; corners everywhere")
-    )
-
-
-def _hatched(x: float, y: float, width: float, height: float) -> Rectangle:
-    return Rectangle(
-        (x - 0.5, y - 0.5), width, height, facecolor=EMPTY, edgecolor=EMPTY_LINES, hatch="////", linewidth=0
     )
 
 

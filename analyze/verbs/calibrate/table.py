@@ -36,14 +36,9 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
     table.add_column()
     table.add_column()
     numbers = {name: (value, sd) for name, value, sd in zip(lens.names, lens.numbers, found.sd, strict=True)}
-    table.add_row(
-        "focal length",
-        "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in ("fx", "fy")) + " px",
-    )
-    table.add_row(
-        "principal point",
-        "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in ("cx", "cy")) + " px",
-    )
+    for label, names in (("focal length", ("fx", "fy")), ("principal point", ("cx", "cy"))):
+        each = "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in names)
+        table.add_row(label, f"{each} px")
     bend = "  ".join(f"{name} {_with_sd(*numbers[name])}" for name in lens.names[4:])
     table.add_row("distortion", bend)
     many = sum(len(shot.view.place) for shot in found.shots)

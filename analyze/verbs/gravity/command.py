@@ -7,16 +7,15 @@ from pathlib import Path
 
 import click
 
-from analyze.verbs.options import one_line
+from analyze.verbs.options import one_line, path_option
+from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
 
 @click.command()
 @click.argument("inputs", metavar="IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--rig",
-    type=click.Path(path_type=Path),
-    help="The rig file of the camera that took the images.  [default: the recording's camera]",
+@path_option(
+    "--rig", help="The rig file of the camera that took the images.  [default: the recording's camera]"
 )
 @click.option(
     "--camera-sd-deg",
@@ -26,11 +25,7 @@ from schemas.command_line import NumberRange
     help="Standard deviation of the camera's rotation against the table (T_world_camera), in degrees.",
 )
 @click.option("--write", is_flag=True, help="Write the reading into the rig file's [level].")
-@click.option(
-    "--picture",
-    type=click.Path(path_type=Path),
-    help="Picture of the first image with the strings found, to write (PNG).",
-)
+@path_option("--picture", help="Picture of the first image with the strings found, to write (PNG).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def gravity(
@@ -52,12 +47,10 @@ def gravity(
     from analyze.verbs.gravity.level import GravityOptions, read_gravity, write_level
     from analyze.verbs.gravity.picture import write_plumb_picture
     from analyze.verbs.gravity.table import gravity_json, gravity_text
-    from schemas.output_file import refuse_unwritable
 
     if write and rig is None:
         raise click.UsageError("--write needs a rig file to write into: add --rig RIG.toml")
-    if picture is not None:
-        refuse_unwritable(picture, *inputs, *([] if rig is None else [rig]))
+    refuse_outputs([picture], inputs=[*inputs, rig])
     with ProgressBar() as progress:
         answer = read_gravity(GravityOptions(inputs, rig, radians(camera_sd_deg)), progress)
     if picture is not None:

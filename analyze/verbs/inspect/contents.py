@@ -20,8 +20,6 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
     problems as text.
     """
     topics = [_topic(contents, name) for name in contents.topics()]
-    begins = [topic["first_ns"] for topic in topics if topic["count"]]
-    ends = [topic["last_ns"] for topic in topics if topic["count"]]
     return {
         "path": str(contents.path),
         "kind": "mcap",
@@ -30,9 +28,7 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
         "profile": contents.profile,
         "library": contents.library,
         "messages": contents.messages,
-        "start_ns": min(begins, default=None),
-        "end_ns": max(ends, default=None),
-        "duration_s": (max(ends) - min(begins)) * 1e-9 if begins else 0.0,
+        **time_span(topics),
         "topics": topics,
         "indexed": contents.indexed,
         "compression": {
@@ -47,6 +43,24 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
         "attachments": contents.attachments,
         "metadata": contents.metadata,
         "health": _health(contents, topics),
+    }
+
+
+def time_span(topics: list[dict[str, Any]]) -> dict[str, Any]:
+    """First and last log time [ns] of all messages and the time between them [s], as JSON values.
+
+    Args:
+        topics: topics with `count`, `first_ns` and `last_ns`, as in `time_table`.
+
+    Returns:
+        `start_ns` and `end_ns`, None without a message, and `duration_s`, 0 without one.
+    """
+    begins = [topic["first_ns"] for topic in topics if topic["count"]]
+    ends = [topic["last_ns"] for topic in topics if topic["count"]]
+    return {
+        "start_ns": min(begins, default=None),
+        "end_ns": max(ends, default=None),
+        "duration_s": (max(ends) - min(begins)) * 1e-9 if begins else 0.0,
     }
 
 

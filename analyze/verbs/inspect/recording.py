@@ -13,7 +13,7 @@ from analyze.reading.file_series import missing_files_text
 from analyze.reading.mcap_contents import read_contents
 from analyze.reading.planned_strikes import PlannedStrikes, planned_strikes
 from analyze.reading.recording import Recording, TopicInfo, open_partial, open_recording
-from analyze.verbs.inspect.contents import inspect_contents, out_of_order_lines, time_table
+from analyze.verbs.inspect.contents import inspect_contents, out_of_order_lines, time_span, time_table
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import MANIFEST_NAME
@@ -53,8 +53,6 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
     manifest = recording.manifest
     encodings = {topic["name"]: topic for topic in general["topics"]}
     found = [encodings.get(topic.name, {}) | _topic(recording, topic) for topic in recording.topics()]
-    begins = [topic["first_ns"] for topic in found if topic["count"]]
-    ends = [topic["last_ns"] for topic in found if topic["count"]]
     session = {
         "kind": "percuss",
         "bytes": sum(part.path.stat().st_size for part in recording.parts),
@@ -76,9 +74,7 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
             "markers": [marker.name for marker in manifest.object.marker],
         },
         "messages": sum(topic["count"] for topic in found),
-        "start_ns": min(begins, default=None),
-        "end_ns": max(ends, default=None),
-        "duration_s": (max(ends) - min(begins)) * 1e-9 if begins else 0.0,
+        **time_span(found),
         "topics": found,
         "attachments": {name: len(data) for name, data in recording.attachments.items()},
         "cameras": [_camera(recording, camera.name, camera.frame_rate_hz) for camera in manifest.cameras],

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, pass_options
+from analyze.verbs.options import one_line, pass_options, path_option
+from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
 if TYPE_CHECKING:
@@ -47,12 +48,8 @@ class _PlanArguments:
 
 @click.command()
 @click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The plan to write (JSON).")
-@click.option(
-    "--rig",
-    type=click.Path(path_type=Path),
-    help="Rig file with camera, striker, friction and gravity.  [default: a nominal rig]",
-)
+@path_option("-o", "--output", help="The plan to write (JSON).")
+@path_option("--rig", help="Rig file with camera, striker, friction and gravity.  [default: a nominal rig]")
 @click.option(
     "--strikes",
     default=9,
@@ -73,10 +70,9 @@ class _PlanArguments:
     help="Instead of --strikes: as few strikes as determine the centre of mass to X mm (root mean square "
     "distance).",
 )
-@click.option(
+@path_option(
     "--given",
     multiple=True,
-    type=click.Path(path_type=Path),
     metavar="FILE",
     help="Continue from strikes already made: a recording (.mcap) or the output of `analyze estimate "
     "--json`; may be repeated. The plan states whether more strikes help.",
@@ -100,13 +96,7 @@ class _PlanArguments:
     show_default=True,
     help="With -o PLAN.json: also write PLAN-cards.html, a page with pictures per strike, to print.",
 )
-@click.option(
-    "--rerun",
-    "scenes",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Also write the cards as scenes for rerun (.rrd).",
-)
+@path_option("--rerun", "scenes", metavar="FILE", help="Also write the cards as scenes for rerun (.rrd).")
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
 @one_line
 @pass_options(_PlanArguments)
@@ -150,8 +140,6 @@ def plan(arguments: _PlanArguments) -> None:
 
 
 def _refuse_early(arguments: _PlanArguments) -> None:
-    from schemas.output_file import refuse_unwritable
-
     only_ours = (
         arguments.target_com_mm is not None
         or arguments.given
@@ -163,10 +151,8 @@ def _refuse_early(arguments: _PlanArguments) -> None:
             "the paper's method has no --axes, --target-com-mm, --given or --gravity: leave them out, or use "
             "--method ours"
         )
-    inputs = [each for each in (arguments.object_file, arguments.rig, *arguments.given) if each is not None]
-    for path in (arguments.output, arguments.scenes):
-        if path is not None:
-            refuse_unwritable(path, *inputs)
+    inputs = [arguments.object_file, arguments.rig, *arguments.given]
+    refuse_outputs([arguments.output, arguments.scenes], inputs=inputs)
 
 
 def _write(planned: PlannedObject, arguments: _PlanArguments) -> Path | None:
@@ -178,8 +164,7 @@ def _write(planned: PlannedObject, arguments: _PlanArguments) -> Path | None:
     from analyze.verbs.plan.plan_object import write_plan
 
     page: Path | None = None
-    output = arguments.output
-    if output is not None:
+    if (output := arguments.output) is not None:
         write_plan(planned.plan, output)
         if arguments.cards:
             from analyze.cards.page import write_cards

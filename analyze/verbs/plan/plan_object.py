@@ -32,7 +32,6 @@ CELLS = 800
 """number of voxels for the prediction of region masses"""
 STRIKES = 9
 """default number of strikes"""
-MAX_STRIKES = 200
 STEPS = 7
 """steps of the progress bar; the last draws the cards"""
 

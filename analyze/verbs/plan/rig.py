@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from analyze.errors import PlanError
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import SharedErrors
 from analyze.planning.prepared import FRICTION
-from analyze.types import CameraModel
+from analyze.tracking.camera_model import camera_from_spec
 from schemas.document import DocumentError, validate
 from schemas.rig import RigConfig, StrikerConfig
 
@@ -81,15 +79,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
             f"{name}: its striker has no possible speed: the slowest is {striker.slowest_m_s:.3g} m/s, but "
             f"velocity_limit_rad_s and cocked_angle_rad limit it to {striker.fastest_m_s:.3g} m/s: raise them"
         )
-    seen = rig.camera.calibration
-    lens = CameraModel(
-        seen.width,
-        seen.height,
-        np.array(seen.K),
-        np.array(seen.distortion),
-        np.array(seen.T_world_camera),
-        seen.model,
-    )
+    lens = camera_from_spec(rig.camera.calibration)
     tilt = rig.gravity_tilt_sd_rad if rig.level is None else rig.level.towards_x_sd_rad
     errors = SharedErrors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
     return PlannedRig(

@@ -47,9 +47,9 @@ def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
 
 
 def _strike_table(plan: StrikePlan) -> Table:
-    how = ", by the paper's method" if plan.method is PlanMethod.PAPER else ""
+    many, how = len(plan.strikes), ", by the paper's method" if plan.method is PlanMethod.PAPER else ""
     table = Table(
-        title=f"{plan.object_name}: {_strikes(len(plan.strikes))}{how}",
+        title=f"{plan.object_name}: {many} strike{'' if many == 1 else 's'}{how}",
         title_justify="left",
         padding=(0, 0),
         pad_edge=False,
@@ -75,10 +75,6 @@ def _strike_table(plan: StrikePlan) -> Table:
             _relative(first),
         )
     return table
-
-
-def _strikes(many: int) -> str:
-    return f"{many} strike{'' if many == 1 else 's'}"
 
 
 def _relative(strike: PlannedStrike) -> str:

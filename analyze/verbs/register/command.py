@@ -8,27 +8,21 @@ from pathlib import Path
 
 import click
 
-from analyze.verbs.options import files_argument, one_line, with_estimate_options
+from analyze.verbs.options import files_argument, one_line, path_option, with_estimate_options
+from analyze.verbs.outputs import refuse_outputs
 
 
 @click.command()
 @files_argument
 @with_estimate_options
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    help="The object file to write, with the estimated marker poses (TOML).",
-)
+@path_option("-o", "--output", help="The object file to write, with the estimated marker poses (TOML).")
 @click.option(
     "--table",
     "find_table",
     is_flag=True,
     help="Estimate the table's tilt and height too, if no board was measured on it.",
 )
-@click.option(
-    "--rig", type=click.Path(path_type=Path), help="With --table and --write: the recording's rig file."
-)
+@path_option("--rig", help="With --table and --write: the recording's rig file.")
 @click.option(
     "--write", is_flag=True, help="With --table: write the estimated T_world_camera into the rig file."
 )
@@ -49,7 +43,6 @@ def register(
     The object's resting pose and the edges that it tipped over determine the markers' poses.
     """
     from analyze.progress import ProgressBar
-    from analyze.reading.file_series import find_series_files
     from analyze.verbs.register.marker_poses import (
         RegisterOptions,
         level_note,
@@ -59,19 +52,13 @@ def register(
         write_table,
     )
     from analyze.verbs.register.table import registration_json, render_registration
-    from schemas.output_file import refuse_unwritable
 
     if write != (rig is not None) or (write and not find_table):
         raise click.UsageError(
             "--table, --rig RIG.toml and --write must be given together, to write the table's pose into the "
             "rig file"
         )
-    if output is not None:
-        refuse_unwritable(
-            output,
-            *(part for file in files for part in find_series_files(file).files),
-            *([] if rig is None else [rig]),
-        )
+    refuse_outputs([output], files, [rig])
     with ProgressBar() as progress:
         answer = register_recordings(
             files, RegisterOptions(object_file, frozenset(exclude), find_table, rig), progress

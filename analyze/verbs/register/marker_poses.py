@@ -267,38 +267,30 @@ def is_implausible(table: TablePlace) -> bool:
 
 
 def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView], list[LeftOut]]:
+    """Views of the strikes that show a marker at rest, and the other strikes, each with the reason.
+
+    Args:
+        evidence: motions and tracks of all strikes.
+        exclude: ids of strikes to leave out.
+    """
     markers = unplaced_markers(evidence.spec)
     cameras = [camera_from_spec(head.manifest.cameras[0].calibration) for head in evidence.recordings]
     views: list[StrikeView] = []
     unused: list[LeftOut] = []
     for motion in evidence.motions:
+        view = None
         if motion.strike_id in exclude:
-            unused.append(LeftOut(motion.strike_id, "left out on request"))
-            continue
-        planned = evidence.planned(motion)
-        if planned.heading_rad:
-            unused.append(
-                LeftOut(
-                    motion.strike_id,
-                    "turned on the table, where the table's tilt acts in the other direction",
-                )
-            )
-            continue
-        report = evidence.tracking.get(motion.strike_id)
-        setup = evidence.recorded_in.get(motion.strike_id, 0)
-        section = rolling_outline(evidence.model, planned)
-        view = (
-            None
-            if report is None
-            else strike_view(report.tracks, markers, cameras[setup], planned, motion, setup, section)
-        )
+            reason = "left out on request"
+        elif (planned := evidence.planned(motion)).heading_rad:
+            reason = "turned on the table, where the table's tilt acts in the other direction"
+        else:
+            reason = f"no marker is surely at rest: {motion.verdict.value}: {motion.reason}"
+            if (report := evidence.tracking.get(motion.strike_id)) is not None:
+                setup = evidence.recorded_in.get(motion.strike_id, 0)
+                section = rolling_outline(evidence.model, planned)
+                view = strike_view(report.tracks, markers, cameras[setup], planned, motion, setup, section)
         if view is None:
-            unused.append(
-                LeftOut(
-                    motion.strike_id,
-                    f"no marker is surely at rest: {motion.verdict.value}: {motion.reason}",
-                )
-            )
+            unused.append(LeftOut(motion.strike_id, reason))
         else:
             views.append(view)
     return views, unused

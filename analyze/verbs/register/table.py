@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from analyze.geometry.rotations import vector_from_matrix
+from analyze.geometry.rotations import angle_between
 from analyze.registration.register import MarkerPlace, TablePlace
 from analyze.types import Array
 from analyze.verbs.register.marker_poses import RegisterAnswer, is_implausible, pose_toml
@@ -79,9 +79,8 @@ def _place_cells(place: MarkerPlace) -> list[str]:
 
 def pose_difference(T: Array, other: Array) -> tuple[float, float]:
     """Angle [rad] of the rotation, and distance [m], between two poses (4, 4)."""
-    return float(np.linalg.norm(vector_from_matrix(T[:3, :3] @ other[:3, :3].T))), float(
-        np.linalg.norm(T[:3, 3] - other[:3, 3])
-    )
+    turn = float(angle_between(T[:3, :3], other[:3, :3]))
+    return turn, float(np.linalg.norm(T[:3, 3] - other[:3, 3]))
 
 
 def _difference_text(place: MarkerPlace, given: Array | None) -> str:

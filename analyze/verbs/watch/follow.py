@@ -13,17 +13,18 @@ import queue
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
 
+from analyze.pipeline.read_evidence import placed_markers
 from analyze.pipeline.sections import MeshSections
 from analyze.reading.followed_series import FollowedSeries
 from analyze.tracking.camera_model import camera_from_spec
-from analyze.verbs.watch.observer import Observer, markers_of
+from analyze.verbs.watch.observer import Observer, unreadable
 from schemas import topics
 from schemas.document import DocumentError, canonical_json, validate
-from schemas.strike_result import Verdict
 from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 if TYPE_CHECKING:
@@ -40,42 +41,29 @@ A watcher that starts late or lags skips older ones.
 POLL_INTERVAL_S = 0.04
 MAX_WAIT_FOR_IMAGES_S = 3.0
 """time after which a strike is judged even if the end of its window is not in the file"""
+_NO_IMAGES = "the recording contains no images yet: is the capture running?"
 
 
 class WatchClock(Protocol):
-    """Protocol of the clock that `watch_recording` uses; its time may be simulated."""
+    """Protocol of the clock that `watch_recording` uses: the module `time`, or a simulated clock."""
 
     def monotonic(self) -> float:
         """Time [s] since an arbitrary start, never decreasing."""
         ...
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float, /) -> None:
         """Wait for `seconds` [s]."""
         ...
-
-
-class SystemWatchClock:
-    """The machine's own clock, as a `WatchClock`."""
-
-    def monotonic(self) -> float:
-        """Time [s] since an arbitrary start, never decreasing."""
-        return time.monotonic()
-
-    def sleep(self, seconds: float) -> None:
-        """Wait for `seconds` [s]."""
-        time.sleep(seconds)
 
 
 def _read_lines(stream: TextIO, lines: queue.SimpleQueue[str | None]) -> None:
-    try:
+    with suppress(OSError, ValueError):  # the stream was closed, which ends it as well
         for line in stream:
             lines.put(line)
-    except (OSError, ValueError):
-        pass  # the stream was closed, which ends it as well
     lines.put(None)
 
 
-def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = None) -> None:
+def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock = time) -> None:
     """Follow a recording, and the files that continue it, until `stdin` ends or `stdout` is closed.
 
     An image that is more than a second older than the newest one read with it is not evaluated, so that a
@@ -91,7 +79,6 @@ def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock
     Raises:
         RecordingError: the file is no recording or is damaged, or did not appear while `stdin` was open.
     """
-    clock = clock or SystemWatchClock()
     cv2.setNumThreads(1)
     lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     reader = threading.Thread(target=_read_lines, args=(stdin, lines), name="watch-stdin", daemon=True)
@@ -187,7 +174,7 @@ class _Watcher:
         spec = recording.manifest.object
         sections = MeshSections(spec, lambda: recording.shape_bytes)
         lens = camera_from_spec(camera.calibration)
-        observer = Observer(lens, markers_of(spec), plan, recording.image, sections)
+        observer = Observer(lens, placed_markers(spec), plan, recording.image, sections)
         observer.expect(self._expected_strike)
         return observer
 
@@ -214,7 +201,7 @@ class _Watcher:
             if not complete and not ended and self._clock.monotonic() < deadline:
                 break
             self._pending.popleft()
-            self._write(_no_images(request) if observer is None else observer.judge(request))
+            self._write(unreadable(request, _NO_IMAGES) if observer is None else observer.judge(request))
 
     def _write(self, document: WatchEvent | StrikeVerdict) -> None:
         try:
@@ -222,8 +209,3 @@ class _Watcher:
             self._stdout.flush()
         except (OSError, ValueError):
             raise _ReaderGoneError from None
-
-
-def _no_images(request: JudgeRequest) -> StrikeVerdict:
-    reason = "the recording contains no images yet: is the capture running?"
-    return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=reason)

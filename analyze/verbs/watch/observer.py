@@ -17,7 +17,6 @@ from analyze.pipeline.sections import MeshSections
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
-from analyze.types import Marker
 from schemas.strike_result import Verdict
 from schemas.tags import name_order
 from schemas.watch_lines import JudgeRequest, SeenMarker, StrikeVerdict, WatchEvent
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from analyze.motion.scene import Scene
-    from analyze.types import CameraModel, ImageFrame
-    from schemas.object_spec import ObjectSpec
+    from analyze.types import CameraModel, ImageFrame, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
 LOOK_INTERVAL_NS = 83_000_000
@@ -56,17 +54,9 @@ class StoredImage(Protocol):
         ...
 
 
-def markers_of(spec: ObjectSpec) -> list[Marker]:
-    """Markers of an object file as the trackers take them: name, size [m], pose in O or None.
-
-    O is the object frame; a pose is None if the file does not give it.
-    """
-    return [
-        Marker(
-            m.name, m.size_m, None if m.T_object_marker is None else np.array(m.T_object_marker, dtype=float)
-        )
-        for m in spec.marker
-    ]
+def unreadable(request: JudgeRequest, reason: str) -> StrikeVerdict:
+    """Verdict UNREADABLE, with the reason, on the strike that a request names."""
+    return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=reason)
 
 
 class Observer:
@@ -171,11 +161,7 @@ class Observer:
         planned = self._strikes.get(request.plan_strike_id)
         if planned is None:
             known = ", ".join(self._strikes) or "none"
-            return StrikeVerdict(
-                strike_id=request.strike_id,
-                code=Verdict.UNREADABLE,
-                reason=f"the plan has no strike {request.plan_strike_id!r}: it has {known}",
-            )
+            return unreadable(request, f"the plan has no strike {request.plan_strike_id!r}: it has {known}")
         try:
             camera = turned_camera(self._camera, planned.heading_rad)
             report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
@@ -192,7 +178,7 @@ class Observer:
             )
             motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:
-            return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
+            return unreadable(request, str(error))
         contact = contact_time(motion.fit) if motion.fit else None
         timed = {"contact_time_ns": contact.time_ns, "contact_time_sd_ns": contact.sd_ns} if contact else {}
         return verdict_of(motion).model_copy(update=timed)

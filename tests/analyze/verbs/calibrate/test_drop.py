@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import CameraModel
+from analyze.verbs.calibrate.drop_table import capture_fps
 from tests.analyze.motion.falling import Drop, pose
 from tests.analyze.tracking.rendering import render
 
@@ -105,12 +108,28 @@ def test_missing_fall_or_tag_is_one_line(fall_video, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("measured_hz", "half_hz", "stated_hz"),
+    [
+        (240.04, 0.1, 240.0),
+        (240.04, 0.01, 240.04),
+        (239.7604, 0.2, 239.8),
+        (239.7604, 0.003, 239.76),
+        (119.88, 0.0, 119.88),
+    ],
+)
+def test_rate_to_state_lies_within_the_interval(measured_hz, half_hz, stated_hz):
+    answer = SimpleNamespace(true_hz=measured_hz, true_sd_hz=half_hz / SIGMAS_95)
+    assert capture_fps(answer) == stated_hz
+
+
+@pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--drop", "x.mp4"], "--drop needs --marker-size-mm"),
         (["--drop", "x.mp4", "--marker-size-mm", "40", "--table", "t.png"], "--table: for the lens"),
         (["--drop", "x.mp4", "y.mp4", "--marker-size-mm", "40"], "name one"),
         (["x.png", "--mass-g", "40", "--g", "9.8"], "--mass-g, --g: only for a recorded fall: add --drop"),
+        (["x.png", "--marker-size-sd-mm", "0"], "--marker-size-sd-mm: only for a recorded fall: add --drop"),
         (["--drop", ".", "--marker-size-mm", "40"], "CSV"),
     ],
 )
