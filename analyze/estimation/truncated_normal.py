@@ -73,9 +73,9 @@ def shortest_intervals(draws: Array, lowest: float) -> tuple[Array, Array]:
 
 
 def log_normal_mass(low: Array, high: Array) -> Array:
-    """Log of the standard normal probability between `low` and `high`, precise in the tails.
+    """Natural log (...) of the standard normal probability between `low` and `high`, precise in the tails.
 
-    The result has the common shape to which the arrays `low` and `high` are broadcast.
+    `low` and `high` (...) are broadcast to one shape, which the result has.
     """
     flip = low + high > 0
     near, far = np.where(flip, -high, low), np.where(flip, -low, high)
