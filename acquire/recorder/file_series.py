@@ -127,7 +127,8 @@ class FileSeries:
         The same topic again gives the same handle, which is valid in every file.
 
         Raises:
-            RecorderError: the name is taken by a topic of another message type, or the disk refuses.
+            RecorderError: the name is taken by a topic of another message type, the recording is finished, or
+                the disk refuses.
         """
         with self._lock:
             self._topics.setdefault(topic.name, topic)
@@ -172,7 +173,7 @@ class FileSeries:
             self._writer.write_borrowed(channel, images)
 
     def flush(self) -> None:
-        """Hand waiting small messages to the current file; other programs can read all of it on return.
+        """Hand waiting small messages to the current file, where other programs can read them on return.
 
         Small messages are those of all topics but the images.
 
@@ -190,8 +191,8 @@ class FileSeries:
             Path, content id, message count and size of the last file.
 
         Raises:
-            RecorderError: it, or an earlier one, could not be finished; `acquire recover` reads the `.part`
-                file.
+            RecorderError: the last file or an earlier one could not be finished; `acquire recover` reads the
+                `.part` file.
         """
         self._join_rotation()
         with self._lock:

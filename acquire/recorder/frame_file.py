@@ -104,7 +104,7 @@ class FrameFile:
         )
 
     def flush(self) -> None:
-        """Hand waiting small messages to the current file; other programs can read all of it on return.
+        """Hand waiting small messages to the current file, where other programs can read them on return.
 
         Small messages are those of all topics but the images.
 

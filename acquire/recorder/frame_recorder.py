@@ -150,10 +150,10 @@ class FrameRecorder(ABC):
         return self._path.error
 
     def add(self, frame: Frame) -> None:
-        """Take a frame: borrow its buffer or copy its image, and count the frame in the open window.
+        """Take a frame: borrow its buffer or copy its image, and count it in a window that is open.
 
-        The call does not wait for the disk, except up to 1 s while the recorder closes. After `close` it does
-        nothing.
+        A window is the time span of one strike. The call does not wait for the disk, except up to 1 s while
+        the recorder closes. After `close` it does nothing.
         """
         if self._ending:
             return
@@ -172,9 +172,9 @@ class FrameRecorder(ABC):
                 self._arrived.notify_all()
 
     def open_window(self, now_ns: int) -> int:
-        """Record every image from `pre_trigger_s` before now on, until `close_window`.
+        """Open a window (time span of a strike): record every image from `pre_trigger_s` before now on.
 
-        Images later than `max_window_s` after now do not belong to the window.
+        The window lasts until `close_window`; images later than `max_window_s` after now do not belong to it.
 
         Args:
             now_ns: host monotonic time [ns].
@@ -196,16 +196,17 @@ class FrameRecorder(ABC):
             return self._anchor + window.start_ns
 
     def close_window(self, now_ns: int, end_ns: int = 0) -> WindowReport:
-        """End the window now, wait until its images are in the file, and report its content.
+        """End the open window now, wait until its images are in the file, and report its content.
 
-        The wait is limited: LATE_FRAME_S for frames exposed before the end, WRITE_TIMEOUT_S for the disk.
+        A window is the time span of one strike. The wait is limited: LATE_FRAME_S for frames exposed before
+        the end, WRITE_TIMEOUT_S for the disk.
 
         Args:
             now_ns: host monotonic time [ns].
             end_ns: log time [ns] at which the window may end if that is before now; 0: it ends now.
 
         Returns:
-            Times of the first and last image, and numbers of recorded and lost frames.
+            Log times of the first and last image, and numbers of recorded and lost frames.
 
         Raises:
             RecorderError: no window is open, or the file accepts no more images.

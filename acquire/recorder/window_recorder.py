@@ -114,9 +114,10 @@ class WindowRecorder(FrameRecorder):
         delayed.held = False
 
     def _write_meta_before(self, end_ns: int) -> None:
-        """Write the meta still unwritten of delayed frames exposed before `end_ns` (host monotonic [ns]).
+        """Write the missing meta of recent frames that were exposed before `end_ns` (host monotonic [ns]).
 
-        The image is written as well where a preview is due and the frame has one.
+        Recent frames are those in the delay line. The image is written as well where a preview (single image
+        between windows) is due and the frame has an image.
         """
         while self._with_meta < len(self._line):
             delayed = self._line[self._with_meta]

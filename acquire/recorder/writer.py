@@ -272,7 +272,7 @@ class McapWriter:
             self._hash.add_all(channel.topic.name, chunks.hashed)
 
     def flush(self) -> None:
-        """Hand waiting small messages to the file; other programs can read all of it on return.
+        """Hand waiting small messages to the file; other programs can read all that it accepted on return.
 
         Small messages are those of all topics but the images; they stay in memory where a full disk has no
         room for them. After `finish` or `abort` the call does nothing.

@@ -60,7 +60,7 @@ class WaitingBytes:
         return self._room
 
     def add_block(self, block: memoryview) -> None:
-        """Continue in `block`, of BLOCK_BYTES; the previous one is full."""
+        """Copy the next bytes to `block`, which has BLOCK_BYTES; the previous block is full."""
         self._block, self._room = block, BLOCK_BYTES
 
     def copy(self, at: int, part: memoryview) -> None:

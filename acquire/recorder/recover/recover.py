@@ -67,7 +67,7 @@ class RecoverReport:
         return self.damaged_records > 0 or self.skipped_bytes > 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Report as a JSON object: all fields and the two properties, paths as text."""
+        """Report as a JSON object: all fields, `anything_damaged` and `anything_lost`; paths as text."""
         texts = {"source": str(self.source), "path": str(self.path)}
         losses = {"anything_damaged": self.anything_damaged, "anything_lost": self.anything_lost}
         return asdict(self) | texts | losses

@@ -176,25 +176,41 @@ class Rewriter:
         self.records.size, self.records.summary = copied, summary
 
     def add_topic(self, topic: Topic, number: int) -> None:
-        """Write the records that declare a topic: schema and channel, both with the id `number`."""
+        """Write the records that declare a topic: schema and channel, both with the id `number`.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         self.flush()
         self.records.add_topic(topic, number)
 
     def copy_declaration(self, whole: bytes) -> None:
-        """Write a whole schema or channel record of another recording, unchanged."""
+        """Write a whole schema or channel record of another recording, unchanged.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         self.flush()
         self.records.copy_declaration(whole)
 
     def write_message(
         self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: Buffer
     ) -> None:
-        """Add one message to the pending chunk, which is written once it has CHUNK_BYTES."""
+        """Add one message to the pending chunk, which is written once it has CHUNK_BYTES.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         self._pending.add(channel_id, sequence, log_time_ns, publish_time_ns, data)
         if len(self._pending.data) >= CHUNK_BYTES:
             self.flush()
 
     def flush(self) -> None:
-        """Write the pending messages as a chunk; does nothing if there are none."""
+        """Write the pending messages as a chunk; does nothing if there are none.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         if self._pending.data:
             self.records.write_pending(self._pending)
             self._pending = PendingMessages()
@@ -205,6 +221,9 @@ class Rewriter:
         Args:
             messages: whole message records.
             places: log time [ns] and offset in `messages` of each, by channel id.
+
+        Raises:
+            RecorderError: the disk refuses.
         """
         self.flush()
         self.records.write_chunk([messages], len(messages), zlib.crc32(messages), places)
@@ -214,12 +233,17 @@ class Rewriter:
 
         Raises:
             ContainerError: the record is damaged.
+            RecorderError: the disk refuses.
         """
         self.flush()
         self.records.copy_attachment(whole, container.parse_attachment(whole[container.RECORD_HEAD :]))
 
     def write_metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write a metadata record: a named map of strings."""
+        """Write a metadata record: a named map of strings.
+
+        Raises:
+            RecorderError: the disk refuses.
+        """
         self.flush()
         self.records.write_metadata(name, entries)
 
