@@ -59,7 +59,8 @@ class HeartbeatListener:
         fd: reading end of the pipe; closed when the sender has closed the other end.
         on_silence: called once, in a thread of its own, if no heartbeat comes for `silence_s` after the
             first.
-        silence_s: time of this process without a heartbeat after which the sender counts as hung [s].
+        silence_s: time without a heartbeat after which the sender counts as hung [s]; only time during which
+            this process ran counts.
     """
 
     def __init__(self, fd: int, on_silence: Callable[[], None], silence_s: float = SILENCE_S) -> None:

@@ -147,7 +147,7 @@ class CaptureProcess:
 
         Raises:
             AcquireError: the camera or the rig file cannot be used, or the process ended or does not answer;
-                it has ended then.
+                the process has ended in each case.
             OSError: the process cannot be started.
         """
         here, there = socket.socketpair()
@@ -226,7 +226,7 @@ class CaptureProcess:
         return int(self._call({"op": "open_window"})["start_ns"])
 
     def close_window(self, end_ns: int = 0) -> WindowReport:
-        """End the window; the reported images are in the file.
+        """End the open window (time span of a strike); on return its images are in the file.
 
         Args:
             end_ns: log time [ns] at which the window ends if that has passed; 0: now.

@@ -288,7 +288,9 @@ class LiveRecording:
     # --- death of the capture process ---
 
     def interrupt(self, reason: str) -> None:
-        """Note and report the death of the capture process; does nothing if no recording is open.
+        """Note and report that the death of the capture process interrupted the recording.
+
+        Does nothing if no recording is open, or it is interrupted already.
 
         Args:
             reason: predicate of the sentence "the capture process ...".

@@ -38,7 +38,7 @@ class Salvage:
     """Recovery of the `.part` files of a dead capture process, in a process and a thread of its own.
 
     Args:
-        files: final paths of its files, in order; complete ones are only counted.
+        files: final paths of that process's files, in order; frames of complete ones are only counted.
         camera: camera whose frames are counted.
         frame_rate_hz: frame rate, to convert a gap into a number of frames.
         next_frame_ns: waits for the next file's first frame and returns its log time [ns]; None if there is
