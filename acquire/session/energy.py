@@ -253,7 +253,8 @@ class EnergyLearner:
     def _log_energy_draws(self, strike: PlannedStrike) -> Array:
         """Draws (DRAW_COUNT,) of ln E of the next strike on a planned strike's axis, E its energy ratio.
 
-        The commanded tip speed is 1 m/s; the scatter between strikes is included.
+        E is the kinetic energy after the strike over the energy needed to reach balance. The commanded tip
+        speed is 1 m/s; the scatter between strikes is included.
         """
         states = self._posterior_draws()
         log_energy, _ = self._model.log_energy_and_phi(states, self._axes[strike.axis_id])
@@ -368,6 +369,13 @@ def _energy_observation(axis: int, log_speed: float, verdict: StrikeVerdict, sd:
 
 def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
     """Bounds on ln E from a tip whose energy ratio E was not measured.
+
+    E is the kinetic energy after the strike over the energy needed to reach balance.
+
+    Args:
+        axis: number of the pivot axis in the model.
+        log_speed: ln of the reached tip speed in m/s.
+        verdict: verdict of `analyze watch`, good (the object tipped over) or rocked back.
 
     Returns:
         A lower bound of 0 if the object tipped over; an upper bound of 0 if it fell back, and its largest

@@ -89,6 +89,8 @@ class EnergyModel:
     def log_energy_and_phi(self, z: Array, axis: int) -> tuple[Array, Array]:
         """Logarithm ln E of the energy ratio and balance angle phi [rad] of strikes on one pivot axis.
 
+        E is the kinetic energy after a strike over the energy needed to reach balance.
+
         Args:
             z: (k, d) k states of the model, each with d entries of prior N(0, 1).
             axis: number of the pivot axis.
@@ -140,8 +142,9 @@ class _Axis:
     def from_plan(cls, strike: PlannedStrike, com: Array, mass: float) -> _Axis:
         """Pivot axis of a planned strike for a centre of mass (3,) [m, in O] and a mass [kg].
 
-        The moment of inertia about c is the predicted one about the edge less m (R + radius)^2, R the
-        distance of c from the axis, but at least a tenth of the predicted one.
+        The moment of inertia about the centre of mass is the predicted one about the edge less m (R +
+        radius)^2, but at least a tenth of the predicted one: m is the mass, R the distance of the centre of
+        mass from the axis, radius that of the edge's rounding [m].
         """
         tip, _, up = np.array(strike.R_world_object)
         point = np.array(strike.pivot.point)
@@ -156,6 +159,7 @@ class _Axis:
 def _log_energy_spread(strike: PlannedStrike) -> float:
     """Standard deviation of ln E, E the energy ratio, that follows from that of the balance angle phi.
 
-    The energy needed is proportional to the rise of the centre of mass, and that to 1 - cos phi.
+    E is the kinetic energy after the strike over the energy needed to reach balance. The energy needed is
+    proportional to the rise of the centre of mass, and that to 1 - cos phi.
     """
     return strike.phi_predicted_sd_rad / math.tan(max(strike.phi_predicted_rad, 0.02) / 2)

@@ -160,7 +160,7 @@ class CheckPose:
 
 @dataclass(frozen=True)
 class Arm:
-    """Action: arm and cock the striker."""
+    """Action: arm the striker (permit one strike) and cock it (draw the arm back)."""
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ MAX_STRIKES_NAMED = 4
 
 
 def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:
-    """Text on planned strikes whose tip speeds or impact height exceed the striker's limits.
+    """Text on planned strikes whose tip speeds or impact height are outside the striker's limits.
 
-    It is empty if no strike exceeds them, or if a person strikes by hand.
+    It is empty if there is no such strike, or if a person strikes by hand.
     """
     return "; ".join(text for text in (_speed_problem(plan, limits), _reach_problem(plan, limits)) if text)
 

@@ -154,7 +154,7 @@ class SessionRunner:
         self._progress(text, *self._machine.progress)
 
     def _keep_or_discard(self, files: list[Path]) -> None:
-        """Delete a failed session's files if no strike was ordered, keep them otherwise; report which."""
+        """Delete a failed session's files if no strike was ordered, else keep them; report it as progress."""
         names = ", ".join(map(str, files))
         if not files:
             return
