@@ -116,8 +116,8 @@ def check_held_servo(
         trouble: reason of the striker's fault, if it is in one.
 
     Returns:
-        The checks of SERVO_LINES, all but the first not checked without a reading; a single check that passes
-        if a person strikes by hand.
+        The checks of SERVO_LINES, of which only the first is made without a reading; a single check that
+        passes if a person strikes by hand.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]

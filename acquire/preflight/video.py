@@ -105,9 +105,10 @@ class VideoSource(ABC):
 
     @abstractmethod
     def open(self) -> str:
-        """Make, model, serial number and address of the camera, as text; it streams with the rig's settings.
+        """Start the camera with the rig's settings, unless a daemon holds it, and describe it.
 
-        The camera is started for this unless a daemon, which started it, holds it.
+        Returns:
+            Make, model, serial number and address of the camera, as one line of text.
 
         Raises:
             AcquireError: camera, settings or capture process failed, or the daemon does not answer.
