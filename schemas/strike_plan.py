@@ -131,7 +131,7 @@ class Rejection(Document):
 
 
 class PredictedMoment(Document):
-    """Predicted uncertainty of the moment about the axis through c that is parallel to a pivot.
+    """Predicted uncertainty of a moment of inertia: about the axis through c that is parallel to a pivot.
 
     c is the centre of mass.
     """
