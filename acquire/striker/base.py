@@ -15,12 +15,13 @@ from schemas.proto import percuss_pb2 as pb
 
 
 class StrikerState(enum.Enum):
-    """States of the striker during one strike, in the order in which they follow.
+    """State of the striker; the states of a strike are listed in their order.
 
     DISARMED: no strike allowed. HOMED: at a known place, torque on. ARMED: one strike allowed. COCKING:
-    moving to the cocked angle. SETTLED: at rest there. RELEASED: swinging. CONTACT or MISS: retracting after
-    a contact or without one. CATCH: returning to the cocked angle. VERIFY: checking the servo; DISARMED
-    follows. Any state can go to FAULT, and only `home` leaves FAULT.
+    moving to the cocked (raised) angle. SETTLED: at rest there. RELEASED: swinging. CONTACT: retracting after
+    a contact, or beyond the impact point. MISS: retracting because neither came in time. CATCH: returning to
+    the cocked angle. VERIFY: checking the servo; DISARMED follows. Any state can go to FAULT, and only `home`
+    and `close` leave it.
     """
 
     DISARMED = "disarmed"
@@ -41,21 +42,21 @@ class StrikeOutcome:
     """Contact time, tip speed, impulse and number of contacts of one strike, as the striker measured them."""
 
     contact_time_ns: int | None
-    """host monotonic time of first contact; None if none was measured"""
+    """host monotonic time of first contact [ns]; None if no contact was measured"""
     contact_time_sd_ns: float
-    """standard deviation of the contact time; 0 if none was measured"""
+    """standard deviation of the contact time [ns]; 0 if no contact was measured"""
     tip_speed_m_s: float
-    """tip speed just before contact; 0 after a miss; the requested one if a person strikes by hand"""
+    """tip speed just before contact [m/s]; 0 after a miss; the requested one if a person strikes by hand"""
     tip_speed_sd_m_s: float
-    """standard deviation of the tip speed"""
+    """standard deviation of the tip speed [m/s]; 0 after a miss; the requested speed if a person strikes"""
     impulse_n_s: float | None
-    """impulse on the object; None if the arm lost no significant speed"""
+    """impulse on the object [N s]; None if no contact or no significant loss of speed was measured"""
     impulse_sd_n_s: float
-    """standard deviation of the impulse; 0 if it is None"""
+    """standard deviation of the impulse [N s]; 0 if it is None"""
     contacts: int
     """number of contacts that may have occurred; 0 if no contact was measured"""
     released_ns: int
-    """host monotonic time at which the swing began"""
+    """host monotonic time [ns] at which the swing, or the wait for the person's strike, began"""
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,11 @@ class ServoHealth:
     """Supply voltage, temperature and hardware error of the servo at the last reading."""
 
     read_ns: int
-    """host monotonic time of the reading"""
+    """host monotonic time of the reading [ns]"""
     model: int
     """model number of the servo"""
     voltage_v: float
-    """supply voltage"""
+    """supply voltage [V]"""
     temperature_c: int
     """temperature inside the servo [deg C]"""
     hardware_error: str | None
@@ -93,15 +94,18 @@ class Striker(ABC):
 
     @property
     def health(self) -> ServoHealth | None:
-        """Last reading of the servo's health; None if there is no servo or it was not read yet."""
+        """Last reading of the servo's health; None without a servo or a reading, or if its port was lost."""
         return None
 
     @abstractmethod
     def open(self) -> None:
         """Open the striker's port, find the servo, write its limits and read them back.
 
+        The limits are those of current, velocity, position and temperature. A striker without a servo has
+        nothing to open.
+
         Raises:
-            StrikerNotFound: no such port, port in use, or no servo on it.
+            StrikerNotFound: no such port, port in use, or no known servo on it.
             StrikerError: the servo does not take a limit, or no longer answers.
         """
 
@@ -117,6 +121,7 @@ class Striker(ABC):
 
         Raises:
             StrikerStopped: a stop was requested since this order, or while the arm moves.
+            StrikerRefused: a strike is allowed or running (the manual striker only).
             StrikerError: the servo failed.
         """
 
@@ -125,7 +130,8 @@ class Striker(ABC):
         """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
 
         Raises:
-            StrikerRefused: not homed, or a strike is running.
+            StrikerRefused: not homed, or a strike is allowed or running already.
+            StrikerError: the servo failed.
         """
 
     @abstractmethod
@@ -135,7 +141,8 @@ class Striker(ABC):
         Requires state ARMED; the state is SETTLED afterwards.
 
         Raises:
-            StrikerRefused: not armed, or the arming expired.
+            StrikerRefused: not armed, or the arming expired (with a servo).
+            StrikerStopped: a stop was requested.
             StrikerError: the servo failed.
         """
 
@@ -148,9 +155,10 @@ class Striker(ABC):
             tip_speed_m_s: tip speed to command [m/s].
 
         Raises:
-            StrikerRefused: not armed and settled, or the speed is outside the limits.
+            StrikerRefused: not armed and settled, the arming expired, or the speed is outside the servo's
+                limits.
             StrikerStopped: a stop was requested.
-            StrikerFault, StrikerLost: the servo failed; torque is off if it can be reached.
+            StrikerError: the servo failed; its torque is off if it can be reached.
         """
 
     @abstractmethod

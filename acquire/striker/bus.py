@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MIN_ATTEMPTS = 3
 MIN_RETRY_S = 0.5
-"""a servo counts as lost after MIN_ATTEMPTS and this time, which allows for a busy host or a USB hub that
+"""a servo counts as lost after MIN_ATTEMPTS and this time [s], which allows for a busy host or a USB hub that
 restarts"""
 QUIET_S = 0.02
 """silence on the line required after a time-out before the next request; longer than FTDI's 16 ms latency"""
@@ -67,9 +67,9 @@ class Block:
     data: bytes
     """bytes of the control table"""
     host_before_ns: int
-    """host monotonic time before the request was sent"""
+    """host monotonic time before the request was sent [ns]"""
     host_after_ns: int
-    """host monotonic time after the answer arrived"""
+    """host monotonic time after the answer arrived [ns]"""
     alert: bool
     """True if the servo reports a hardware error"""
 
@@ -184,9 +184,10 @@ class ServoBus:
                 ) from None
 
     def _wait_for_quiet(self, port: BlockingPort, interrupted: Callable[[], bool]) -> None:
-        """Wait for 20 ms of silence after a time-out, and discard what arrives; at most 0.2 s.
+        """Wait until the line was silent for 20 ms, at most 0.2 s; discard the bytes that arrive meanwhile.
 
-        A late answer must not collide with the next request. The wait ends when `interrupted` returns True.
+        Called after a time-out: a late answer must not collide with the next request. The wait also ends when
+        `interrupted` returns True.
         """
         now_ns = quiet_since_ns = self._clock.monotonic_ns()
         end_ns = now_ns + MAX_QUIET_WAIT_NS
@@ -214,7 +215,8 @@ class ServoBus:
             interrupted: called while waiting; True ends the wait for the answer.
 
         Returns:
-            The bytes; None if no complete answer came in time, or the servo refused the read.
+            The bytes, with the host times around the reading; None if no complete answer came in time, the
+            wait was interrupted, or the servo refused the read.
 
         Raises:
             StrikerLost: the port failed or is closed.
@@ -241,7 +243,7 @@ class ServoBus:
         """Value of a register, signed if the register is; the reading is repeated if the answer is lost.
 
         Raises:
-            StrikerLost: no answer after several attempts, or the port failed.
+            StrikerLost: no answer after several attempts, or the port failed or is closed.
         """
         for _ in attempts(self._clock):
             block = self.read_block(register.address, register.size)
@@ -255,9 +257,9 @@ class ServoBus:
         """Write one register; repeated if the answer is lost, which is safe for a write.
 
         Raises:
-            StrikerLost: no answer after several attempts, or the port failed.
+            StrikerLost: no answer after several attempts, or the port failed or is closed.
             StrikerError: the servo refuses the value.
-            StrikerRefused: the SDK cannot send these bytes.
+            StrikerRefused: the SDK cannot send the value's bytes, which hold FF FF FD.
         """
         data = register.encode(value)
         _refuse_unstuffed(register, value, data)
@@ -279,12 +281,12 @@ class ServoBus:
     def write_unanswered(self, register: Register, value: int) -> None:
         """Write one register twice without waiting for any answer, not even to an earlier request.
 
-        A sync write to this one servo: servos do not answer it, so that it can be repeated at once and a lost
-        packet costs no time.
+        The packet is a sync write to this one servo: servos do not answer it, so that it can be repeated at
+        once and a lost packet costs no time.
 
         Raises:
             StrikerLost: the port failed or is closed.
-            StrikerRefused: the SDK cannot send these bytes.
+            StrikerRefused: the SDK cannot send the packet's bytes, which hold FF FF FD.
         """
         packet = list(self.unanswered_packet(register, value))
 
@@ -301,7 +303,7 @@ class ServoBus:
         Another process can send them as they are.
 
         Raises:
-            StrikerRefused: the SDK cannot send these bytes.
+            StrikerRefused: the packet's bytes hold FF FF FD, which the SDK cannot send.
         """
         data = [
             register.address & 0xFF,
@@ -324,7 +326,7 @@ class ServoBus:
             timeout_s: longest wait for its answer [s].
 
         Raises:
-            StrikerLost: the servo does not answer in time, or the port failed.
+            StrikerLost: the servo does not answer in time, or the port failed or is closed.
         """
         self._exchange(self._handler.reboot, self.servo_id)
         end_ns = self._clock.monotonic_ns() + int(timeout_s * 1e9)
@@ -340,10 +342,10 @@ class ServoBus:
 
 
 def _refuse_unstuffed(register: Register, value: int, data: bytes) -> None:
-    """Raise StrikerRefused if `data`, the bytes sent to write `value`, needs byte stuffing (FF FF FD).
+    """Raise StrikerRefused if `data`, the bytes sent to write `value`, holds FF FF FD.
 
-    The SDK's txPacket builds the stuffed packet, then sends the plain one
-    (protocol2_packet_handler.addStuffing).
+    The protocol requires a stuffing byte after these three; the SDK's txPacket builds the stuffed packet,
+    then sends the plain one (protocol2_packet_handler.addStuffing).
     """
     if b"\xff\xff\xfd" in data:
         raise StrikerRefused(

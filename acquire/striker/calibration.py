@@ -1,4 +1,6 @@
-"""Calibration of a bare striker: swing ratio, effective mass and restitution (method 1.5).
+"""Calibration of a bare striker: swing ratio, effective mass and restitution.
+
+They enter the energy of a strike (section 1.5 of docs/explanation/method.md).
 
 A tip of effective mass m_s that meets a free body of mass m_b at speed v loses the speed
 dv = (1 + e)*v / (1 + m_s/m_b), with e the coefficient of restitution. A light body (m_b far below m_s)
@@ -20,9 +22,9 @@ late"""
 MIN_SPEED_SD = 0.002
 """smallest relative standard deviation of a tip speed: the resolution of the velocity register"""
 MIN_MASS_SD_KG, MIN_RESTITUTION_SD = 1e-4, 1e-3
-"""smallest standard deviations accepted from the prior"""
+"""lower limits of the prior's standard deviations of effective mass and restitution"""
 MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
-"""limits of Gauss-Newton: iterations, and step of the numerical derivatives"""
+"""Gauss-Newton: largest number of iterations; step of the numerical derivatives, in natural logarithms"""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class MeasuredSwing:
     drop_m_s: float | None = None
     """loss of tip speed at contact; None if it was not significant"""
     drop_sd_m_s: float = 0.0
+    """standard deviation of the loss; without meaning if the loss is None"""
     body_kg: float | None = None
     """mass of the free body that was struck; None in the air, infinite for a wall"""
 
@@ -59,7 +62,7 @@ class StrikerParameters:
     """Effective mass and restitution of the striker, with standard deviations."""
 
     effective_mass_kg: float
-    """effective mass of the tip, m_s = I / r^2, from the arm's inertia I and length r"""
+    """effective mass of the tip: the arm's moment of inertia about its axis, over its length squared"""
     effective_mass_sd_kg: float
     """standard deviation of the effective mass"""
     restitution: float
@@ -69,10 +72,10 @@ class StrikerParameters:
 
 
 def swing_ratio(swings: Sequence[MeasuredSwing]) -> SwingRatio:
-    """Mean ratio of reached to commanded tip speed, weighted by inverse variance.
+    """Ratio of reached to commanded tip speed: mean weighted by inverse variance, its sd, and the scatter.
 
-    The mean's standard deviation is the larger of two: from the scatter between swings, and from the standard
-    deviations of the swings.
+    The mean's standard deviation (sd) is the larger of two: that from the scatter between swings, and that
+    from the standard deviations of the swings' speeds.
 
     Args:
         swings: at least one swing, in the air or at a body.
@@ -94,10 +97,11 @@ def estimate_striker(prior: StrikerParameters, swings: Sequence[MeasuredSwing]) 
 
     Args:
         prior: values and standard deviations before the swings, e.g. those of the rig file.
-        swings: swings in any order; only those at a body with a significant loss of speed count.
+        swings: swings in any order; only those at a body with a positive, significant loss of speed count.
 
     Returns:
-        The estimate, e limited to 0-1; `prior` itself (not a copy) if no swing counts.
+        The estimate with its standard deviations, e limited to 0-1; `prior` itself (not a copy) if no swing
+        counts.
     """
     hits = [
         each

@@ -4,8 +4,8 @@ The time is that of first contact, which can be compared with the images. A cont
 and the object is light, so that the arm loses 5-30 % of its speed: the reads do not show the beginning
 itself, only the course of the loss in two registers. It is fitted with contacts of two force laws (a damped
 linear spring; a sphere on a plane), whose damping follows from the restitution, and whose duration is known
-to half a millisecond. At 1 kHz the standard deviation of the first contact is 0.2 ms, mostly due to that
-duration, the force law and the time of the sample within a read.
+to half a millisecond. With 1000 reads per second the standard deviation of the time of first contact is
+0.2 ms, mostly due to that duration, the force law and the time of the sample within a read.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ FORCE_EXPONENTS = (1.0, 1.5)
 FORCE_LAW_SD_S = 1e-4
 """standard deviation of the contact time due to other force laws"""
 SIMULATION_STEP, MAX_SIMULATION_STEPS = 0.02, 1000
-"""integration of the contact force: time step in the units of `_contact_force`, largest number of steps"""
+"""integration of the contact force: time step, in the dimensionless time of `_contact_force`, and largest
+number of steps"""
 FIT_BEFORE_S = 0.04
 """length of the fitted constant speed before the contact"""
 SEARCH_BEFORE_S = 0.02
@@ -72,11 +73,11 @@ class ImpactMeasurement:
     """Time of first contact, arm velocity and loss of velocity, with standard deviations."""
 
     time_ns: int
-    """host monotonic time of first contact"""
+    """host monotonic time of first contact [ns]"""
     time_sd_ns: float
     """standard deviation of the time [ns]"""
     velocity: float
-    """angular velocity of the arm just before [rad/s]"""
+    """angular velocity of the arm just before first contact [rad/s]"""
     velocity_sd: float
     """standard deviation of the velocity [rad/s]"""
     drop: float | None
@@ -90,26 +91,28 @@ def fit_contact(
 ) -> ImpactMeasurement | None:
     """Estimate the arm's impact from its constant speed, the contact, and the servo's recovery of speed.
 
-    The arm angle x [rad] is modelled by x'(t) = b - d lost(u) - d_r d lost / d r, u = t - tc: tc is the time
-    of first contact, b the angular velocity before it, d the drop (loss of angular velocity), `lost` the
-    fraction of the drop that is lost and not yet recovered at the rate r, and d_r = d times the error of r.
-    The velocity register shows x' after the filter and lag that `estimate_register` found. tc, the duration
-    of the contact, the force law and the register model are scanned. The other parameters (x(tc), b, d, d_r)
-    are linear and integrated out, d and d_r with priors. The prior of tc is the time at angle 0 (the impact
-    point) with the tails of a Cauchy distribution, so that a clear drop elsewhere prevails.
+    The arm angle x [rad] is modelled by x'(t) = b - d lost(t - tc) - d_r lost_r(t - tc): tc is the time of
+    first contact, b the angular velocity before it, d the drop (loss of angular velocity), `lost` the
+    fraction of the drop that is lost and not yet recovered by the servo at the rate r [1/s], lost_r its
+    derivative by r, and d_r = d times the error of r. The velocity register shows x' after the filter and
+    lag that `estimate_register` found. tc, the duration of the contact, the force law and the register model
+    are scanned. The other parameters (x(tc), b, d, d_r) are linear and integrated out, d and d_r with priors.
+    The prior of tc is the time at angle 0 (the impact point) with the tails of a Cauchy distribution, so that
+    a clear drop elsewhere prevails.
 
-    Without a significant drop, or with fewer than 8 reads near the contact, the time is that at angle 0.
+    Without a significant drop, or with fewer than 8 reads in the last 50 ms of the swing, the time is that at
+    angle 0, and the drop is None.
 
     Args:
         samples: samples of the swing and of the retraction, in order.
-        turned_ns: host monotonic time at which the retraction was commanded; later samples only serve the
-            register model.
+        turned_ns: host monotonic time [ns] at which the retraction was commanded; later samples only serve
+            the register model.
         arm_length: length of the arm [m].
         restitution: restitution of the contact, 0-1; determines the shape of its force.
 
     Returns:
-        The impact; None if the arm neither lost speed significantly nor came within 3 mm of angle 0, or if
-        the samples are too few or show no forward motion.
+        The impact. None if fewer than two samples precede `turned_ns`; also if no significant drop is found,
+        and the tip did not come within 3 mm of the impact point or the arm did not move forward.
     """
     swing = [s for s in samples if s.time_ns <= turned_ns]
     if len(swing) < 2:
@@ -161,14 +164,15 @@ def fit_contact(
 def _zero_crossing(samples: Sequence[Sample], arm_length: float) -> ImpactMeasurement | None:
     """Impact at angle 0, interpolated between the reads on either side of it, without a loss of speed.
 
-    Used if the host paused during the swing.
+    Used if the host paused during the swing. If no read reached angle 0, the time is at most that of the last
+    read.
 
     Args:
         samples: samples of the swing in order, at least two.
         arm_length: length of the arm [m].
 
     Returns:
-        The impact; None if the arm did not move forward before it.
+        The impact; None if the median velocity of the (at most 8) reads before angle 0 is not positive.
     """
     after = next((k for k, s in enumerate(samples) if k and s.position_rad >= 0), len(samples) - 1)
     first, last = samples[after - 1], samples[after]
@@ -218,10 +222,10 @@ class _ImpactFits:
     """Fits of g hypotheses: combinations of contact time, duration, force law and register model."""
 
     time: NDArray[np.float64]
-    """(g,) time of first contact tc [s]"""
+    """(g,) time of first contact tc [s], from the origin of the reads' times"""
     solution: NDArray[np.float64]
     """(g, 4) arm angle at contact x(tc) [rad], angular velocity before it b [rad/s], its loss d [rad/s], and
-    d_r [rad/s2], the loss times the error of the recovery rate"""
+    d_r [rad/s2], the loss times the error of the rate at which the servo recovers it"""
     covariance: NDArray[np.float64]
     """(g, 4, 4) covariance of the solution"""
     chi2: NDArray[np.float64]
@@ -234,8 +238,9 @@ class _ImpactFits:
 def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _ImpactFits:
     """Least-squares fits of all hypotheses on contact time, duration, force law and register model.
 
-    Contact times after the last read are left out, because they do not show; so are very early ones, because
-    they leave no speed before the contact to compare with.
+    Contact times after the last read are left out, because they do not show; so are those in the first third
+    of the reads' time or over 20 ms before its origin, because too little of the speed before the contact
+    would be known.
 
     Args:
         reads: reads of the swing near the contact.
@@ -296,7 +301,8 @@ def _loss_courses(
         length: length of the courses [s], from first contact.
 
     Returns:
-        The fraction (n,), and its derivative by the recovery rate (n,) [s], in steps of RESPONSE_STEP_S.
+        The fraction (n,), and its derivative (n,) [s] by the rate [1/s] of recovery; both from first contact
+        in steps of RESPONSE_STEP_S.
     """
     force = np.interp(
         np.arange(0.0, length + RESPONSE_STEP_S, RESPONSE_STEP_S) / duration, *force_course, right=0.0
@@ -313,9 +319,9 @@ def _loss_courses(
 def _contact_force(restitution: float, exponent: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Time over duration (n,), and force (n,) in arbitrary units, of a contact; the force never pulls.
 
-    With x the depth: x'' = -x^k (1 + c x') for a sphere on a plane, k = 1.5 (Hunt and Crossley 1975);
-    x'' = -x - c x' for a linear spring and damper, k = 1 (Kelvin and Voigt; Nagurka and Huang 2004); from
-    x = 0, x' = 1. The damping c is found by bisection so that x' at the end is minus the restitution.
+    With x the dimensionless depth: x'' = -x^k (1 + c x') for a sphere on a plane, k = 1.5 (Hunt and Crossley
+    1975); x'' = -x - c x' for a linear spring and damper, k = 1 (Kelvin and Voigt; Nagurka and Huang 2004);
+    from x = 0, x' = 1. The damping c is found by bisection so that x' at the end is minus the restitution.
 
     Args:
         restitution: speed after the contact over speed before it, 0-1.
@@ -334,11 +340,12 @@ def _simulate_contact(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Time over duration (n,), force (n,) and final velocity of a contact, for unit speed at its start.
 
-    Semi-implicit Euler integration in dimensionless units.
+    Semi-implicit Euler integration in dimensionless units, from depth x = 0 and speed v = 1. The velocity is
+    positive into the object, so the final one is negative.
 
     Args:
-        damping: damping coefficient c of the force.
-        exponent: exponent of the depth in the force; 1 is the linear spring and damper.
+        damping: damping coefficient c of the force x^k (1 + c v), or x + c v if k = 1.
+        exponent: exponent k of the depth in the force; 1 is the linear spring and damper.
     """
     x, v = 0.0, 1.0
     force = [0.0]

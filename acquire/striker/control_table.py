@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 
 MODEL_FILES = {1020: "xm430_w350.model", 1030: "xm430_w210.model"}
-"""vendor's table by model number; XL430 is left out because it has no current register, so neither a limit
-nor mode 5"""
+"""vendor's file by model number; XL430 is left out because it has no current register, so neither a current
+limit nor operating mode 5 (current-based position)"""
 
 MODEL_NAMES = {1020: "XM430-W350", 1030: "XM430-W210"}
 
@@ -51,7 +51,7 @@ class Register:
         return self.name in SIGNED
 
     def decode(self, data: bytes) -> int:
-        """Value of the register from its first `size` bytes of `data`, signed if the register is.
+        """Value of the register from the first `size` bytes of `data`, signed if the register is.
 
         Needed because the SDK returns unsigned numbers only.
         """
@@ -64,7 +64,7 @@ class Register:
 
 @cache
 def control_table(model: int) -> dict[str, Register]:
-    """Registers of a servo model by the vendor's names, without the indirect ones.
+    """Registers of a servo model by the vendor's names, without those for indirect addressing.
 
     Args:
         model: model number as returned by a ping; a key of MODEL_FILES.

@@ -25,7 +25,7 @@ class DeadManSwitch:
         torque_off_packet: packet that switches the torque off and is not answered.
 
     Raises:
-        StrikerError: the process did not start.
+        StrikerError: the process ended before it was ready.
     """
 
     def __init__(self, descriptor: int, torque_off_packet: bytes) -> None:
@@ -57,7 +57,10 @@ class DeadManSwitch:
         return self._process.pid
 
     def dismiss(self) -> None:
-        """End the dead man's switch's process without switching the torque off; the port stays open here."""
+        """End the dead man's switch's process without switching the torque off, and wait for its end.
+
+        The port stays open in this process.
+        """
         assert self._process.stdin is not None  # noqa: S101 - Popen was given PIPE
         with contextlib.suppress(OSError):  # the process was killed
             self._process.stdin.write(deadman_process.DISMISSED)

@@ -61,7 +61,7 @@ class DynamixelStriker(Striker):
 
     Args:
         config: section `striker` of the rig file.
-        sample_sink: called with every sample of the servo (times, arm angle, velocity, current).
+        sample_sink: called with every sample of the servo (times, tick, arm angle, velocity, current).
         event_sink: called with the events of a strike: homed, armed, released, contact and so on.
         clock_sink: called with readings of the servo's clock. All three are called from the calling thread or
             from the idle thread, and must not block for long.
@@ -111,7 +111,8 @@ class DynamixelStriker(Striker):
 
         Raises:
             StrikerNotFound: no such port, port in use, or no servo of a known model on it.
-            StrikerError: a limit reads back differently.
+            StrikerError: a limit is refused or reads back differently, the servo no longer answers, or the
+                process that switches the torque off when this one dies does not start.
         """
         with self._call_lock:
             self._servo.open()
@@ -191,9 +192,9 @@ class DynamixelStriker(Striker):
         """Allow one strike, for the time `arming_expires_s` of the rig file. The state is ARMED afterwards.
 
         Raises:
-            StrikerRefused: not homed, or a strike is running.
-            StrikerFault: the servo reports a hardware error.
-            StrikerLost: the servo does not answer.
+            StrikerRefused: not homed, or a strike is allowed or running already.
+            StrikerError: the servo reports a hardware error or does not answer, or the process that switches
+                the torque off when this one dies does not start; the state is FAULT then.
         """
         with self._call_lock:
             self._consume_stop()
@@ -209,8 +210,8 @@ class DynamixelStriker(Striker):
         Raises:
             StrikerRefused: not armed, or the arming expired.
             StrikerStopped: a stop was requested; it is a StrikerRefused.
-            StrikerFault: the servo reports a hardware error, or the arm does not settle.
-            StrikerLost: the servo does not answer.
+            StrikerError: the servo reports a hardware error, refuses an order or does not answer, or the arm
+                does not settle; the state is FAULT then.
         """
         with self._call_lock:
             self._consume_stop()
@@ -228,6 +229,8 @@ class DynamixelStriker(Striker):
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
         """Swing once, retract after the contact, count the contacts, disarm; return the measurements.
 
+        If the arm does not reach the impact point, it retracts and the outcome has no contact.
+
         Args:
             strike_id: id of the strike in the events.
             tip_speed_m_s: tip speed to command [m/s].
@@ -235,8 +238,8 @@ class DynamixelStriker(Striker):
         Raises:
             StrikerRefused: not armed and settled, the arming expired, or the speed is outside the limits.
             StrikerStopped: a stop was requested; it is a StrikerRefused.
-            StrikerFault: the servo reports a hardware error, or the arm does not settle; the torque is off.
-            StrikerLost: the servo does not answer.
+            StrikerError: the servo reports a hardware error, refuses an order or does not answer, or the arm
+                does not settle; the state is FAULT then, and the torque is off if the servo can be reached.
         """
         with self._call_lock:
             self._consume_stop()
@@ -364,7 +367,7 @@ class DynamixelStriker(Striker):
             raise
 
     def _hold(self) -> None:
-        """Hold the braked arm at its position with torque on; the state is DISARMED, not homed.
+        """Hold the braked arm at its position with torque on; the state is DISARMED and not homed afterwards.
 
         If the servo fails, the state is FAULT instead. The stop request is cleared and reported as an event.
         """
@@ -384,9 +387,9 @@ class DynamixelStriker(Striker):
         return self._stop_requested
 
     def _consume_stop(self) -> None:
-        """Clear and report a stop that was requested while nothing moved; a strike is no longer allowed.
+        """Clear a stop that was requested while nothing moved, and report it as an event.
 
-        The arm stays where it is. Without a request nothing happens.
+        A strike is no longer allowed then, and the arm stays where it is. Without a request nothing happens.
         """
         if not self._stop_requested:
             return

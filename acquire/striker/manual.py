@@ -88,8 +88,8 @@ class ManualStriker(Striker):
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
         """Wait 5 s while the person strikes, then disarm.
 
-        Contact time and impulse in the outcome are None, the tip speed is the requested one with itself as
-        standard deviation.
+        Contact time and impulse in the outcome are None, the number of contacts is 0, and the tip speed is
+        the requested one with itself as standard deviation.
 
         Args:
             strike_id: id of the strike in the events.
@@ -97,7 +97,7 @@ class ManualStriker(Striker):
 
         Raises:
             StrikerRefused: not armed and cocked, or the arming expired.
-            StrikerStopped: stopped while waiting; the striker is no longer homed then.
+            StrikerStopped: stopped or closed while waiting; the striker is no longer homed then.
         """
         now_ns = self._clock.monotonic_ns()
         if arming_expired(self._status, now_ns, self._config.arming_expires_s):

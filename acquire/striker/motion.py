@@ -30,7 +30,8 @@ GOLDEN_RATIO_FRACTION = 0.6180339887498949
 SETTLED_TICKS = 4.5
 SETTLED_UNITS = 1.5
 SETTLED_READS = 20
-"""the arm is settled if this many consecutive reads are within these limits, in units of the registers"""
+"""the arm is settled if SETTLED_READS consecutive reads are within SETTLED_TICKS of the goal and within
+SETTLED_UNITS of rest, in units of the position and velocity registers"""
 MAX_SILENCE_NS = 200_000_000
 """longest time without an answer in a swing: by then the servo's own watchdog (100 ms) has stopped it, if
 this host paused"""
@@ -79,7 +80,8 @@ class ArmMotion:
         Args:
             samples: list to which the samples are appended.
             is_last: called with every sample; True ends the reading.
-            is_overdue: called with the host monotonic time [ns]; True once the time limit has passed.
+            is_overdue: called with the host monotonic time [ns] of the servo's last answer; True once the
+                time limit has passed.
 
         Raises:
             MotionStopped: a stop was requested.

@@ -1,4 +1,4 @@
-"""Outcome of a strike: tip speed and impulse from the impact that the arm measured."""
+"""Outcome of a strike: contact time, tip speed and impulse from the impact that the arm measured."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ def strike_outcome(
     released_ns: int,
     turned_ns: int,
 ) -> StrikeOutcome:
-    """Tip speed, impulse and number of contacts of one strike, with standard deviations.
+    """Contact time, tip speed, impulse and number of contacts of one strike, with standard deviations.
 
-    The impulse is J = m_s * (v - v'), with m_s = I / r^2 the effective mass of the tip, v and v' its speed
-    before and after the contact. Without an impact all values are 0 or None.
+    The impulse is m_s * (v - v'), with m_s the effective mass of the tip, v and v' its speed before and after
+    the contact; None if no significant loss of speed was measured. Without an impact, contact time and
+    impulse are None, the other measurements 0.
 
     Args:
-        config: section `striker` of the rig file, with arm length r and effective mass.
+        config: section `striker` of the rig file, with arm length and effective mass.
         impact: the impact that the arm measured; None if it met nothing.
         samples: samples of swing and retraction, in order.
-        released_ns: host monotonic time at which the swing began.
-        turned_ns: host monotonic time at which the retraction was commanded.
+        released_ns: host monotonic time at which the swing began [ns].
+        turned_ns: host monotonic time at which the retraction was commanded [ns].
     """
     length, mass = config.arm_length_m, config.effective_mass_kg
     if impact is None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 ALERT = 0x80
+"""bit of an answer's error byte with which the servo reports a hardware error"""
 ANSWER_MARGIN_MS = 36.0
 """time-out beyond the transmission of the bytes: FTDI's default latency of 16 ms, twice, and a busy host (the
 SDK's LATENCY_TIMER = 16 counts twice as well)"""
@@ -29,7 +30,7 @@ _PING, _READ = 1, 2
 
 
 def never() -> bool:
-    """Always False: default of the functions that interrupt a wait."""
+    """Return False: default of the callbacks that can interrupt a wait."""
     return False
 
 
@@ -55,8 +56,8 @@ class BlockingPort(PortHandler):
     def setupPort(self, cflag_baud: int) -> Literal[True]:  # noqa: N802 - the SDK's name
         """Open the port for this program alone; return True.
 
-        A port that is open already is closed before. The lock is an flock on the device, which ends with the
-        process in any case.
+        A port that is open already is closed before. Other programs are kept out by an flock on the device,
+        which ends with the process in any case.
 
         Args:
             cflag_baud: baud rate [bit/s].
@@ -145,8 +146,8 @@ class StrictPacketHandler(Protocol2PacketHandler):
             txpacket: bytes of the packet; the SDK fills in header, CRC and stuffing.
 
         Returns:
-            Bytes of the status packet (None or empty without one), the SDK's result code (COMM_SUCCESS or an
-            error), and the servo's error byte (0 if none arrived).
+            Bytes of the status packet (None or empty if none arrived in time), the SDK's result code
+            (COMM_SUCCESS or an error), and the status packet's error byte (0 if none arrived).
         """
         if self.unanswered and txpacket[_INSTRUCTION] != _PING:
             _, result, _ = self.ping(port, txpacket[_ID])

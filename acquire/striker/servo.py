@@ -1,7 +1,7 @@
 """Servo of the striker's arm in SI units and arm angles: limits, gains, samples, moves.
 
-An arm angle is 0 at the impact point, where the arm hangs, and positive towards the object. Register names
-are the vendor's.
+An arm angle is 0 at the impact point, where the arm hangs, and positive towards the object. Names of
+registers are the vendor's.
 """
 
 from __future__ import annotations
@@ -79,17 +79,17 @@ class Sample:
     """One reading of the servo in arm angles: 0 at the impact point, positive towards the object."""
 
     host_before_ns: int
-    """host monotonic time before the request was sent"""
+    """host monotonic time before the request was sent [ns]"""
     host_after_ns: int
-    """host monotonic time after the answer arrived"""
+    """host monotonic time after the answer arrived [ns]"""
     tick_ms: int
-    """the servo's clock, register Realtime Tick: counts 1 ms, wraps at 32768"""
+    """the servo's clock [ms], register Realtime Tick: wraps at 32768"""
     position_rad: float
-    """arm angle"""
+    """arm angle [rad]"""
     velocity_rad_s: float
-    """angular velocity of the arm, as the servo filters it"""
+    """angular velocity of the arm [rad/s], as the servo filters it"""
     current_a: float
-    """motor current; positive drives the arm towards the object"""
+    """motor current [A]; positive drives the arm towards the object"""
 
     @property
     def time_ns(self) -> int:
@@ -147,7 +147,7 @@ class Servo:
             raise
 
     def close(self) -> None:
-        """Release the port and end the dead man's switch, which leaves the torque as it is. Always safe."""
+        """Release the port and end the dead man's switch; the torque stays as it is. Always safe."""
         dead_man, self._dead_man = self._dead_man, None
         if dead_man is not None:
             dead_man.dismiss()
@@ -215,7 +215,7 @@ class Servo:
     # --- state
 
     def ticks(self, angle: float) -> int:
-        """Value of the servo's position register (4096 per turn) at an arm angle [rad], 0 at impact."""
+        """Position register's value (4096 per turn) at an arm angle [rad] from the impact point."""
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
@@ -225,11 +225,12 @@ class Servo:
             interrupted: called while waiting; True ends the wait for the answer.
 
         Returns:
-            The sample; None if the answer is lost or its values are impossible.
+            The sample; None if the answer is lost, the wait was interrupted, the servo refused the reading,
+            or the values are impossible.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
-            StrikerLost: the port failed.
+            StrikerLost: the port failed or is closed.
         """
         first = self._table["Realtime Tick"].address
         block: Block | None = self._bus.read_block(first, _BLOCK.size, interrupted)
@@ -251,7 +252,7 @@ class Servo:
         )
 
     def require_sample(self) -> Sample:
-        """Read a sample, and repeat the reading until there is an answer, for half a second or more.
+        """Read a sample; the reading is repeated for half a second, and at least three times, if it fails.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
@@ -297,8 +298,10 @@ class Servo:
     def clear_hardware_error(self) -> bool:
         """Reboot the servo after a hardware error, or if the arm was turned by more than half a turn.
 
+        The turn is counted from the impact point.
+
         Returns:
-            True if the servo was rebooted.
+            True if the servo was rebooted, False if there was no reason to.
 
         Raises:
             StrikerFault: the error persists after the reboot.
@@ -333,6 +336,7 @@ class Servo:
         """Switch the torque off; the arm moves freely.
 
         Raises:
+            StrikerError: the servo refuses it.
             StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Torque Enable"], 0)
@@ -343,13 +347,14 @@ class Servo:
         A tripped watchdog is cleared first.
 
         Raises:
+            StrikerError: the servo refuses it.
             StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Bus Watchdog"], 0)  # clears a tripped watchdog, else goals are refused
         self._bus.write(self._table["Bus Watchdog"], WATCHDOG_UNITS)
 
     def watchdog_tripped(self) -> bool:
-        """Read from the servo whether its bus watchdog has stopped the arm; True if so.
+        """True if the servo's bus watchdog has stopped the arm, as the servo reports now.
 
         Raises:
             StrikerLost: the servo does not answer.
@@ -357,9 +362,10 @@ class Servo:
         return self._bus.read(self._table["Bus Watchdog"]) == WATCHDOG_TRIPPED
 
     def stop_watchdog(self) -> None:
-        """End the servo's bus watchdog: it then holds its position although the bus is silent.
+        """Switch the servo's bus watchdog off: the servo then holds its position although the bus is silent.
 
         Raises:
+            StrikerError: the servo refuses it.
             StrikerLost: the servo does not answer.
         """
         self._bus.write(self._table["Bus Watchdog"], 0)
@@ -370,7 +376,7 @@ class Servo:
         If the watchdog stopped the arm because this host paused, it is cleared and the order repeated.
         Profile Acceleration, Profile Velocity and Goal Position are neighbours and written at once, so that a
         retraction costs one transaction. The goal is checked here, because the servo's position limits do not
-        bind in mode 5.
+        bind in mode 5 (current-based position).
 
         Args:
             angle: arm angle to reach [rad].
@@ -421,15 +427,15 @@ class Servo:
     def brake(self, angle: float, velocity: float) -> float:
         """Start to brake the moving arm with full current, and return the expected time to rest [s].
 
-        Does not wait for an answer. A servo in this mode cannot brake harder: its current is limited by Goal
-        Current, which is the current limit itself.
+        Does not wait for an answer. The servo cannot brake harder in current-based position mode: its current
+        is limited by Goal Current, which is the current limit itself.
 
         Args:
             angle: present arm angle [rad].
             velocity: present angular velocity of the arm [rad/s].
 
         Raises:
-            StrikerLost: the port failed.
+            StrikerLost: the port failed or is closed.
         """
         low, high = self._config.cocked_angle_rad - 0.29, RUN_THROUGH_RAD + 0.14
         behind = angle - math.copysign(BRAKE_GOAL_OFFSET_RAD, velocity)
@@ -442,7 +448,7 @@ class Servo:
         Does not wait for an answer.
 
         Raises:
-            StrikerLost: the port failed.
+            StrikerLost: the port failed or is closed.
         """
         self._bus.write_unanswered(*self._gains(0, DAMPING_D_GAIN))
 
@@ -451,7 +457,7 @@ class Servo:
 
         Raises:
             StrikerFault: the servo reports a hardware error.
-            StrikerError: the arm is outside the striker's limits.
+            StrikerError: the arm is outside the striker's limits, or the servo refuses an order.
             StrikerLost: the servo does not answer.
         """
         self.move_to(self.require_sample().position_rad, 0.0, 0.0)

@@ -32,11 +32,11 @@ GUARD_S: dict[StrikerState, float] = {
     _S.CATCH: 3.0,
     _S.VERIFY: 2.0,
 }
-"""longest duration of the states in which the arm moves; DISARMED, HOMED and FAULT are unlimited, ARMED and
-SETTLED end when the arming expires"""
+"""longest duration [s] of the states in which the arm moves or is checked after it; DISARMED, HOMED and FAULT
+are unlimited, ARMED and SETTLED end when the arming expires"""
 
 MOVING = frozenset(GUARD_S)
-"""states in which the arm moves"""
+"""states with a longest duration: the arm moves, or is checked after it"""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class StrikerStatus:
     state: StrikerState
     """current state of the strike sequence"""
     since_ns: int
-    """host monotonic time at which the state began"""
+    """host monotonic time at which the state began [ns]"""
     homed: bool = False
     """True if the arm is at a known place with torque on"""
     armed_ns: int | None = None
-    """host monotonic time at which one strike was allowed (armed); None if no strike is allowed"""
+    """host monotonic time [ns] at which one strike was allowed (armed); None if no strike is allowed"""
 
 
 def advance(status: StrikerStatus, to: StrikerState, now_ns: int) -> StrikerStatus:
@@ -62,7 +62,7 @@ def advance(status: StrikerStatus, to: StrikerState, now_ns: int) -> StrikerStat
     Args:
         status: status before; it is not changed.
         to: the new state.
-        now_ns: host monotonic time of the transition.
+        now_ns: host monotonic time of the transition [ns].
 
     Raises:
         StrikerRefused: `to` may not follow the current state, or is ARMED and the striker is not homed.
@@ -104,13 +104,16 @@ def unhomed_status(now_ns: int) -> StrikerStatus:
 def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool:
     """True if a strike was allowed more than `expires_s` [s] before `now_ns` and has not begun since.
 
-    The state is then ARMED, COCKING or SETTLED. `now_ns` is host monotonic.
+    The state is then ARMED, COCKING or SETTLED. `now_ns` is host monotonic time.
     """
     waiting = status.state in {_S.ARMED, _S.COCKING, _S.SETTLED}
     return waiting and status.armed_ns is not None and now_ns - status.armed_ns > expires_s * 1e9
 
 
 def is_overdue(status: StrikerStatus, now_ns: int) -> bool:
-    """True if, at `now_ns` (host monotonic), a state in which the arm moves lasts longer than its limit."""
+    """True if, at `now_ns` (host monotonic time), the state has lasted longer than its limit in GUARD_S.
+
+    False if GUARD_S has no limit for the state.
+    """
     guard_s = GUARD_S.get(status.state)
     return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9

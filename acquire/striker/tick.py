@@ -18,8 +18,9 @@ PERIOD_NS = 500_000_000
 class TickClock:
     """Continuous device time from the servo's tick, which counts 1 ms and wraps at 32768.
 
-    Each read bounds the device clock: at some time between `host_before_ns` and `host_after_ns` it showed at
-    least the tick's value and less than 1 ms more. Intersecting these bounds over 5-10 s leaves about 0.4 ms.
+    Each read bounds the servo's clock: at some time between `host_before_ns` and `host_after_ns` it showed at
+    least the tick's value and less than 1 ms more. The intersection of these bounds over 5-10 s determines
+    the servo's clock to about 0.4 ms.
 
     Args:
         sink: called with each published clock sample.
@@ -33,12 +34,18 @@ class TickClock:
         self._offset = 0
 
     def restart(self) -> None:
-        """Continue the count without a jump after a reboot of the servo, which resets its tick."""
+        """Continue the count without a jump after a reboot of the servo, which resets its tick.
+
+        The next sample must come from the rebooted servo.
+        """
         if self._ticks is not None:
             self._offset = -1
 
     def observe(self, sample: Sample) -> None:
-        """Update the count with a sample of the servo; publish a ClockSample at most twice per second."""
+        """Update the count with the next sample of the servo; publish a ClockSample at most twice per second.
+
+        The ClockSample holds the unwrapped tick [ns] and the host times before and after the reading.
+        """
         if self._ticks is None:
             self._ticks = sample.tick_ms
         else:

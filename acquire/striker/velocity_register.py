@@ -40,7 +40,7 @@ PERIOD_NS = 1_000_000
 PHASES_NS: tuple[int | None, ...] = (None, 0, 200_000, 400_000, 600_000, 800_000)
 """phases of the register's renewal that are tried; None for an irregular renewal, at an age of 0-1 ms"""
 PHASE_STEP_S = 2e-4
-"""spacing of these phases"""
+"""spacing of the phases that are tried"""
 UNKNOWN_AGE_SD_S = 1e-3 / math.sqrt(12)
 """standard deviation of an age distributed uniformly over 0-1 ms"""
 RUN_UP_S, BEFORE_RUN_UP_S = 0.06, 0.01
@@ -56,11 +56,12 @@ READ_FRACTION, READ_FRACTION_SD = 0.35, 0.2
 """time of the sample as a fraction of the read's duration, and its standard deviation: the request (14 bytes)
 is sent before the sample, the answer (27 bytes, and the adapter's delay) after it"""
 READ_FRACTIONS = READ_FRACTION + np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
-"""times of the sample over which the age of the register's value is averaged"""
+"""times of the sample, as fractions of the read's duration, over which the age of the register's value is
+averaged"""
 MIN_WEIGHT = 0.01
 """smallest probability of a hypothesis that is kept"""
 MIN_READS = 16
-"""fewest reads in run-up or retraction for which that part is fitted"""
+"""fewest reads in run-up or retraction with which that part is fitted"""
 
 
 @dataclass(frozen=True)
@@ -78,19 +79,19 @@ class RegisterModel:
     lag_sd: float
     """standard deviation of the lag [s]"""
     phase_ns: int | None
-    """renewal time (host monotonic, modulo 1 ms) [ns]; None if irregular"""
+    """time of the renewals (host monotonic, modulo 1 ms) [ns]; None if they are irregular"""
     weight: float
     """probability of this hypothesis"""
 
 
 @dataclass(frozen=True)
 class Reads:
-    """Samples of the servo as arrays (n,), with their uncertainties."""
+    """Samples of the servo as arrays (n,), and the standard deviations of their values."""
 
     origin_ns: int
-    """host monotonic time of time 0"""
+    """host monotonic time of time 0 [ns]"""
     time: NDArray[np.float64]
-    """(n,) time at which the sample was taken [s]"""
+    """(n,) time at which the sample was taken [s], from `origin_ns`"""
     position: NDArray[np.float64]
     """(n,) arm angle [rad]"""
     velocity: NDArray[np.float64]
@@ -100,10 +101,10 @@ class Reads:
 
     @classmethod
     def from_samples(cls, samples: Sequence[Sample], origin_ns: int) -> Reads:
-        """Arrays of samples in order of time.
+        """Arrays of samples, which are in order of time.
 
-        A sample's time is that at which the servo probably took it, 0.35 of the read's duration after its
-        begin, relative to `origin_ns` (host monotonic).
+        A sample's time [s] is that at which the servo probably took it, 0.35 of the read's duration after the
+        read's begin, from `origin_ns`, a host monotonic time.
         """
         return cls(
             origin_ns,
@@ -148,6 +149,8 @@ class Reads:
     def velocity_sd(self, age_sd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviation of each velocity (n,) [rad/s], with that due to the age of its value.
 
+        With fewer than two reads the part due to the age is left out.
+
         Args:
             age_sd: (n,) standard deviation of the time since the register's last renewal [s].
         """
@@ -160,9 +163,10 @@ class Reads:
 def low_pass(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
     """Signal (n, ...) after a first-order low-pass filter along axis 0.
 
-    The rows are RESPONSE_STEP_S apart; before the first row the signal counts as constant. The result is
-    computed as a sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal has this filter
-    as `lfilter`, but importing that takes longer than everything else at the start of a daemon.
+    The rows are RESPONSE_STEP_S apart; before the first row the signal counts as constant. The filter's sum
+    of decaying terms is computed by doubling: the sum of 1, 2, 4, ... terms, each from the one before.
+    scipy.signal has this filter as `lfilter`, but importing that takes longer than everything else at the
+    start of a daemon.
 
     Args:
         signal: (n, ...) values.
@@ -199,12 +203,13 @@ def cubic_splines(
 def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
     """Models of the servo's velocity register, with their probabilities given the samples of one swing.
 
-    Filter and phase are scanned; the lag is fitted to each pair, with a prior. Models with a probability of
-    0.01 or less are left out. With too few reads no model is excluded.
+    The filter's time constant and the phase of the renewals are scanned; the lag is fitted to each pair, with
+    a prior. Models with a probability of 0.01 or less are left out. With fewer than 16 reads both in the
+    run-up and in the retraction, all models are kept, equally probable.
 
     Args:
         samples: samples of swing and retraction, in order.
-        turned_ns: host monotonic time at which the retraction was commanded.
+        turned_ns: host monotonic time at which the retraction was commanded [ns].
 
     Returns:
         The models, the most probable first.
@@ -250,8 +255,11 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
     20 ms before the retraction at the latest.
 
     Args:
-        samples: samples of the swing, in order.
-        turned_ns: host monotonic time at which the retraction was commanded.
+        samples: samples of swing and retraction, in order.
+        turned_ns: host monotonic time at which the retraction was commanded [ns].
+
+    Returns:
+        The samples; empty if there are none in that time.
     """
     highest = max((s.velocity_rad_s for s in samples), default=0.0)
     moving = next((s.time_ns for s in samples if s.velocity_rad_s > 0.1 * highest), turned_ns)
@@ -262,10 +270,12 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
 def _scores(reads: Reads) -> NDArray[np.float64]:
     """Minus twice the log-likelihood of the reads, for every phase, filter time constant and lag tried.
 
-    The motion is the smooth one (cubic spline) that fits position and velocity registers best.
+    The motion is the smooth one (cubic spline) that fits the values of position and velocity registers best.
+    The time of the first read must be near 0.
 
     Returns:
-        Array (phases, time constants, lags), up to a common constant.
+        Array (phases, time constants, lags) in the order of PHASES_NS, TAU_GRID_S and LAG_GRID_S, up to a
+        common constant.
     """
     margin = KNOT_SPACING_S + LAG_GRID_S[-1] + PERIOD_NS * 1e-9
     inner = np.arange(-margin, reads.time[-1] + 2 * KNOT_SPACING_S, KNOT_SPACING_S)
