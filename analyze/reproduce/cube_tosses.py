@@ -56,7 +56,7 @@ FLIGHT_GUARD, CONTACT_GUARD = 3, 2
 """Frames left out next to an impact: the file's motion is low-pass filtered, which spreads the impact over
 them."""
 LEAST_FRAMES: Final = 9
-"""Least number of frames of a flight or contact."""
+"""Least number of frames of a contact; a flight has more than this."""
 PROGRESS_STEPS: Final = 5
 """Steps of the progress bar."""
 
@@ -302,16 +302,24 @@ def _entries(body: BalancedBody) -> Array:
 
 
 def _heights(motion: BodyMotion) -> Array:
-    """Heights (n, 8) [m] of the cube's corners `CORNERS` above the table, by frame of the motion [m]."""
+    """Heights (n, 8) of the cube's corners above the table in the n frames, in the motion's unit of length.
+
+    The cube's width is taken as `EDGE_M` of that unit, which the file's "metre" meets to a few per cent.
+    """
     return motion.position[:, 2:] + motion.R_world_object[:, 2, :] @ CORNERS.T
 
 
 def _parts(motion: BodyMotion, touching: Array) -> list[BodyMotion]:
+    """Stretches of a motion in which `touching` (n,) is True, without `CONTACT_GUARD` frames at both ends.
+
+    Stretches with fewer than `LEAST_FRAMES` frames left are omitted.
+    """
     runs = [(start + CONTACT_GUARD, stop - CONTACT_GUARD) for start, stop in _runs(touching)]
     return [motion.part(start, stop) for start, stop in runs if stop - start >= LEAST_FRAMES]
 
 
 def _runs(true: Array) -> list[tuple[int, int]]:
+    """Ranges [start, stop) of indices in which a mask (n,) is True without a gap."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]])))
     return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -320,7 +328,7 @@ def answer_json(answer: CubeAnswer) -> dict[str, Any]:
     """Centre of mass and inertia per mass by each method, as JSON values with units and 95 % intervals.
 
     An interval is the value ± 1.96 sd. Lengths are in true metres, except for `gravity`, which is in the
-    file's unit of length.
+    file's unit of length. Flight does not determine the inertia: its entry is None.
     """
 
     def quantity(value: Array, sd: Array, unit: str) -> dict[str, Any]:
@@ -363,9 +371,11 @@ def answer_json(answer: CubeAnswer) -> dict[str, Any]:
 
 
 def distance_sd(difference: Array, covariance: Array) -> float:
-    """Standard deviation [m] of the length of a vector `difference` (3,) [m].
+    """Standard deviation [m] of the length of a vector, from the vector's covariance along its direction.
 
-    It follows from the vector's `covariance` (3, 3) [m^2], along its direction.
+    Args:
+        difference: (3,) the vector, the difference of two centres of mass [m].
+        covariance: (3, 3) its covariance [m^2].
 
     Raises:
         EstimationError: the difference is exactly zero: its length has no direction to take the variance

@@ -104,6 +104,7 @@ def cube_figure(answer: CubeAnswer) -> Figure:
 
 
 def _interval(value: float, sd: float, digits: int = 2) -> str:
+    """Text "value ± half-width" of a 95 % interval, from value and standard deviation."""
     return f"{value:.{digits}f} ± {SIGMAS_95 * sd:.{digits}f}"
 
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 CLOSE_UP_MM = 3.0
-"""Largest error that the close-up of Figure 12 shows."""
+"""Largest error [mm] that the close-up of Figure 12 shows; larger ones are drawn on its border."""
 MIN_LABELLED_FRAMES = 6
-"""Least number of frames of a phase whose name fits above it."""
+"""Number of frames that a phase must exceed for its name to fit above it."""
 
 
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:

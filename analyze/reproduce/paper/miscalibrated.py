@@ -38,7 +38,7 @@ OWN_RADIUS_SD = 0.3 * RADIUS_SD
 K_SD = 2e-3
 """Relative error of each axis's k: air drag, play of the edge."""
 MIN_EDGE_RADIUS_M = 1e-4
-"""Lower limit of a drawn edge radius."""
+"""Lower limit of a drawn edge radius [m]."""
 
 
 def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evidence:

@@ -73,6 +73,7 @@ def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Val
 
 
 def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[AxisMoment]:
+    """Errors of the moments of one axis, from the lists of several answers."""
     return [axis for moments in answers for axis in moments if axis.axis_id == axis_id]
 
 

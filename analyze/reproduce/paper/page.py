@@ -251,6 +251,10 @@ def _answers(records: Sequence[SessionRecord]) -> Iterator[tuple[SessionRecord, 
 
 
 def _cell(value: Value, digits: int | None) -> str:
+    """Text of a table's cell, with `digits` decimals if it is a float and `digits` is not None.
+
+    A value that is None or not finite is "–"; one that would round to 0 is "< 0.01" (with two decimals).
+    """
     if value is None:
         return "–"
     if isinstance(value, float) and digits is not None:

@@ -24,8 +24,8 @@ OBJECTS = {
 """The paper's four objects by the names of their virtual counterparts; the paper's tables have no rows for
 the box."""
 VOLUME_MM3 = {"spray": 812_592.0, "juice": 862_704.0, "salt": 596_590.0}
-"""Volumes of the objects; the salt cylinder's follows from its err % column, because the published one is the
-juice bottle's."""
+"""Volumes of the objects [mm^3]; the salt cylinder's follows from its err % column, because the published
+one is the juice bottle's."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PublishedCentre:
     distance_m: float
     """Distance [m] from the reference, computed from the coordinates."""
     volume_ratio: float
-    """Volume of the sphere of that radius, over the object's volume."""
+    """Volume of the sphere with radius `distance_m`, over the object's volume."""
 
 
 @dataclass(frozen=True)
@@ -71,15 +71,17 @@ def published_masses() -> list[PublishedMasses]:
 
 
 def volume_ratio(distance: float, volume: float) -> float:
-    """The paper's error of a centre of mass: volume of a sphere of radius `distance`, over `volume`.
+    """The paper's error of a centre of mass: volume of a sphere, over that of the object.
 
-    Both are in the same unit of length.
+    Args:
+        distance: radius of the sphere: distance of the estimate from the reference.
+        volume: volume of the object, in the cube of the unit of `distance`.
     """
     return 4 / 3 * np.pi * distance**3 / volume
 
 
 def _errors(file: str, columns: Sequence[str]) -> Iterator[tuple[str, Array, dict[str, str]]]:
-    """Yield each published result: name of the object's virtual counterpart, error, and row of the file.
+    """Yield of each published result the object's name here, the error, and the row of the file.
 
     The error (len(columns),) is the result minus the reference, which stands before it in the file.
 

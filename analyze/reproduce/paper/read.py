@@ -19,6 +19,9 @@ def read_session(path: Path, progress: Progress = no_progress) -> SessionRecord:
         path: recording with ground truth.
         progress: called with (text, done, total).
 
+    Returns:
+        Ground truth, estimates, and data of the figures.
+
     Raises:
         RecordingError: the recording cannot be read, or contains no ground truth.
         ShapeError: the object's shape cannot be used.

@@ -107,9 +107,12 @@ class Sensitivity(Document):
 
     level: float = Field(description="degrees, relative, or metres")
     ours: list[float | None]
-    """Errors by our method, one per draw of the noise; None where it has no result."""
+    """Errors by our method, one per draw of the noise; None where it has no result.
+
+    They are in m for the centre of mass; for region masses they are the mean error over the total mass.
+    """
     paper: list[float | None]
-    """Errors by the paper's method, one per draw of the noise; None where it has no result."""
+    """Errors by the paper's method, in the same unit; None where it has no result."""
 
 
 class Profile(Document):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 LEVELS_M = (1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1.5e-2)
-"""Largest shifts of a scanned point."""
+"""Largest shifts of a scanned point [m]."""
 POINTS = 20_000
 """Number of points of a scan."""
 SAME_EDGE_COSINE = np.cos(np.radians(15.0))
@@ -51,7 +51,7 @@ def errors_over_scan_noise(
     Returns:
         Distance of c from the true one [m], and the mean error of a region's mass over the total mass, one
         entry per level each. A value is None if the scan cannot be used, or if too few strikes are left whose
-        edge it has.
+        edge it has. The paper's are None too if no strike tipped over, or its method finds no masses.
     """
     true = np.array(body.com_object)
     com, masses = [], []

@@ -53,7 +53,7 @@ def metric(masses: Sequence[float], record: SessionRecord) -> float:
 def mass_in_wrong_region(masses: Sequence[float], record: SessionRecord) -> float:
     """Fraction of the total mass that is attributed to a wrong region.
 
-    It is half the sum of the absolute errors over the total mass.
+    It is half the sum of the regions' absolute errors, over the total mass.
 
     Args:
         masses: estimated masses of shell, upper and lower part [kg].
@@ -103,9 +103,9 @@ def region_masses(
 
 
 def best_naive(record: SessionRecord) -> float:
-    """The paper's metric of the best naive answer.
+    """Smallest error of a session's naive answers, in the paper's metric.
 
-    The metric is the mean absolute error of a region's mass over the total mass. A naive answer assumes the
+    The metric is the mean absolute error of a region's mass, over the total mass. A naive answer assumes the
     distribution, for example all mass in the shell.
     """
     return min(metric(masses, record) for masses in record.naive_kg.values())
@@ -139,7 +139,7 @@ def standardised(records: Sequence[SessionRecord], condition: Condition) -> list
         condition: calibration under which they were analysed.
 
     Returns:
-        One entry per quantity, four in all.
+        Four entries: centre of mass, I about the edge, I about c (the centre of mass), region masses.
     """
     centre: list[float] = []
     edge: list[float] = []
@@ -203,6 +203,11 @@ def scatter_of_mean(records: Sequence[SessionRecord], condition: Condition) -> f
 def _masses(
     answer: MethodAnswer, record: SessionRecord
 ) -> Iterator[tuple[float, float, float, float, float]]:
+    """Yield true mass, estimated mass, its sd, and both limits of its 95 % interval [kg], region by region.
+
+    Raises:
+        ValueError: the answer has no masses, or none of their sd or intervals.
+    """
     rows = (
         record.true_masses_kg,
         answer.masses_kg,

@@ -1,4 +1,4 @@
-"""Propagation of errors from the angles to c and from the moments to the region masses (paper, 4.2)."""
+"""Propagation of errors: balance angles to centre of mass c, moments to region masses (paper, 4.2)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from schemas.proto import percuss_pb2 as pb
 
 PAPER_NOISE_DEG = 1.85
-"""Standard deviation of the paper's angles ang(t2), Fig. 9(a)."""
+"""Standard deviation [deg] of the paper's angles ang(t2), which are balance angles, Fig. 9(a)."""
 ANGLE_LEVELS_DEG = (0.0, 0.5, 1.0, PAPER_NOISE_DEG, 3.0, 4.0)
+"""Standard deviations [deg] of the noise on the balance angles."""
 MOMENT_LEVELS = (0.0, 0.01, 0.02, 0.05, 0.1)
 """Relative standard deviations of the moments."""
 MIN_ANGLE_SD = math.radians(0.01)
@@ -34,9 +35,9 @@ MIN_ANGLE_SD = math.radians(0.01)
 MIN_MOMENT_SD = 1e-3
 """Least stated sd of a moment, relative."""
 COM_SD_M = 1e-5
-"""Stated sd of the true c, along each axis."""
+"""Stated sd [m] of the true c, along each axis."""
 MIN_MOMENT_FRACTION = 0.05
-"""Lower limit of a noisy I_c,l, as a fraction of its true value."""
+"""Lower limit of a noisy moment about the parallel axis through c, as a fraction of its true value."""
 DRAWS = 4
 """Draws of the noise at each level."""
 
@@ -44,7 +45,7 @@ DRAWS = 4
 def com_over_angles(
     estimate: Estimate, body: pb.TruthBody, levels_deg: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Error [m] of the centre of mass from true balance angles with noise added (Fig. 9(b)).
+    """Errors [m] of the centre of mass from true balance angles with noise added (Fig. 9(b)).
 
     Our method is given the sd of the noise, and the session's own systematic errors.
 
@@ -90,7 +91,7 @@ def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
 def masses_over_moments(
     estimate: Estimate, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Error of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
+    """Errors of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
 
     c is the centre of mass. The error is the paper's metric: the mean absolute error of a region's mass over
     the total mass. Subtracting m R^2 from a moment about the edge (R: distance of c from it) leaves I_c,l,
@@ -105,7 +106,7 @@ def masses_over_moments(
         rng: generator that draws the noise.
 
     Returns:
-        One entry per level, with one error of each method; None if the paper's method has no solution.
+        One entry per level, with one error of each method; the paper's is None where it has no solution.
     """
     com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
     planes = list({plane.axis_id: plane for plane in estimate.planes}.values())

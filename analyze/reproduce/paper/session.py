@@ -162,6 +162,7 @@ def session_record(
 
 
 def _own_answer(estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
+    """Answer of our method, with region masses in the order of the ground truth and errors of the moments."""
     regions, planes = result_document(estimate).regions, _first_planes(estimate)
     assert regions is not None  # noqa: S101 - every estimate has regions
     order = true_order(estimate.distribution.dividing_plane_normal, body)
@@ -196,15 +197,15 @@ def _axis_moment(
     corrected: float | None = None,
     left_out: float | None = None,
 ) -> AxisMoment:
-    """Errors of the estimated moments of inertia of one axis, relative to the ground truth.
+    """Errors of one axis's estimated moments of inertia, relative to the ground truth.
 
     Args:
         plane: equi-plane (through pivot line and centre of mass) of a strike on the axis, for its edge.
         body: ground truth.
         i_edge: estimated moment about the edge [kg m^2].
         i_com: estimated moment about the parallel axis through the centre of mass [kg m^2].
-        i_edge_sd: standard deviation of `i_edge` [kg m^2].
-        i_com_sd: standard deviation of `i_com` [kg m^2].
+        i_edge_sd: standard deviation of `i_edge` [kg m^2]; 0 for the paper's method, which states none.
+        i_com_sd: standard deviation of `i_com` [kg m^2]; 0 for the paper's method.
         corrected: the paper's corrected moment about the edge [kg m^2]; None if there is none.
         left_out: fraction of stage two's frames that the paper's eq. (5) leaves out; None for our method.
     """
@@ -253,6 +254,7 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
 
 
 def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
+    """Balance angles of the strikes used: ground truth, ours, and the paper's if the object tipped over."""
     evidence = estimate.evidence
     by_id = {motion.strike_id: motion for motion in evidence.motions}
     found: list[Angle] = []
@@ -277,7 +279,7 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
 def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
     """Motion of the first strike that tipped over, up to `LANDING_FRAMES` of its landing, for Fig. 6.
 
-    None if no strike tipped over, or if that strike has no phases or fit.
+    None if no strike tipped over, or if that strike has no tipping angle, phases or fit.
     """
     motion = next((each for each in estimate.evidence.motions if each.verdict is Verdict.GOOD), None)
     if motion is None or motion.angle is None or motion.phases is None or motion.fit is None:
@@ -305,7 +307,7 @@ def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
 
 
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
-    """Silhouette along O's y axis, and the regions in a slice normal to this axis.
+    """Silhouette along O's y axis, and estimated and true regions in a slice normal to this axis.
 
     O is the object frame. The slice passes through the estimated centre of mass.
     """
@@ -329,8 +331,10 @@ def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
 
 
 def _region(in_shell: NDArray[np.bool_], above: NDArray[np.bool_]) -> list[int]:
+    """Region of each cell: 0 in the shell, else 1 above the dividing plane and 2 below it."""
     return [int(value) for value in np.where(in_shell, 0, np.where(above, 1, 2))]
 
 
 def _pairs(points: Array) -> list[tuple[float, float]]:
+    """Points (n, 2) [m] as pairs (x, z), rounded to 10 µm."""
     return [(round(float(x), 5), round(float(z), 5)) for x, z in points]

@@ -133,6 +133,14 @@ def _by_object(
 def _centre_row(
     name: str, method: str, distances: Sequence[float], ratios: Sequence[float]
 ) -> tuple[Value, ...]:
+    """Row of Table 1; without results all numbers after their count, 0, are None.
+
+    Args:
+        name: name of the object.
+        method: name of the method.
+        distances: distances of the centres of mass from the true ones [m].
+        ratios: volumes of the spheres with these radii, over the object's volume.
+    """
     d = 1e3 * np.array(distances)
     if not len(d):
         return (name, method, 0, None, None, None, None)
@@ -194,6 +202,14 @@ def table2(records: Sequence[SessionRecord]) -> Table:
 def _masses_row(
     name: str, method: str, pairs: Sequence[tuple[float, float]], asked: int
 ) -> tuple[Value, ...]:
+    """Row of Table 2; the errors are None if there is no answer with masses.
+
+    Args:
+        name: name of the object.
+        method: name of the method.
+        pairs: the paper's metric and the fraction of mass in the wrong region, of each answer with masses.
+        asked: number of answers, with or without masses.
+    """
     if not pairs:
         return (name, method, asked, asked, None, None, None, None)
     both = 100 * np.array(pairs)
