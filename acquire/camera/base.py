@@ -83,7 +83,7 @@ class Camera(ABC):
             its clock (store its present value), or this reading failed.
 
         Raises:
-            CameraLost: the camera does not answer, if the class does not return None then.
+            CameraLost: the camera does not answer; a class may return None instead.
         """
 
     @abstractmethod

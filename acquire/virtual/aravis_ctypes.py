@@ -72,20 +72,20 @@ class AravisLibrary:
         self.object_unref = function(gobject, "g_object_unref", None, pointer)
 
     def write_register(self, fake: int, address: int, value: int) -> None:
-        """Write one 32-bit register of the fake camera (an ArvFakeCamera*) at a GVCP address."""
+        """Write one 32-bit register of the fake camera (an ArvFakeCamera*) at a register address."""
         self.fake_write_register(fake, address, value)
 
     def read_register(self, fake: int, address: int) -> int:
-        """Value of one 32-bit register of the fake camera (an ArvFakeCamera*) at a GVCP address."""
+        """Value of one 32-bit register of the fake camera (an ArvFakeCamera*) at a register address."""
         value = ctypes.c_uint32()
         self.fake_read_register(fake, address, ctypes.byref(value))
         return value.value
 
     def fill(self, buffer: int, image: NDArray[np.uint8]) -> None:
-        """Copy an image (height, width) into a buffer (an ArvBuffer*), cut off at the buffer's image region.
+        """Copy a contiguous image (height, width) into a buffer (an ArvBuffer*), row by row.
 
-        The region's size is used because the size that `arv_buffer_get_data` reports is that of the received
-        data, which is 0 here.
+        Pixels beyond the number in the buffer's image region are cut off. The region's size is used because
+        the size that `arv_buffer_get_data` reports is that of the received data, which is 0 here.
         """
         region = [ctypes.c_int() for _ in range(4)]
         self.buffer_get_image_region(buffer, *(ctypes.byref(entry) for entry in region))
@@ -108,7 +108,7 @@ class AravisLibrary:
 
 @cache
 def load() -> AravisLibrary:
-    """Load libaravis and libgobject, once in this process.
+    """Load libaravis and libgobject, once in this process, and return their functions.
 
     Raises:
         CameraError: one of the libraries is not installed.

@@ -19,11 +19,13 @@ _WALL_M = 1.4
 _TABLE, _WALL = 148.0, 92.0
 """mean grey levels of table and wall at the reference exposure"""
 LIGHT_WORLD = np.array([-0.35, -0.55, 0.76]) / np.linalg.norm([-0.35, -0.55, 0.76])
-"""(3,) unit vector from the scene to the lamp, above and to the left of the camera"""
+"""(3,) unit vector from the scene to the lamp in W, the world frame: above and to the left of the camera"""
 
 
 def backdrop(station: Station, width: int, height: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Grey levels (height, width) of table and wall at the reference exposure, without blur and noise.
+    """Grey levels (height, width), 10 to 215, of table and wall at the reference exposure.
+
+    Blur, vignetting and noise are left out.
 
     Args:
         station: camera calibration and pose.

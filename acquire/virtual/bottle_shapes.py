@@ -59,7 +59,7 @@ def convex_parts(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], ...]:
 
 
 def read_stl(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Mesh of a binary STL file: vertices (n, 3) without duplicates, and triangles (m, 3) of indices.
+    """Mesh of a binary STL file: vertices (n, 3) without duplicates, triangles (m, 3) as their indices.
 
     Args:
         data: contents of the file; its unit is kept.

@@ -35,13 +35,14 @@ if TYPE_CHECKING:
     from acquire.virtual.render import Renderer
 
 WORLD_START_S = 10.0
-"""longest wait for the first pose of the world"""
+"""longest wait for the first pose of the world [s]"""
 STATISTICS_FILE = "camera.json"
 LATE_NS = 60_000_000
-"""delay above which an image is drawn with at most two sub-exposures: a busy computer first saves motion
-blur"""
+"""delay of the newest pose after the exposure's start above which an image is drawn with at most two
+sub-exposures (poses): a busy computer first saves motion blur"""
 SWITCH_INTERVAL_S = 5e-4
-"""switch interval of the interpreter's threads: the longest that a due latch or frame waits for it"""
+"""switch interval of the interpreter's threads [s]: the longest that a due answer or frame waits for its
+thread"""
 
 
 class WorldSource:
@@ -64,7 +65,7 @@ class WorldSource:
         If the newest pose is more than 60 ms later than `start_ns`, at most two poses are rendered.
 
         Args:
-            start_ns: host monotonic time at which the exposure starts.
+            start_ns: host monotonic time at which the exposure starts [ns].
             settings: region of the sensor, exposure and gain.
 
         Raises:

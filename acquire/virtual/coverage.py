@@ -55,7 +55,7 @@ class Box:
 def box_around(points_px: NDArray[np.float64], width: int, height: int) -> Box:
     """Box of the pixels that the convex hull of points (n, 2) [px] can touch.
 
-    It is cut off at the edges of an image of width x height px, and empty if the points all lie on one side
+    It is cut off at the edges of an image of width x height px, and empty if all points lie beyond one edge
     of the image. Integer coordinates are pixel centres.
     """
     low, high = np.floor(points_px.min(axis=0) + 0.5), np.ceil(points_px.max(axis=0) + 0.5)
@@ -80,7 +80,7 @@ def coverage(
         box: the pixels to compute; edges may lie outside.
 
     Returns:
-        c images (box height, box width).
+        c images (box height, box width), float32.
     """
     width, height = box.right - box.left, box.bottom - box.top
     x0, y0 = start[:, 0] - (box.left - 0.5), start[:, 1] - (box.top - 0.5)

@@ -32,13 +32,16 @@ COULOMB_SPEED = 0.05
 """speed over which Coulomb friction builds up [rad/s]: it cannot reverse an arm of more than
 GEAR_COULOMB / COULOMB_SPEED * 1 ms = 0.8 g m2"""
 VELOCITY_FILTER_S = 0.003
-"""time constant of the servo's velocity filter"""
+"""time constant of the servo's velocity filter [s]"""
 FULL_DUTY = 885
 """value of the PWM registers at full duty"""
 
 
 class Motor:
-    """Motor, gear and control loop of the servo; `step` is called once per millisecond."""
+    """Motor, gear and control loop of the servo; `step` is called once per millisecond.
+
+    Angles are those of the horn, the servo's output shaft; at 0 rad the position register is 2048.
+    """
 
     def __init__(self) -> None:
         self.current = 0.0
@@ -59,11 +62,11 @@ class Motor:
         """Torque at the horn (the servo's output shaft) [N m] for the step that begins now.
 
         Updates current, filtered velocity and, while the torque is on, the controller's state. DC motor:
-        torque = stall torque * duty - (stall torque / no-load speed) * velocity, limited by the current; then
-        the gear's drag. With the torque switched off only the drag remains.
+        torque = stall torque * duty - (stall torque / no-load speed) * velocity, limited to that of the
+        largest permitted current, minus the gear's drag. With the torque switched off only the drag remains.
 
         Args:
-            registers: registers of the servo, which are only read; Goal Position in ticks, 2048 = 0 rad.
+            registers: registers of the servo, which are only read here.
             position: angle of the horn [rad].
             velocity: angular velocity of the horn [rad/s].
             dt: time since the last step [s].
@@ -126,7 +129,7 @@ class Motor:
     def _advance_trajectory(self, registers: Registers, goal: float, dt: float) -> None:
         """Advance the trapezoidal trajectory towards `goal` [rad] by `dt` [s].
 
-        Profile Velocity and Profile Acceleration limit it; 0 means infinite.
+        The registers Profile Velocity and Profile Acceleration limit it; 0 means no limit.
         """
         speed = registers["Profile Velocity"] * VELOCITY_UNIT_RAD_S
         if speed == 0:

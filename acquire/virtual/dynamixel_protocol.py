@@ -48,9 +48,9 @@ class Packet:
     """Received packet; byte stuffing is undone."""
 
     id: int
-    """id of the servo that it is addressed to"""
+    """id of the servo that it is addressed to; 254 for all servos"""
     instruction: int
-    """value of the instruction field, see Instruction"""
+    """value of the instruction field, one of Instruction or unknown"""
     parameters: bytes
     """bytes between instruction and CRC"""
     intact: bool

@@ -83,25 +83,25 @@ class HardwareError:
 class WireTime:
     """Delay of the servo's answers on a wire.
 
-    It is the sum of the transmission time of request and answer at the baud rate, the Return Delay Time
-    register, and the constant that is the only field.
+    It is the sum of the transmission time of request and answer at the baud rate, the time in the register
+    Return Delay Time, and the constant `adapter_ns`.
     """
 
     adapter_ns: int = 0
-    """constant delay of the USB adapter"""
+    """constant delay of the USB adapter [ns]"""
 
 
 class DynamixelServo:
     """Virtual servo, owned by the loop that also steps the physics.
 
-    Call `service` as soon as `fd` is readable: the host takes the middle of its read as the sample's time, so
-    an answer that waits for the next physics step makes that time wrong by up to half the wait. Call `torque`
-    once per physics step.
+    Call `service` as soon as `fd`, the pseudo-terminal's descriptor, is readable: the host takes the middle of
+    its read as the sample's time, so an answer that waits for the next physics step makes that time wrong by
+    up to half the wait. Call `torque` once per physics step.
 
     Args:
         plant: function that returns position [rad] and velocity [rad/s] of the arm after the last physics
             step; 0 rad = 2048 ticks, positive towards more ticks.
-        clock_ns: the world's clock (CLOCK_MONOTONIC), read once at power-up.
+        clock_ns: the world's clock (CLOCK_MONOTONIC) [ns], read once at power-up.
         link_path: symbolic link to create for the pty; an existing one is replaced.
         seed: seed of noise and clock drift.
         baud_rate: baud rate stored in the EEPROM.
@@ -172,9 +172,9 @@ class DynamixelServo:
         overload.
 
         Args:
-            position_rad: angle of the arm at `now_ns`.
-            velocity_rad_s: angular velocity of the arm at `now_ns`.
-            now_ns: world time of this state; positions reported between steps are extrapolated from it.
+            position_rad: angle of the arm at `now_ns` [rad].
+            velocity_rad_s: angular velocity of the arm at `now_ns` [rad/s].
+            now_ns: world time [ns] at which the step begins, with this position and velocity.
         """
         dt = min(0.005, max(0.0, (now_ns - self._stepped_ns) * 1e-9)) or 0.001
         self._stepped_ns, self._arm = now_ns, (position_rad, velocity_rad_s)
@@ -202,7 +202,7 @@ class DynamixelServo:
         The torque goes off if the bit is set in the register Shutdown.
 
         Args:
-            bit: bit number in Hardware Error Status, see HardwareError.
+            bit: bit number in the register Hardware Error Status, a constant of HardwareError.
         """
         self.registers["Hardware Error Status"] |= 1 << bit
         if self.registers["Shutdown"] >> bit & 1:
@@ -214,7 +214,7 @@ class DynamixelServo:
         return round(ticks) % 4096 if self.registers["Operating Mode"] == 3 else round(ticks)
 
     def _position(self, now_ns: int) -> float:
-        """Angle of the arm [rad] at `now_ns`, interpolated within the last physics step.
+        """Angle of the arm [rad] at the world time `now_ns`, interpolated within the last physics step.
 
         After the step's end it is extrapolated, by 1 ms at most.
         """
@@ -225,7 +225,7 @@ class DynamixelServo:
         return before + (after - before) * max(0, now_ns - self._stepped_ns) / STEP_NS
 
     def _measure(self, now_ns: int) -> None:
-        """Set the registers that report measurements to their values at `now_ns`.
+        """Set the registers that report measurements to their values at the world time `now_ns`.
 
         They are Realtime Tick, Position Trajectory, Moving, and Present Position, Velocity, Current and PWM.
         """
@@ -247,7 +247,7 @@ class DynamixelServo:
         Call only while the servo is plugged in. An answer that no client reads may be lost.
 
         Args:
-            now_ns: host monotonic time.
+            now_ns: host monotonic time [ns].
         """
         with contextlib.suppress(BlockingIOError):
             while data := os.read(self.fd, 4096):
@@ -258,9 +258,9 @@ class DynamixelServo:
 
     @property
     def next_answer_ns(self) -> int | None:
-        """Host monotonic time at which the next delayed answer is due; None if no answer waits.
+        """Host monotonic time [ns] at which the next delayed answer is due; None if no answer waits.
 
-        Without wire time `service` sends all answers at once.
+        None waits if the servo was made without delay (`wire`), because `service` then sends all at once.
         """
         return self._answers[0][0] if self._answers else None
 

@@ -1,10 +1,11 @@
 """Virtual GigE Vision camera: Aravis's fake camera sends rendered images over loopback.
 
-The protocols are the real ones, GVCP (control) and GVSP (stream). Exposure slot n starts at t0 + n / fps in
-the camera's own clock. A render thread requests each slot's image as soon as the image source has data for
-its whole exposure; the fake's fill callback takes the oldest image that was not sent yet and waits if there
-is none. So the slots set the rate, every slot is sent exactly once, and a slow computer sends late but never
-fewer frames. A source that stalls also stalls the control channel, like a camera that hangs.
+The protocols are the real ones, GVCP (control) and GVSP (stream). Exposure slot n starts n frame periods
+after the start of the acquisition, by the camera's own clock. A render thread requests each slot's image as
+soon as the image source has data for its whole exposure; the fake's fill callback takes the oldest image that
+was not sent yet and waits if there is none. So the slots set the rate, every slot is sent exactly once, and a
+slow computer sends late but never fewer frames. A source that stalls also stalls the control channel, like a
+camera that hangs.
 """
 
 from __future__ import annotations
@@ -57,16 +58,16 @@ VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """Settings made by the client: region of the sensor [px], exposure, gain, frame rate."""
+    """Settings made by the client: region of the sensor, exposure [us] and gain [dB]."""
 
     width: int
-    """width of the region"""
+    """width of the region [px]"""
     height: int
-    """height of the region"""
+    """height of the region [px]"""
     offset_x: int
-    """first column of the region"""
+    """first column of the region [px]"""
     offset_y: int
-    """first row of the region"""
+    """first row of the region [px]"""
     exposure_us: float
     gain_db: float
 
@@ -85,7 +86,7 @@ class ImageSource(Protocol):
         """Image (height, width), uint8, of the exposure that starts at the host monotonic time `start_ns`.
 
         Args:
-            start_ns: start of the exposure; it ends at or before `latest_time_ns`.
+            start_ns: start of the exposure [ns], which ends at or before `latest_time_ns()`.
             settings: region, exposure and gain; the image has the region's size.
         """
         ...
@@ -93,20 +94,22 @@ class ImageSource(Protocol):
 
 @dataclass(frozen=True)
 class CameraStatistics:
-    """Counts and delays of the virtual camera since it was made."""
+    """Frames sent, rendering time and delays of the virtual camera since it was made."""
 
     frames: int
-    """frames sent"""
+    """number of frames sent"""
     render_ms_mean: float
-    """mean time to render an image; 0 if none was rendered"""
+    """mean time to render an image [ms]; 0 if none was rendered"""
     late: int
-    """slots whose image was ready more than two frame periods after the end of the exposure"""
+    """number of exposures whose image was ready more than two frame periods after their end"""
     latest_ms: float
     """largest delay [ms] of an image after the end of its exposure"""
 
 
 @dataclass(frozen=True)
 class _Slot:
+    """Rendered image of one exposure, with the exposure's start on the camera's clock [ns]."""
+
     device_time_ns: int
     image: NDArray[np.uint8]
 
@@ -118,8 +121,8 @@ class DeviceClock:
 
     Args:
         clock: the host's clock.
-        drift: relative rate error against the host.
-        offset_ns: device time at construction.
+        drift: relative rate error against the host's clock.
+        offset_ns: time of the virtual camera's clock at construction [ns].
     """
 
     def __init__(self, clock: Clock, drift: float = DRIFT, offset_ns: int = CLOCK_OFFSET_NS) -> None:
@@ -287,7 +290,7 @@ class VirtualGigeCamera:
             self._condition.notify_all()
 
     def _on_claim(self) -> None:
-        """Stop the stream if no client holds control: its client left without stopping it.
+        """Stop the stream if no client holds control: the client that started it left without stopping it.
 
         Called when a client asks for control, before the fake camera grants it.
         """
@@ -353,6 +356,10 @@ class VirtualGigeCamera:
         return self._streaming and run == self._run
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:
+        """Wait until the source can render up to `end_ns` (host monotonic), and return True.
+
+        False if stream number `run` ended before.
+        """
         while self._is_wanted(run):
             wait_ns = end_ns - self._clock.monotonic_ns()
             if wait_ns <= 0:
@@ -365,8 +372,8 @@ class VirtualGigeCamera:
     def _fill(self, buffer: int, _data: object, _exposure_us: int, _gain: int, _pixel_format: int) -> None:
         """Fill an ArvBuffer with the oldest unsent image and its device time; wait if there is none.
 
-        The fake camera's thread calls this and sends the buffer afterwards. Without an image, because the
-        stream has stopped, the time stamp is 0. Must not raise.
+        The fake camera's thread calls this and sends the buffer afterwards. If the stream stopped and no
+        image is left, the buffer's time is set to 0. Must not raise.
         """
         with self._condition:
             self._condition.wait_for(lambda: self._slots or not self._streaming)

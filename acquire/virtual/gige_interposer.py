@@ -1,10 +1,11 @@
-"""Relay between a GigE Vision client and Aravis's fake camera, adding functions that the fake lacks.
+"""Relays between GigE Vision clients and Aravis's fake camera that add functions which the fake lacks.
 
 The interposer owns UDP port 3956 of the camera's address and relays control packets (GVCP) to the fake, which
 runs in the same process, over loopback, with one relay socket per client so that the fake still distinguishes
 its controller from others. On the way it
 
-- answers the timestamp latch (registers 0x944, 0x948, 0x94c) itself, at once;
+- answers the timestamp latch (registers that store and return the camera's time: 0x944, 0x948, 0x94c) itself,
+  at once;
 - keeps a shadow of the frame period (0x138) and, with pulses, of the trigger mode (0x300): the client reads
   back what it wrote, while the fake runs freely with a period of its own, because the rendered images set the
   pace;
@@ -159,12 +160,13 @@ def _is_control_socket(descriptor: int) -> bool:
 class ControlRelay:
     """Relay of control packets (GVCP) between clients and Aravis's fake camera, on its own thread.
 
-    It answers the timestamp latch itself. Does not model: write protection of the latch.
+    It answers the timestamp latch (requests to store and return the camera's time) itself. Does not model:
+    write protection of the latch.
 
     Args:
         control: socket bound to the camera's control port.
         inner: private socket that the fake polls instead.
-        device_now_ns: time of the camera's clock [ns].
+        device_now_ns: function that returns the time of the camera's clock [ns].
         period_us: frame period at the start [us].
         on_acquisition: called on the relay's thread when acquisition starts (True) or stops (False).
         on_claim: called on the relay's thread before a write to the control privilege reaches the fake.
@@ -205,7 +207,7 @@ class ControlRelay:
 
     @property
     def triggered(self) -> bool:
-        """True if a pulse generator is connected and the client requests a frame for each pulse."""
+        """True if a pulse generator is connected and the client has switched the trigger on."""
         return self._shadows.get(_TRIGGER_MODE, 0) != 0
 
     def start(self, stream: StreamRelay | None) -> None:
@@ -232,8 +234,9 @@ class ControlRelay:
     def poke(self) -> None:
         """Wake the fake camera's poll with a harmless request, unless a waiting packet wakes it anyway.
 
-        Aravis 0.8.26 computes its waiting time as an unsigned difference; past the deadline it underflows to
-        a 100 ms stall (fixed upstream in 1ca41a403). A waiting packet makes the poll return at once.
+        Aravis 0.8.26 computes the poll's waiting time as an unsigned difference; past the deadline it
+        underflows, and the fake stalls for 100 ms (fixed upstream in 1ca41a403). A waiting packet makes the
+        poll return at once.
         """
         if not select.select([self._inner], [], [], 0)[0]:
             with contextlib.suppress(OSError):
@@ -351,7 +354,9 @@ class StreamRelay:
         except PermissionError:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 << 20)
         self.port: int = self._socket.getsockname()[1]
+        """UDP port on loopback to which the fake camera sends the stream"""
         self.counts: Counter[str] = Counter()
+        """numbers of packets sent, dropped, resent and resend_missed (requested again, but no longer kept)"""
         self._destination: Address | None = None
         self._frames: OrderedDict[int, dict[int, bytes]] = OrderedDict()
         self._thread = threading.Thread(target=self._run, name="gvsp-relay")
@@ -362,7 +367,7 @@ class StreamRelay:
         self._destination = destination if destination[0] and destination[1] else None
 
     def resend(self, frame_id: int, first: int, last: int) -> None:
-        """Send packets of a frame again, as far as they are kept.
+        """Send packets of a frame again, as far as they are kept; none of them is dropped at random.
 
         Args:
             frame_id: block id of the frame; its lowest 16 bits are used.

@@ -39,7 +39,7 @@ class HiddenBody:
     region_masses: tuple[float, float, float]
     """masses of shell (R1), upper (R2) and lower part (R3) [kg]"""
     region_plane: tuple[NDArray[np.float64], float]
-    """dividing plane: unit normal n towards R2, and offset [m]; R2 is the interior where n.x > offset"""
+    """dividing plane: unit normal n (3,) towards R2, and offset [m]; R2 is the interior where n.x > offset"""
     shell_thickness_m: float
     """depth below the surface down to which the material belongs to the shell"""
 
@@ -75,7 +75,7 @@ def hidden_body(
     shell_thickness_m: float,
     density: NDArray[np.float64] | None = None,
 ) -> HiddenBody:
-    """Mass, centre of mass and inertia about it [kg, m, kg m2, in O], integrated over sampled points.
+    """Mass, centre of mass and inertia about it [kg, m, kg m2, in O], as sums over points in the body.
 
     Args:
         points: (n, 3) points spread uniformly inside the body [m, in O, the object's frame].
@@ -88,7 +88,7 @@ def hidden_body(
             uniform. The shell is always uniform.
 
     Returns:
-        The mass properties, together with the given regions.
+        The mass properties, together with the given region masses, plane and shell thickness.
     """
     normal, offset = region_plane
     shell = depths < shell_thickness_m

@@ -29,7 +29,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Outline:
-    """Directed boundary lines of areas in the image, for k sub-exposures.
+    """Directed boundary lines of areas in the image, for k sub-exposures (poses during one exposure).
 
     The inside of a line is on its right as seen in the image (x right, y down), going from start to end.
     """
@@ -55,7 +55,8 @@ def cut_lines(
         pieces: (n,) number of pieces of each line, at least 1.
 
     Returns:
-        Points (p, d) along the lines, and the index of each piece's start point; its end point is the next.
+        Points (p, d) along the lines, and the index (q,) of each piece's start point; its end point is the
+        next.
     """
     share = [np.linspace(0.0, 1.0, count + 1)[:, None] for count in pieces]
     points = np.concatenate([a + s * (b - a) for a, b, s in zip(first, last, share, strict=True)])
@@ -63,7 +64,7 @@ def cut_lines(
 
 
 def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
-    """Layer of a filled outline, averaged over its sub-exposures.
+    """Layer of a filled outline, averaged over its sub-exposures (poses during one exposure).
 
     None if the outline has no lines or lies outside the image of width x height px.
     """

@@ -32,13 +32,13 @@ _CYLINDER_SEGMENTS = 96
 
 @dataclass(frozen=True)
 class _Lump:
-    """Ball of mass inside the parcel; a seed shifts it by up to 3 mm along each axis."""
+    """Ball of mass inside the parcel; the seed of the object shifts it by up to 3 mm along each axis."""
 
     centre_m: tuple[float, float, float]
     """nominal centre in O, the object's frame"""
     radius_m: float
     share: float
-    """fraction of the mass on its side of the dividing plane"""
+    """fraction of the interior's mass on its side of the dividing plane"""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class VirtualObject:
     spec: ObjectSpec
     """parsed object file"""
     spec_toml: str
-    """object file as a user would write it"""
+    """text of the object file (TOML), as a user would write it"""
     shape_file: tuple[str, bytes] | None
     """name and bytes of the STL (in mm); None for a primitive"""
     mesh_vertices: NDArray[np.float64]
@@ -109,8 +109,8 @@ def load_object(name: str, seed: int) -> VirtualObject:
     """Virtual object of the given name, with a mass distribution and friction drawn from a seed.
 
     The seed changes each region's mass by up to 5 % (all are then scaled to the fixed total mass), shifts the
-    dividing plane by up to 3 mm and turns it by about 2 degrees (rms), shifts the centres of lumps by up to
-    3 mm along each axis, and draws the friction from the table's range.
+    plane that divides the interior by up to 3 mm and turns it by 2.4 degrees (rms), shifts the parcel's balls
+    of mass by up to 3 mm along each axis, and draws the friction from the table's range.
 
     Args:
         name: one of OBJECT_NAMES.
@@ -145,8 +145,8 @@ def load_object(name: str, seed: int) -> VirtualObject:
 def hull_corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Corners (h, 3) of the convex hull of points (n, 3) [any unit of length].
 
-    Facets whose normals differ by less than 0.5 degrees count as one face: a point on none but edges between
-    such facets is no corner.
+    Neighbouring facets whose normals differ by less than 0.5 degrees count as one face; a point on no edge
+    between two faces is no corner.
     """
     hull = ConvexHull(points)
     normals = hull.equations[:, :3]
@@ -161,6 +161,7 @@ def _data(file: str) -> bytes:
 
 
 def _fill(name: str, spec: ObjectSpec, rng: np.random.Generator) -> HiddenBody:
+    """True mass properties of an object; region masses, dividing plane and lumps are perturbed with `rng`."""
     recipe = _RECIPES[name]
     masses = np.array(recipe.masses_kg) * (1 + rng.uniform(-0.05, 0.05, 3))
     masses *= spec.mass_kg / masses.sum()
@@ -198,6 +199,7 @@ def _spec(name: str) -> ObjectSpec:
 
 @cache
 def _mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 3) [m, in O] and triangles (m, 3), normals outward, of an object's surface."""
     shape = _spec(name).shape
     if shape.box is not None:
         return _box_mesh(np.array(shape.box.size_m) / 2)
@@ -210,6 +212,7 @@ def _mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 @cache
 def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points (n, 3) [m, in O] spread over an object's body, and their depths (n,) [m] below its surface."""
     spec = _spec(name)
     vertices, faces = _mesh(name)
     if spec.shape.box is not None:

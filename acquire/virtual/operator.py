@@ -24,7 +24,7 @@ POSITION_SD_M = 0.0005
 YAW_SD_RAD = np.radians(0.3)
 """standard deviation of the object's yaw"""
 STAND_SD_M = 0.0003
-"""standard deviation of the stand's distance and height"""
+"""standard deviation of the distance and height at which the striker's stand is set"""
 
 
 class VirtualOperator:
@@ -32,7 +32,7 @@ class VirtualOperator:
 
     Args:
         daemon_socket: path of the daemon's socket.
-        world: control link of the virtual world.
+        world: client of the virtual world's control socket.
         seed: seed of the placing errors.
 
     Raises:

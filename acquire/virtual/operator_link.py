@@ -1,4 +1,4 @@
-"""Client of the virtual world's control socket: place or push the object, read its state, quit.
+"""Client of the virtual world's control socket: places the object, asks for the file of true poses.
 
 The protocol is one JSON line in each direction.
 """
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from acquire.errors import AcquireError
 
 TIMEOUT_S = 5.0
-"""longest wait for an answer"""
+"""longest wait for an answer [s]"""
 
 
 class OperatorLink:

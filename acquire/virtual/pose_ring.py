@@ -4,9 +4,10 @@ The virtual world writes the poses of object and arm; the camera process reads t
 
 Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then
 `capacity` rows of 11 float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3).
-Record i is in slot i mod capacity. The writer fills the slot, then raises `count` with one aligned store; a
-reader takes `count` before and after, and repeats the reading if the writer could have overwritten it
-meanwhile. Not modelled: reordering on machines with a weaker memory order than x86-64.
+`count` is the number of poses written so far; pose i is in slot i mod capacity. The writer fills the slot,
+then raises `count` with one aligned store; a reader takes `count` before and after, and repeats the reading
+if the writer could have overwritten it meanwhile. Not modelled: reordering on machines with a weaker memory
+order than x86-64.
 """
 
 from __future__ import annotations
@@ -128,10 +129,10 @@ class PoseRing:
         """Add a pose, overwriting the oldest one if the ring is full; times must not decrease.
 
         Args:
-            time_ns: host monotonic time.
+            time_ns: host monotonic time [ns].
             p_world_object: (3,) position of the object's origin in W, the world frame [m].
             q_wxyz: (4,) unit quaternion (w, x, y, z) from O, the object's frame, to W.
-            arm_angle: angle of the arm [rad].
+            arm_angle: angle of the arm [rad], 0 when it hangs, positive towards +x.
             arm_axis_world: (3,) point on the arm's hinge in W [m].
         """
         count = int(self._cells[_COUNT])
@@ -162,7 +163,7 @@ class PoseRing:
         the oldest pose in the ring or after the newest, that pose is returned.
 
         Args:
-            times_ns: (n,) host monotonic times, in any order.
+            times_ns: (n,) host monotonic times [ns], at least one, in any order.
 
         Raises:
             PoseRingError: the ring is empty.
@@ -175,10 +176,10 @@ class PoseRing:
                 return _interpolate(time, row, wanted)
 
     def _newest(self, oldest_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-        """Times (n,) [ns], rows (n, 11) and first record's number of the newest records, in order of time.
+        """Times (n,) [ns], rows (n, 11) and the first one's number of the newest poses, in order of time.
 
-        They reach back to `oldest_ns` if the ring still holds a record of that time. A row is position (3),
-        quaternion (4), arm angle, hinge point (3).
+        They reach back to `oldest_ns` if the ring still holds a pose of that time. A row is position (3),
+        quaternion (4), arm angle, hinge point (3). The number counts all poses ever written, from 0.
 
         Raises:
             PoseRingError: the ring is empty.

@@ -62,7 +62,7 @@ class ArmPainter:
         """Layer of the arm, averaged over k poses of one exposure; None if it is out of view.
 
         Args:
-            angle: (k,) angles of the arm [rad], 0 when hanging, positive towards +x.
+            angle: (k,) angles of the arm [rad], 0 when it hangs, positive towards +x.
             axis_world: (k, 3) points on the hinge in W, the world frame [m].
         """
         found = [self._shape(shape, angle, axis_world) for shape in _SHAPES]

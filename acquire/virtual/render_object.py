@@ -30,6 +30,8 @@ so that a round wall has few"""
 
 @dataclass(frozen=True)
 class _Card:
+    """Tag on its white card, which is stuck to one group of the object's faces."""
+
     group: int
     """index of the group of faces that the card is on"""
     T_object_marker: NDArray[np.float64]
@@ -37,6 +39,7 @@ class _Card:
     points: NDArray[np.float64]
     """(n, 3) points of the tag's lines [m, in O]"""
     lines: Lines
+    """boundary lines of the tag, as indices of `points`"""
 
 
 class ObjectPainter:

@@ -49,9 +49,9 @@ class Lines:
 def tag_lines(family: TagFamily, marker_id: int) -> Lines:
     """Boundary lines of a tag on its white card, in pieces short enough for lens distortion to bend them.
 
-    The lines are the longest straight runs of equal step, cut into pieces of about two cells. Orientation as
-    in the detector: the first row of `generateImageMarker` is the top (+y), its first corner the top left
-    (-x, +y).
+    The lines are the longest straight runs of equal step in grey level, cut into pieces of about two cells
+    (squares of the tag). Orientation as in OpenCV's detector: the first row of `generateImageMarker` is the
+    top (+y), its first corner the top left (-x, +y).
 
     Args:
         family: family of tags (dictionary of codes).
@@ -86,7 +86,8 @@ def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:
             outside the card.
 
     Returns:
-        Number of the line, first and last grid point of the run (0 at the card's edge), and step.
+        Number of the line, first and last grid point of the run (0 at the card's edge), and step in grey
+        level, for each run.
     """
     found = []
     for line, row in enumerate(steps):

@@ -48,7 +48,7 @@ def noise_sd(clean: NDArray[np.float32], gain_db: float) -> NDArray[np.float32]:
 
     Args:
         clean: noise-free grey levels, (height, width).
-        gain_db: gain of the sensor.
+        gain_db: gain of the sensor [dB].
     """
     gain = gain_factor(gain_db)
     variance = cv2.addWeighted(clean, 255.0 * gain / FULL_WELL_E, clean, 0.0, (READ_NOISE * gain) ** 2)

@@ -13,10 +13,11 @@ ARM_LENGTH_M = 0.12
 """distance from the hinge to the tip sphere's centre"""
 TIP_RADIUS_M = 0.008
 ARM_INERTIA_KG_M2 = 0.0025
-"""inertia about the hinge: 0.12 m arm, 8 mm tip and the reflected rotor of a geared servo"""
+"""moment of inertia about the hinge: 0.12 m arm, 8 mm tip and the reflected rotor of a geared servo"""
 G_M_S2 = 9.81
 TABLE_FRICTION = (0.60, 0.80)
-"""range of the coefficient between objects and the strip of fine sandpaper under the pivot line"""
+"""range of the coefficient of friction between objects and the strip of fine sandpaper under the pivot
+line"""
 WIDTH_PX, HEIGHT_PX = 656, 492
 
 
@@ -56,8 +57,8 @@ def station(seed: int) -> Station:
 def calibration_sheet(seed: int) -> dict[str, Any]:
     """Values of a seed's station for its rig file.
 
-    Keys: camera (width and height [px], K, distortion, T_world_camera), striker (arm_length_m,
-    effective_mass_kg), g_m_s2, and table_friction (the least possible coefficient).
+    Keys: camera (width and height [px], K [px], distortion, T_world_camera [m]), striker (arm_length_m,
+    effective_mass_kg), g_m_s2, and table_friction (the least possible coefficient of friction).
     """
     rig = station(seed)
     return {

@@ -17,7 +17,8 @@ from schemas.proto import percuss_pb2 as pb
 def merge_truth(recording: Path, truth_file: Path) -> None:
     """Append the messages of a truth file (true mass properties, poses, contacts) to a finished recording.
 
-    Their log time is world time (host monotonic) plus the recording's offset from it to wall time.
+    The log time of poses and contacts is world time (host monotonic) plus the recording's offset from it to
+    wall time; that of the mass properties is the first message's.
 
     Args:
         recording: path of the recording, which is rewritten.
@@ -33,6 +34,10 @@ def merge_truth(recording: Path, truth_file: Path) -> None:
 
 
 def _messages(truth_file: Path, anchor_ns: int) -> Iterator[tuple[topics.Topic, int, bytes]]:
+    """Yield topic, log time [ns] and bytes of each message of a truth file, the mass properties last.
+
+    `anchor_ns` is wall time minus host monotonic time [ns].
+    """
     first_ns = 0
     bodies: list[pb.TruthBody] = []
     for message in read_truth_file(truth_file):

@@ -42,9 +42,9 @@ _SUBSTEPS = round(TICK_NS * 1e-9 / TIMESTEP_S)
 _NEAR_M = 0.002
 """clearance below which every time step is examined for contact"""
 _REST_SPEED, _REST_RATE, _REST_TICKS = 2e-4, 2e-3, 200
-"""an object slower than both [m/s, rad/s] for this time [ms] is at rest"""
+"""an object slower than _REST_SPEED [m/s] and _REST_RATE [rad/s] for _REST_TICKS ms is at rest"""
 _CONTACT_GAP_NS = 2_000_000
-"""longest gap within one contact"""
+"""longest time without force within one contact"""
 _DROP_M = 0.0001
 """height from which an object is released"""
 
@@ -54,7 +54,7 @@ class WorldState:
     """State of object and arm at one instant, in W (world frame, z up)."""
 
     time_ns: int
-    """world time (host monotonic)"""
+    """world time (host monotonic) [ns]"""
     p_world_object: NDArray[np.float64]
     """(3,) position of the object's origin [m]"""
     q_world_object_wxyz: NDArray[np.float64]
@@ -78,13 +78,13 @@ class StrikerContact:
     """Completed contact of the striker's tip with the object, or completed push by a finger."""
 
     time_ns: int
-    """world time of first contact (host monotonic)"""
+    """world time of first contact (host monotonic) [ns]"""
     impulse_n_s: float
     """magnitude of the impulse on the object [N s]; for the tip, of the normal force alone"""
     p_world_contact: NDArray[np.float64]
     """(3,) point of first contact in W (world frame) [m]"""
     duration_s: float
-    """time from first to last contact; for a push, the requested duration"""
+    """time from first to last contact [s]; for a push, the requested duration"""
 
 
 class World:
@@ -96,12 +96,12 @@ class World:
         virtual_object: the object.
         motor: torque of the arm's motor [N m] as a function of arm angle [rad], arm velocity [rad/s] and
             world time [ns]; called once per millisecond.
-        start_ns: world time at the start (host monotonic).
+        start_ns: world time at the start (host monotonic) [ns].
         on_tick: called with the state after every millisecond.
         on_contact: called with every completed contact of the striker's tip with the object, and with every
             completed push.
         table_tilt: (2,) rotation of gravity against the table's normal about W's x and y [rad].
-        arm_angle: initial angle of the arm [rad].
+        arm_angle: initial angle of the arm [rad], 0 when it hangs, positive towards W's +x.
     """
 
     def __init__(
@@ -219,7 +219,7 @@ class World:
     # --- time
 
     def step_to(self, time_ns: int) -> None:
-        """Step by whole milliseconds, the last ending at or before `time_ns` (host monotonic)."""
+        """Step by whole milliseconds, the last ending at or before `time_ns` (host monotonic time)."""
         while self.time_ns + TICK_NS <= time_ns:
             self._tick()
 
@@ -344,9 +344,9 @@ class World:
             self._data.qvel[0:6] = 0.0
 
     def _accumulate_contact(self, now_ns: int) -> None:
-        """Add the normal force on the striker's tip in the step that ended at `now_ns` to the open contact.
+        """Add the striker tip's normal force in the step that ended at `now_ns` to the contact's impulse.
 
-        The first force opens a contact.
+        The first force begins a contact.
         """
         data = self._data
         for i in range(data.ncon):
@@ -384,13 +384,13 @@ class _OpenContact:
     """Contact of the striker's tip in progress."""
 
     first_ns: int
-    """world time of first touch"""
+    """world time of first touch [ns]"""
     impulse: float
     """impulse so far [N s]"""
     position: NDArray[np.float64]
     """(3,) point of first contact in W [m]"""
     last_ns: int
-    """end of the last time step with contact"""
+    """world time at the end of the last time step with contact [ns]"""
 
 
 @dataclass
@@ -398,7 +398,7 @@ class _Push:
     """Push by a finger in progress."""
 
     first_ns: int
-    """world time of its start"""
+    """world time of its start [ns]"""
     forces: deque[NDArray[np.float64]]
     """forces (3,) [N] of the remaining milliseconds"""
     p_object: NDArray[np.float64]
@@ -408,7 +408,7 @@ class _Push:
     impulse: float
     """magnitude of the total impulse [N s]"""
     duration_s: float
-    """requested duration"""
+    """requested duration [s]"""
 
 
 def _rotate(q_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,11 +27,13 @@ ARM_MASS_KG = 0.05
 ARM_DAMPING = 0.0005
 """damping of the hinge [N m s/rad]; the gear's drag is part of the motor's torque"""
 TABLE_CONTACT = 'solref="0.001 1" solimp="0.995 0.9995 0.0001"'
-"""stiff contact without restitution; 10 um deep at rest"""
+"""MuJoCo's parameters of the contact with the table: stiff, without restitution, 10 um deep at rest"""
 STRIKER_CONTACT = 'solref="0.0035 0.36" solimp="0.99 0.99 0.001"'
-"""800 rad/s with a damping ratio of 0.36: duration 3 ms, restitution about 0.4"""
+"""MuJoCo's parameters of the contact with the tip: 800 rad/s with a damping ratio of 0.36, so that it lasts
+3 ms with a restitution of about 0.4"""
 STRIKER_FRICTION = 0.1
-"""polished tip; at 0.3 a fifth of the impulse would be lost in friction against the rising face"""
+"""coefficient of friction of the polished tip; at 0.3 a fifth of the impulse would be lost in friction
+against the rising face"""
 
 
 def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64]) -> str:

@@ -36,7 +36,7 @@ from schemas.proto import percuss_pb2 as pb
 _IDLE_NS = 4_000_000
 """interval between wake-ups while nothing moves"""
 _SLICE_NS = 10_000_000
-"""physics time between two readings of the bus if the world has fallen behind"""
+"""simulated time between two readings of the servo's bus if the world has fallen behind"""
 _STILL_RAD_S = 0.02
 """arm velocity below which the world counts as idle, if the object rests too"""
 _RESTING_POSE_TICKS = 50
@@ -55,7 +55,7 @@ class WorldProcess:
         virtual_object: the object.
         seed: seed of station and servo noise, also written to the truth file.
         folder: folder for files and sockets.
-        clock_ns: the world clock [ns], CLOCK_MONOTONIC.
+        clock_ns: function that returns the world's time [ns], that of CLOCK_MONOTONIC.
         table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].
     """
 
@@ -72,7 +72,7 @@ class WorldProcess:
         self._truth = TruthWriter(folder / "truth.bin", truth_body(virtual_object, seed, table_tilt))
         self._ticks = 0
         self._stale_ns = 0
-        """largest delay of the physics behind the servo's answers since the last request of the state"""
+        """largest delay of the physics behind the servo's answers since the last request of the state [ns]"""
         self.world = World(
             virtual_object,
             self._torque,
@@ -119,10 +119,10 @@ class WorldProcess:
         """Step the world to `now_ns`, then wait until the next tick (1 ms) or a message on bus or socket.
 
         A packet on the servo's bus and a request on the control socket end the wait and are answered at once.
-        While nothing moves the wait is 4 ms.
+        While nothing moves the wait lasts until 4 ms after the last tick.
 
         Args:
-            now_ns: host monotonic time.
+            now_ns: host monotonic time [ns].
         """
         self._catch_up(now_ns)
         still = self.world.at_rest and abs(self.world.arm()[1]) < _STILL_RAD_S
