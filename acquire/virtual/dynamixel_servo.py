@@ -94,9 +94,9 @@ class WireTime:
 class DynamixelServo:
     """Virtual servo, owned by the loop that also steps the physics.
 
-    Call `service` as soon as `fd`, the pseudo-terminal's descriptor, is readable: the host takes the middle of
-    its read as the sample's time, so an answer that waits for the next physics step makes that time wrong by
-    up to half the wait. Call `torque` once per physics step.
+    Call `service` as soon as `fd`, the pseudo-terminal's descriptor, is readable: the host takes the middle
+    of its read as the sample's time, so an answer that waits for the next physics step makes that time wrong
+    by up to half the wait. Call `torque` once per physics step.
 
     Args:
         plant: function that returns position [rad] and velocity [rad/s] of the arm after the last physics
