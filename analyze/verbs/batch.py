@@ -179,6 +179,11 @@ def batch(arguments: _BatchArguments) -> None:
 
 
 def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOptions) -> None:
+    """Analyse the recordings of `work` into the folder `output`, and print the report.
+
+    Raises:
+        click.exceptions.Exit: the run was interrupted (code INTERRUPTED), or a recording failed (code LOSS).
+    """
     from analyze.batch.run import run_batch
     from analyze.batch.run_report import BatchProgress, render_report
 
@@ -195,6 +200,7 @@ def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOption
 
 
 def _summarise(output: Path, save: Path | None) -> None:
+    """Print the summary of the results in the folder `output`, or write it to `save` if that is given."""
     from analyze.batch.query import read_recording_rows
     from analyze.batch.summary import summarise
     from analyze.batch.summary_output import render_summary, save_summary

@@ -126,6 +126,12 @@ def import_(arguments: _ImportArguments) -> None:
 
 
 def _import_options(arguments: _ImportArguments) -> ImportOptions:
+    """Options of the import, after a check of the output.
+
+    Raises:
+        click.UsageError: neither an output nor --dry-run is given.
+        OutputError: the output cannot be written, exists already, or would replace an input.
+    """
     from analyze.importing.prepare import ImportOptions
     from analyze.importing.writer import refuse_taken
     from analyze.sources.open_source import SourceOptions
@@ -153,6 +159,11 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
 
 
 def _confirm_strikes() -> None:
+    """Ask on the terminal whether the strikes shown are right; a "no" ends the program.
+
+    Raises:
+        click.UsageError: standard input is no terminal.
+    """
     if not sys.stdin.isatty():
         raise click.UsageError(
             "the strikes found cannot be confirmed without a terminal: look at them with --dry-run, then add "

@@ -16,8 +16,9 @@ Options = TypeVar("Options")
 Command = Callable[..., Any]
 
 path_option = partial(click.option, type=click.Path(path_type=Path))
-
+"""`click.option` whose value is a path"""
 one_line = one_line_errors("analyze", AnalyzeError)
+"""decorator of a verb that reports an `AnalyzeError` as one line on standard error, with its exit code"""
 files_argument = click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

@@ -1,4 +1,4 @@
-"""Check, before the work, of the files that a verb (subcommand of `analyze`) is to write."""
+"""Early check of the files that a verb (subcommand of `analyze`) is to write, before its computation."""
 
 from __future__ import annotations
 

@@ -75,6 +75,11 @@ def print_tags(options: _PrintTagsOptions) -> None:
 
 
 def _refuse_contradictions(options: _PrintTagsOptions) -> None:
+    """Refuse options that exclude each other: those of tags, of an object file, and of a board.
+
+    Raises:
+        click.UsageError: such options are given together.
+    """
     of_tags = (options.ids, options.size_mm)
     if options.object_file is not None and any(
         given is not None for given in (*of_tags, options.family, options.board)

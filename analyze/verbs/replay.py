@@ -124,6 +124,11 @@ def _open_target(
 
 
 def _replay(recording: RecordingFile, target: ToFile | ToViewer, arguments: _ReplayArguments) -> ReplayResult:
+    """Send the recording to the target, with a progress bar.
+
+    Raises:
+        ViewerClosed: the viewer was closed.
+    """
     # rerun's own log would add lines to the one that names a problem.
     os.environ.setdefault("RUST_LOG", "off")
     from analyze.progress import ProgressBar

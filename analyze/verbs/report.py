@@ -103,6 +103,7 @@ class _Page:
 
 
 def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
+    """Report on the estimate from all recordings together, scored if all are virtual."""
     from analyze.report.report import answer_summary, write_report
     from analyze.report.report_document import report_json
     from analyze.report.report_tables import report_tables
@@ -118,6 +119,7 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
 
 
 def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
+    """Report on a comparison of the sessions, one recording each."""
     from analyze.report.comparison_page import comparison_json, comparison_tables, write_comparison
 
     found = compare_files(files, object_file, exclude)

@@ -130,7 +130,8 @@ def measure_drop(options: DropOptions, progress: Progress = no_progress) -> Drop
         DocumentError: an entry of the camera file has a value that is not allowed.
         EstimationError: a fall has no acceleration.
         ImportRefused, RecordingError: the video or recording cannot be read.
-        TrackingError: a tag is in view twice, or the images are not of the camera's size.
+        TrackingError: a tag is in view twice, only other tags are in view, or the images are not of the
+            camera's size.
     """
     if options.source.suffix == RECORDING_SUFFIX and options.source.is_file():
         try:
@@ -174,6 +175,11 @@ def measure_drop(options: DropOptions, progress: Progress = no_progress) -> Drop
 
 
 def _camera(options: DropOptions) -> CameraModel:
+    """Lens of the camera file that the options name.
+
+    Raises:
+        CalibrationError: they name none, or it cannot be used.
+    """
     if options.camera is None:
         raise CalibrationError(
             f"{options.source}: its lens is unknown: give --camera CAMERA (a file of analyze calibrate -o, "
@@ -224,6 +230,10 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
 
 
 def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
+    """Tag, gravity, mass and shutter to assume; the shutter's line time is None if it is unknown.
+
+    It is unknown if a camera file states none (0), unless a rig's camera or --global-shutter is given.
+    """
     gravity, gravity_sd = footage.gravity if options.gravity is None else (options.gravity, STATED_G_SD)
     stated = footage.camera.line_time_s
     known = footage.rig or options.global_shutter or stated != 0
@@ -242,8 +252,8 @@ def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
 def _consistent(falls: list[Fall]) -> list[Fall]:
     """Falls, in the given order, whose ratio of true to stated time agrees with that of the longest fall.
 
-    They agree if the ratios differ by at most four standard deviations. This leaves out a hand's swing that
-    resembles a fall. The longest fall itself is always among them.
+    They agree if the ratios differ by at most four standard deviations of the difference. This leaves out a
+    hand's swing that resembles a fall. The longest fall itself is always among them.
     """
     best = max(falls, key=lambda fall: fall.dropped)
     return [
@@ -255,6 +265,11 @@ def _consistent(falls: list[Fall]) -> list[Fall]:
 
 
 def _marker_id(name: str) -> int | str:
+    """Id of the tag named with --marker: a number for family 36h11, otherwise the name, such as "25h9-0".
+
+    Raises:
+        CalibrationError: there is no such tag.
+    """
     try:
         family_and_id(found := int(name) if name.isdecimal() else name)
     except ValueError as error:
@@ -291,7 +306,8 @@ def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[Mark
     """Follow the tag through all frames: its track, None if it is never seen, and the number of frames.
 
     Raises:
-        TrackingError: the tag is in view twice, or the images are not of the camera's size.
+        TrackingError: the tag is in view twice, only other tags are in view, or the images are not of the
+            camera's size.
     """
     # The fit models the rolling shutter itself, since the stated seconds may not be true seconds.
     follower = MarkerFollower(

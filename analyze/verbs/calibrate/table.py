@@ -112,7 +112,7 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
     """Lens, uncertainty, views and camera pose of a calibration, as JSON values.
 
     Units are in the keys (`_px`, `_m`, `_rad`). `place` is None if no pose was measured, `calibration` if
-    there is none to write into a rig file.
+    there is none to write into a rig file, and `gravity_tilt_sd_rad` if no rig file is given.
     """
     found = answer.calibration
     lens, place, spec = found.lens, answer.place, calibration_spec(answer)
@@ -183,11 +183,13 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
 
 
 def _with_sd(value: float, sd: float) -> str:
+    """Text "value ± sd", with two significant digits of the sd."""
     digits = max(0, 1 - math.floor(math.log10(max(sd, 1e-9))))
     return f"{value:.{digits}f} ± {sd:.{digits}f}"
 
 
 def _names(names: tuple[str, ...]) -> str:
+    """Names in one line; of more than `MAX_NAMED` the rest is counted."""
     return (
         ", ".join(names)
         if len(names) <= MAX_NAMED

@@ -159,6 +159,13 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
 
 
 def _camera(files: Sequence[Path], options: GravityOptions) -> tuple[CameraModel, float]:
+    """Camera with its pose, and the prior standard deviation of the table's tilt [rad].
+
+    They are those of the rig file, else of the first recording among the files.
+
+    Raises:
+        CalibrationError: the rig file has no camera pose, or there is neither rig file nor recording.
+    """
     if options.rig is not None:
         rig, place = read_rig(options.rig)
         if place is None:

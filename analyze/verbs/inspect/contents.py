@@ -90,6 +90,10 @@ def time_table(times: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _topic(contents: McapContents, name: str) -> dict[str, Any]:
+    """Message types, encodings and number of channels of a topic, and its `time_table`, as JSON values.
+
+    `out_of_order` counts messages older than the one before; it is None with several channels.
+    """
     channels = contents.channels_of(name)
     found = [
         contents.schemas[channel.schema_id] for channel in channels if channel.schema_id in contents.schemas

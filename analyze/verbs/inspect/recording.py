@@ -50,6 +50,13 @@ def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str,
 
 
 def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) -> dict[str, Any]:
+    """Session and health of a recording as JSON values.
+
+    Args:
+        recording: the open recording.
+        general: result of `inspect_contents` for the file that was named.
+        complete: False if the file is cut short.
+    """
     manifest = recording.manifest
     encodings = {topic["name"]: topic for topic in general["topics"]}
     found = [encodings.get(topic.name, {}) | _topic(recording, topic) for topic in recording.topics()]
@@ -196,6 +203,10 @@ def _clocks(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
+    """Number of samples, median round trip [s], and drift of a device's clock against the host's [ppm].
+
+    The drift is None if all samples are of one time.
+    """
     device = np.array([sample.device_time_ns for sample in samples], dtype=np.int64)
     before = np.array([sample.host_before_ns for sample in samples], dtype=np.int64)
     after = np.array([sample.host_after_ns for sample in samples], dtype=np.int64)
@@ -211,6 +222,10 @@ def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
 
 
 def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
+    """Record of a strike, and the images kept and missing in its window, as JSON values.
+
+    `contact_time_ns` and `verdict` are None if they were not recorded.
+    """
     camera = recording.manifest.cameras[0]
     times = recording.times(topics.raw_image(camera.name).name)
     inside = times[(times >= record.window_start_ns) & (times <= record.window_end_ns)]

@@ -233,6 +233,7 @@ def _seconds(duration: float) -> str:
 
 
 def _wall(time_ns: int) -> str:
+    """Date and time (UTC, to the millisecond) of a Unix time [ns]; the seconds alone if it is no date."""
     seconds, rest = divmod(time_ns, 1_000_000_000)
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"
@@ -241,4 +242,5 @@ def _wall(time_ns: int) -> str:
 
 
 def _number(value: float | None, layout: str) -> str:
+    """Value in the format `layout`, such as ".2f"; "-" if it is None."""
     return "-" if value is None else format(value, layout)

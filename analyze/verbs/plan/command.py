@@ -140,6 +140,12 @@ def plan(arguments: _PlanArguments) -> None:
 
 
 def _refuse_early(arguments: _PlanArguments) -> None:
+    """Check the options before the computation.
+
+    Raises:
+        click.UsageError: options of our method are given with the paper's.
+        OutputError: a file cannot be written, or would replace an input.
+    """
     only_ours = (
         arguments.target_com_mm is not None
         or arguments.given

@@ -163,6 +163,7 @@ def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:
+    """Body divided into about `CELLS` voxels, with a shell of thickness `wall` [m]."""
     cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall))
     return Pieces(cells.points, cells.shell, cells.interior, cells.own_inertia, cells.pitch)
 
@@ -177,6 +178,7 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
 
 
 def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
+    """Note for the user that speeds are for a striker estimated from `strikes` earlier strikes."""
     many = "1 strike" if strikes == 1 else f"{strikes} strikes"
     mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
     return (

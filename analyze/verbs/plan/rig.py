@@ -33,6 +33,9 @@ class PlannedRig:
 def planned_rig(path: Path | None) -> PlannedRig:
     """Rig of a rig file; the nominal rig if `path` is None.
 
+    Returns:
+        Striker, camera, friction, gravity and frame rate, with the errors that all strikes share.
+
     Raises:
         PlanError: the file cannot be read, is not a valid rig file, or its striker has no possible speed.
     """
@@ -52,7 +55,8 @@ def planned_rig(path: Path | None) -> PlannedRig:
 def rig_from_text(text: str, name: str) -> PlannedRig:
     """Rig from the text of a rig file, which must be valid for `acquire` too.
 
-    Only the camera's address may be missing, because planning uses no device.
+    Only the camera's address may be missing, because planning uses no device. The standard deviations of the
+    table's tilt and of gravity are raised to at least 1e-6 rad and 1e-7 (relative).
 
     Args:
         text: content of the rig file (TOML).

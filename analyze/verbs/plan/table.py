@@ -78,6 +78,7 @@ def _strike_table(plan: StrikePlan) -> Table:
 
 
 def _relative(strike: PlannedStrike) -> str:
+    """Text of the sd of I_edge, the moment about the edge, in percent of it; "–" if it is not predicted."""
     if strike.i_edge_measured_sd_kg_m2 is None:
         return "–"
     return f"±{100 * strike.i_edge_measured_sd_kg_m2 / strike.i_edge_predicted_kg_m2:.1f} %"

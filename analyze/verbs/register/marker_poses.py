@@ -267,7 +267,10 @@ def is_implausible(table: TablePlace) -> bool:
 
 
 def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView], list[LeftOut]]:
-    """Views of the strikes that show a marker at rest, and the other strikes, each with the reason.
+    """Views of the strikes to estimate from, and the other strikes, each with the reason.
+
+    A strike is used if it is not excluded, the object was placed as planned and not turned on the table, and
+    a marker is seen at rest.
 
     Args:
         evidence: motions and tracks of all strikes.
@@ -297,6 +300,11 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
 
 
 def _object_toml(head: RecordingHead, options: RegisterOptions) -> str:
+    """Text (TOML) of the object file: the one that the options name, else the recording's.
+
+    Raises:
+        DocumentError: the object file that the options name cannot be used.
+    """
     if options.object_path is not None:
         read_object_spec(options.object_path)
         return options.object_path.read_text(encoding="utf-8")

@@ -50,7 +50,7 @@ class StoredImage(Protocol):
 
     @property
     def log_time_ns(self) -> int:
-        """Time of the middle of the exposure [ns]."""
+        """Time of the middle of the exposure [ns since 1970]."""
         ...
 
 
@@ -95,7 +95,7 @@ class Observer:
 
     @property
     def newest_ns(self) -> int:
-        """Log time of the newest image [ns]; 0 before the first image."""
+        """Log time of the newest image [ns since 1970]; 0 before the first image."""
         return self._images[-1].log_time_ns if self._images else 0
 
     def expect(self, plan_strike_id: str) -> None:
@@ -184,7 +184,7 @@ class Observer:
         return verdict_of(motion).model_copy(update=timed)
 
     def _judged_span(self, request: JudgeRequest) -> tuple[int, int]:
-        """Start and end [ns] of the images used for a verdict: rest before and tip after the contact.
+        """Start and end [ns since 1970] of the images for a verdict: rest before and tip after the contact.
 
         The contact is that of the request, else the last moment of rest. If neither is known, it is the whole
         window.
