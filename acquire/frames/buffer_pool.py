@@ -1,8 +1,8 @@
 """Pools of page-aligned frame buffers.
 
-Some buffers of a camera's pool circulate between its stream and the reader. The others are a reserve: one of
-them takes the place of each borrowed buffer, so that frames which wait for a disk never take a buffer from
-reception.
+Some buffers of a camera's pool circulate between its stream, which fills them, and the reader of the frames.
+The others are a reserve. A reader may borrow a buffer, that is, keep its pixels until they are on the disk.
+A buffer of the reserve then takes its place, so that the stream always has the same number of buffers.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from acquire.frames.page_memory import page_memory, whole_pages
 
 
 class BufferPool:
-    """Buffers of `payload` bytes, each at the beginning of a page. Any thread borrows and releases.
+    """Numbered buffers for the pixels of frames, each at the beginning of a page of memory.
 
     A slot is the number of a buffer. A circulating buffer is either with the camera's stream, to be filled,
-    or with the frame received into it; the other buffers are the reserve.
+    or with the frame received into it. A borrowed buffer is kept by the reader of its frame until it is
+    released. The other buffers are the reserve, from which borrowed buffers are replaced. Any thread may
+    borrow and release.
     """
 
     def __init__(
@@ -31,13 +33,15 @@ class BufferPool:
         payload: int,
         requeue: Callable[[int], None] = lambda _slot: None,
     ) -> None:
-        """Allocate the memory.
+        """Allocate the memory of all buffers.
 
         Args:
-            circulating: buffers that belong to the stream to begin with: slots 0 to circulating - 1.
+            circulating: number of buffers that belong to the camera's stream to begin with: slots 0 to
+                circulating - 1.
             reserve: number of buffers that replace borrowed ones.
             payload: size of a buffer in bytes.
-            requeue: gives a slot to the stream; not called after `close`.
+            requeue: function that gives the buffer with this number back to the stream, to be filled; not
+                called after `close`.
         """
         count, stride = circulating + reserve, whole_pages(payload)
         # Views of it keep the memory: the memory of a closed camera lives as long as one of its frames is
@@ -54,7 +58,7 @@ class BufferPool:
 
     @property
     def reserve(self) -> int:
-        """Number of buffers in the reserve now."""
+        """Number of free buffers in the reserve, from which borrowed buffers are replaced."""
         return len(self._reserve)
 
     def address(self, slot: int) -> int:
@@ -70,11 +74,11 @@ class BufferPool:
         return PooledBuffer(self, slot)
 
     def copy(self, frame: Frame) -> Frame | None:
-        """Copy a frame's image into a buffer of the reserve.
+        """Copy a frame's image into a buffer of the reserve (the pool's free buffers).
 
         Returns:
-            The frame with the copied image and a borrowed buffer, to be released; None if the reserve is
-            empty.
+            The frame with the copied image and its new buffer, which the caller must release; None if the
+            reserve is empty.
         """
         with self._lock:
             if not self._reserve:
@@ -86,11 +90,11 @@ class BufferPool:
         return frame._replace(image=image, buffer=PooledBuffer(self, slot, borrowed=True))
 
     def replace(self) -> bool:
-        """Give the stream a buffer of the reserve, in place of a buffer that is being borrowed.
+        """Give the camera's stream a free buffer of the reserve, in place of a buffer to be borrowed.
 
         Returns:
-            True if it was given; False if the reserve is empty or the pool is closed: the buffer then cannot
-            be borrowed.
+            True if the stream got one; False if the reserve is empty or the pool is closed: the buffer then
+            cannot be borrowed.
         """
         with self._lock:
             if not self._reserve or self._requeue is None:
@@ -100,9 +104,9 @@ class BufferPool:
             return True
 
     def give_back(self, slot: int, *, borrowed: bool) -> None:
-        """Return buffer number `slot`: to the reserve if it was borrowed, else to the stream.
+        """Put buffer number `slot` back: into the reserve if it was borrowed, else to the camera's stream.
 
-        After `close` a buffer that was not borrowed goes nowhere.
+        After `close` nothing is done with a buffer that was not borrowed.
         """
         with self._lock:
             if borrowed:
@@ -111,18 +115,18 @@ class BufferPool:
                 self._requeue(slot)
 
     def close(self) -> None:
-        """Disconnect from the camera's stream; borrowed buffers stay valid until their release."""
+        """Disconnect the pool from the camera's stream; borrowed buffers stay valid until their release."""
         with self._lock:
             self._requeue = None
 
 
 class PooledBuffer:
-    """One use of a pool's buffer by one frame (a FrameBuffer).
+    """Handle of the buffer that holds one frame's pixels; implements the interface FrameBuffer.
 
     Args:
         pool: owner of the buffer.
         slot: number of the buffer in the pool.
-        borrowed: True if the buffer was taken from the reserve.
+        borrowed: True if the buffer was taken from the pool's reserve, for a copy of the frame.
     """
 
     __slots__ = ("_pool", "borrowed", "slot")
@@ -133,15 +137,18 @@ class PooledBuffer:
         self.borrowed = borrowed
 
     def borrow(self) -> bool:
-        """Keep the pixels unchanged until `release`; a buffer of the reserve goes to the stream instead.
+        """Keep the pixels unchanged until `release`; the camera's stream gets a free buffer instead.
 
         Returns:
-            True if the buffer is borrowed; False if the reserve is empty or the pool is closed: the pixels
-            are valid during the current call only.
+            True if the buffer is borrowed; False if the pool has no free buffer or is closed: the pixels are
+            then valid only until the reader of the frame returns.
         """
         self.borrowed = self._pool.replace()
         return self.borrowed
 
     def release(self) -> None:
-        """Give the buffer back: to the reserve if it was borrowed, else to the stream. Call it once."""
+        """Put the buffer back: into the pool's reserve if it was borrowed, else to the camera's stream.
+
+        Call it once.
+        """
         self._pool.give_back(self.slot, borrowed=self.borrowed)

@@ -9,19 +9,22 @@ from numpy.typing import NDArray
 
 
 class FrameBuffer(Protocol):
-    """Interface of the buffer that holds the pixels of one frame."""
+    """Interface of the memory that holds one frame's pixels.
+
+    To borrow it is to keep the pixels after the reader of the frame has returned.
+    """
 
     @property
     def borrowed(self) -> bool:
-        """True once `borrow` has succeeded, and always for a copy; it stays true after the release."""
+        """True once `borrow` has succeeded, and always for a copied frame; stays True after the release."""
         ...
 
     def borrow(self) -> bool:
         """Keep the pixels unchanged until `release`.
 
         Returns:
-            True if the buffer is borrowed; False if the pool has no other buffer to take its place: the
-            pixels are valid during the current call only.
+            True if the buffer is borrowed; False if its pool has no other buffer to take its place: the
+            pixels are then valid only until the reader of the frame returns.
         """
         ...
 
@@ -34,7 +37,7 @@ class FrameBuffer(Protocol):
 
 
 class Frame(NamedTuple):
-    """A complete frame: pixels, numbers and times. Its pixels are valid until its buffer is released.
+    """A complete camera frame: pixels, numbers and times; its pixels are valid until its buffer is released.
 
     A named tuple, because one is made for every frame on the camera's thread: a frozen dataclass takes three
     times as long.

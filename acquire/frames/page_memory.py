@@ -1,4 +1,7 @@
-"""Page-aligned memory, populated in advance: O_DIRECT writes from it, a camera's stream into it."""
+"""Memory that begins on a page and whose pages all exist before use.
+
+A camera's stream writes frames into it, and the disk reads them from it without the page cache (O_DIRECT).
+"""
 
 from __future__ import annotations
 
@@ -38,5 +41,5 @@ def page_memory(size: int) -> mmap.mmap:
 
 
 def whole_pages(size: int) -> int:
-    """`size` [bytes], rounded up to whole pages of PAGE_BYTES."""
+    """`size` [bytes], rounded up to a multiple of PAGE_BYTES (4096); returns bytes."""
     return -(-size // PAGE_BYTES) * PAGE_BYTES
