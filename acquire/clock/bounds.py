@@ -1,7 +1,7 @@
-"""All straight lines that satisfy the bounds of clock readings: a convex polygon, its mean and spread.
+"""Mean and covariance of all straight lines, device time to host time, that clock readings permit.
 
-A reading bounds the device clock between two readings of the host clock. A line maps device time to host time
-by an offset and a rate.
+A clock reading is a device time between two readings of the host clock: a line must pass between them. A line
+has an offset and a rate; the lines that satisfy all readings are a convex polygon in the plane of the two.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ by zero"""
 
 @dataclass(frozen=True)
 class LineBounds:
-    """Mean and covariance of all lines that map a device clock to the host clock.
+    """Mean and covariance of all lines from device to host clock that satisfy the clock readings.
 
-    A line is (host - host0) - (device - device0) = offset + rate * (device - device0). Here device0 is the
-    newest reading's device time, host0 its `host_before_ns`.
+    A line is (host - host0) - (device - device0) = offset + rate * (device - device0), for a device time
+    `device` and a host time `host` [ns]. device0 is the device time of the newest reading, host0 the host
+    time just before that reading (`host_before_ns`).
     """
 
     offset_ns: float
@@ -43,11 +44,13 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
     """Mean and covariance of the uniform distribution over all lines that satisfy every clock reading.
 
     Args:
-        readings: at least one, oldest first.
-        rate_limit: greatest |rate| of a line, where the rate is host clock against device clock, minus 1.
+        readings: at least one clock reading, oldest first: a device time between two host times.
+        rate_limit: greatest |rate| of a line. The rate is the host clock's against the device clock's,
+            minus 1.
 
     Returns:
-        Mean and covariance of the lines' offset and rate; None if no line satisfies all bounds.
+        Mean and covariance of the lines' offset [ns], counted at the newest reading, and rate; None if no
+        line satisfies all readings.
     """
     newest = readings[-1]
     width = float(max(1, newest.host_after_ns - newest.host_before_ns))
@@ -69,12 +72,12 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
 
 
 def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
-    """Part of a convex polygon, given by its corners (x, y) in order, where a x + b y + c >= 0.
+    """Cut off the part of a convex polygon where a x + b y + c < 0.
 
-    Method of Sutherland and Hodgman (1974).
+    The polygon is given by its corners (x, y) in order. Method of Sutherland and Hodgman (1974).
 
     Returns:
-        Corners (x, y) of the part, in order; empty if no part is left.
+        Corners (x, y) of the part that remains, in order; an empty list if none remains.
     """
     distance = [a * x + b * y + c for x, y in polygon]
     if min(distance, default=0.0) >= 0.0:
@@ -94,10 +97,13 @@ def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
 def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
     """Mean and covariance of the uniform distribution over a convex polygon with at least one corner.
 
-    The polygon is summed as a fan of triangles; one without area counts as the line between its ends.
+    The polygon is summed as a fan of triangles. A polygon without area counts as the line between its ends.
+
+    Args:
+        polygon: corners (x, y), in order.
 
     Returns:
-        Mean (x, y), and covariance (xx, xy, yy).
+        Mean (x, y), and covariance (var x, cov, var y).
     """
     x0, y0 = polygon[0]
     area = sx = sy = sxx = sxy = syy = 0.0
@@ -121,9 +127,9 @@ def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
 
 
 def _line_moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
-    """Mean (x, y) and covariance (xx, xy, yy) of the uniform distribution along a polygon without area.
+    """Mean (x, y) and covariance (var x, cov, var y) of points spread evenly along a polygon without area.
 
-    Its two ends are the least and the greatest corner in the order of (x, y).
+    The polygon's two ends are its least and its greatest corner, compared by x, then by y.
     """
     (ax, ay), (bx, by) = min(polygon), max(polygon)
     dx, dy = bx - ax, by - ay

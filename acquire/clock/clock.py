@@ -1,4 +1,4 @@
-"""Host clock, passed in wherever time is read, and the mapping of a device clock to it."""
+"""Host clock, passed in wherever time is read, and the mapping of a device's clock to the host clock."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Clock(Protocol):
     def wall_ns(self) -> int:
         """Present time of CLOCK_REALTIME, since the Unix epoch [ns].
 
-        Used only for the wall anchor (log time minus monotonic time).
+        Used only for the wall anchor: log time (Unix time in a recording) minus monotonic time.
         """
         ...
 
@@ -72,9 +72,10 @@ class _Point:
 
 @dataclass(frozen=True)
 class _Line:
-    """Line host = host0 + (device - device0) + offset + rate * (device - device0) between two clocks.
+    """Line from device time to host time, through an origin (device0, host0) except for an offset.
 
-    Only the small terms, offset [ns] and rate, are floating point.
+    host = host0 + (device - device0) + offset + rate * (device - device0), all times in ns. The rate is the
+    host clock's against the device clock's, minus 1. Only offset and rate, both small, are floating point.
     """
 
     device0_ns: int
@@ -97,18 +98,20 @@ class _Line:
 class DeviceClockMapper:
     """Mapping of a device clock to the host's monotonic clock: offset and drift over a sliding window.
 
-    Each `ClockReading` holds the device clock between two readings of the host clock: a bound that no delay
-    can break (Cristian 1989, "Probabilistic clock synchronization"). All straight lines between all bounds
-    (Marzullo 1984) are a convex polygon in offset and drift; none of them is more probable than another, so
-    the mapping is their mean, and their spread is its uncertainty. A slow machine or a queue in one direction
-    makes the polygon larger, never wrong. The marginal of a uniform polygon ends within 2.83 sd of its mean
-    (a triangle's tip): **while the drift is steady, the error is below 3 sd, always.** Where no line fits,
-    the drift was not steady (the device warmed up, the host clock was slewed) and the oldest readings are
-    discarded.
+    Each `ClockReading` is a reading of the device clock between two readings of the host clock. Whatever the
+    delays, the device was read between the two host times (Cristian 1989, "Probabilistic clock
+    synchronization"). All straight lines, device time to host time, that satisfy every reading (Marzullo
+    1984) are a convex polygon in the plane of offset and drift. None of them is more probable than another:
+    the mapping is their mean, its uncertainty their spread. A slow machine or a delay in one direction makes
+    the polygon larger, never wrong. A uniform distribution over a polygon, projected on any
+    axis, ends within 2.83 sd of its mean (at the tip of a triangle): **while the drift is steady, the error
+    is below 3 sd, always.** Where no line fits, the drift was not steady (the device warmed up, the host
+    clock was slewed) and the oldest readings are discarded.
 
-    Where the device cannot latch (store its clock on a command), `add_arrival` takes the frames themselves:
-    the frame of the least delay in each bin of BIN_NS represents the bin (queues only add delay), and the
-    result lags by the constant least delay. As soon as there are latched readings, only they are used.
+    Where the device cannot latch its clock (store it on a command, to be read later), `add_arrival` takes the
+    arrival times of frames instead. In each bin of BIN_NS (0.5 s) only the frame of the least delay counts,
+    because queues only add delay; the mapped times are late by the constant least delay. As soon as there are
+    clock readings, only they are used.
 
     Args:
         window_s: length of the sliding window [s].
@@ -124,7 +127,7 @@ class DeviceClockMapper:
 
     @property
     def latched(self) -> bool:
-        """True if the mapping uses clock readings; False: arrival times only, or nothing yet."""
+        """True if the mapping uses clock readings; False: frame arrivals only, or nothing yet."""
         return bool(self._readings)
 
     @property
@@ -138,22 +141,24 @@ class DeviceClockMapper:
 
     @property
     def shortest_round_trip_ns(self) -> int:
-        """Shortest time between the two host times of a clock reading in use [ns]; 0 if there is none."""
+        """Least time [ns] between the two host times of a clock reading in use; 0 if there is none."""
         return min((_round_trip_ns(reading) for reading in self._readings), default=0)
 
     def sd_at(self, device_time_ns: int) -> int:
-        """1 sigma of the mapping at a device time [ns]; 0 before the first reading or arrival.
+        """1 sigma [ns] of the host time that `to_host` gives for a device time [ns].
 
-        It grows with the time since the last reading, and is at least MAPPING_SD_FLOOR_NS.
+        It grows with the time since the last clock reading or frame arrival, and is at least
+        MAPPING_SD_FLOOR_NS; 0 before the first one.
         """
         return 0 if self._line is None else round(max(MAPPING_SD_FLOOR_NS, self._line.sd_ns(device_time_ns)))
 
     def add(self, reading: ClockReading) -> None:
         """Add a reading of the device clock and update the mapping.
 
-        A clock that ran backwards (the device restarted) empties the window. Of readings within BURST_NS only
-        the quickest is kept. Readings older than the window are discarded, and the oldest ones as long as no
-        line satisfies all.
+        If the device clock ran backwards (the device restarted), all earlier readings are discarded. Of
+        readings within BURST_NS (20 ms) only the quickest is kept: the least time between its two host times.
+        Readings older than the window are discarded, then the oldest ones until a straight line, device time
+        to host time, satisfies all that are left.
         """
         if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
             self._readings.clear()
@@ -171,8 +176,8 @@ class DeviceClockMapper:
     def add_arrival(self, device_time_ns: int, host_time_ns: int) -> None:
         """Add a frame's time on the device clock and its arrival on the host's monotonic clock, both [ns].
 
-        They are used only while there is no clock reading. A device clock that ran backwards empties the
-        window.
+        The pair is used only while there is no clock reading. If the device clock ran backwards (the device
+        restarted), all earlier pairs are discarded.
         """
         if self._readings:
             return
@@ -194,7 +199,7 @@ class DeviceClockMapper:
         self._line = _fit(list(self._bins)[:-1] or list(self._bins))
 
     def to_host(self, device_time_ns: int) -> int:
-        """Host monotonic time [ns] of a device time [ns].
+        """Host monotonic time [ns] at which the device clock showed `device_time_ns` [ns].
 
         Raises:
             ValueError: no reading and no arrival was added yet.
@@ -213,15 +218,16 @@ def _mean_line(lines: LineBounds, newest: ClockReading) -> _Line:
 
 
 def _fit(points: list[_Point]) -> _Line:
-    """Line by weighted least squares of host - device against device, with a prior of the drift.
+    """Fit a line from device time to host time to frame arrivals, by weighted least squares.
 
-    The prior, drift 0 with 1 sigma DRIFT_PRIOR_SD, enters as one more row.
+    The drift (the line's rate) is expected to be 0 with 1 sigma DRIFT_PRIOR_SD, which enters as one
+    more observation.
 
     Args:
-        points: at least one, oldest first.
+        points: pairs of device and host time [ns], with the host time's sd; at least one, oldest first.
 
     Returns:
-        Line relative to the first point, with covariance.
+        The line with the first point as its origin, and the covariance of offset and rate.
     """
     device0, host0 = points[0].device_ns, points[0].host_ns
     x = np.array([point.device_ns - device0 for point in points], dtype=np.float64)
