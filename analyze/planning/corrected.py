@@ -47,11 +47,11 @@ def corrected_plan(
 def corrected_pivot(
     pivot: Pivot, R_world_object: Array, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
 ) -> Pivot:
-    """Pivot of one strike updated to the corrected edge radius and surface error.
+    """Pivot (edge line) of one planned strike, updated to a corrected edge radius and surface error.
 
-    The centre line of the edge's rounding lies one radius inside the resting face and the face that rises
-    from the edge. A moulded edge, whose radius is part of the shape and so differs from that of `before`,
-    keeps its line and radius; only the 1 sigma of its place is updated.
+    The line is the centre line of the edge's rounding; it lies one radius inside the resting face and the
+    face that rises from the edge. A moulded edge, whose radius is part of the shape and so differs from that
+    of `before`, keeps its line and radius; only the 1 sigma of its place is updated.
 
     Args:
         pivot: Pivot as planned, in the object frame.

@@ -41,7 +41,10 @@ MIN_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Design:
-    """Chosen candidate axes, their numbers of strikes, and the predicted covariance."""
+    """Axes chosen for a plan (edges to tip about), their numbers of strikes, predicted covariance.
+
+    The axes are chosen among candidates, the axes that can be struck.
+    """
 
     chosen: tuple[int, ...]
     """Indices of the chosen axes among the candidates."""
@@ -110,10 +113,11 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
 
 
 class _Search:
-    """Search for the set of axes with the smallest loss, with the losses of many sets at once.
+    """Search for the set of axes (edges to tip about) with the smallest loss.
 
-    The loss is the weighted logarithm of the predicted errors of centre of mass and inertia (`losses`); the
-    penalty for each axis is not part of it here. Sets are sorted tuples of candidates' indices.
+    The loss of a set is the weighted logarithm of its predicted errors of centre of mass and inertia
+    (`losses`); the penalty for each axis is not part of it here. A set is a sorted tuple of indices of
+    candidates, the axes that can be struck.
     """
 
     def __init__(self, information: Information) -> None:
@@ -135,8 +139,8 @@ class _Search:
     def table(self, repeats: int) -> Array:
         """Information (n, 14, 14) that `repeats` further strikes on each of n candidates add.
 
-        It is about the 14 unknowns that strikes share (centre of mass, inertia, common errors), in units of
-        their prior 1 sigma, and cached.
+        It is Fisher information about the 14 unknowns that strikes share (centre of mass, inertia, common
+        errors), in units of their prior 1 sigma. The result is cached.
         """
         if repeats not in self._tables:
             added = [
@@ -166,17 +170,21 @@ class _Search:
         return np.where(np.sqrt(least / count) < MIN_NORMAL_SPREAD, np.inf, loss)
 
     def _sums(self, members: tuple[int, ...], each: int) -> tuple[Array, Array]:
-        """Information (14, 14) and sum (3, 3) of n n^T, as `losses` takes them, of one set of axes.
+        """Information (14, 14) from one set of axes, and sum (3, 3) of n n^T over the axes.
 
-        Strikes made and priors are included. `members` are the indices of the candidates, `each` is the
-        number of further strikes on each.
+        The information is about the 14 unknowns that strikes share; n is the unit normal of the plane through
+        an axis's edge and the centre of mass at balance. Both include the strikes made before, the
+        information also the priors. `members` are the indices of the candidates, `each` is the number of
+        further strikes on each.
         """
         index = list(members)
         normals = np.vstack([self._made, self._normals[index]])
         return self._before + self.table(each)[index].sum(axis=0), normals.T @ normals
 
     def loss(self, members: tuple[int, ...], repeats: tuple[int, ...]) -> float:
-        """Loss of one set of axes; inf if it leaves a direction of the centre of mass unknown.
+        """Loss of one set of axes: weighted logarithm of the predicted errors of centre of mass and inertia.
+
+        It is inf if the set leaves a direction of the centre of mass unknown.
 
         Args:
             members: Indices of the candidates.
@@ -191,7 +199,8 @@ class _Search:
     def first_sets(self, size: int, each: int) -> list[tuple[int, ...]]:
         """Up to `STARTS` sets of axes with the smallest losses, the best first.
 
-        Empty if all leave a direction of the centre of mass unknown.
+        The loss is the weighted logarithm of the predicted errors of centre of mass and inertia. The result
+        is empty if all sets leave a direction of the centre of mass unknown.
 
         Args:
             size: Number of axes of a set, 1 to 3; they are taken from `_pool`.
@@ -214,8 +223,9 @@ class _Search:
     def _pool(self, each: int) -> list[int]:
         """Sorted indices of up to `POOL_SIZE` candidates that are likely to be of use.
 
-        All if there are no more; else three whose equi-planes' normals span space well, then those that lower
-        the loss most with `each` strikes per axis, one after another.
+        All candidates are returned if there are no more. Otherwise the first three are those whose
+        equi-planes (planes through edge and centre of mass at balance) have normals that span space well; the
+        others are added one by one, each time the one that lowers the loss most with `each` strikes per axis.
         """
         everything = list(range(len(self._candidates)))
         if len(everything) <= POOL_SIZE:
@@ -234,6 +244,8 @@ class _Search:
     def grown(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
         """Set of axes enlarged by the candidate that lowers the loss most; unchanged if none is left.
 
+        The loss is the weighted logarithm of the predicted errors of centre of mass and inertia.
+
         Args:
             members: Indices of the candidates in the set.
             each: Number of strikes on each axis.
@@ -246,7 +258,10 @@ class _Search:
         return tuple(sorted([*members, left[int(np.argmin(np.round(losses, 9)))]]))
 
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set of axes improved by one-for-one exchange until no swap lowers the loss, or 50 were made.
+        """Set of axes improved by exchanging one axis for another until no exchange lowers the loss.
+
+        It ends after 50 exchanges at the latest. The loss is the weighted logarithm of the predicted errors
+        of centre of mass and inertia.
 
         Args:
             members: Indices of the candidates in the set.
@@ -272,7 +287,10 @@ class _Search:
         return members
 
     def distributed(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
-        """Number of strikes on each axis of a set: equal shares, the rest where it lowers the loss most.
+        """Number of strikes on each axis of a set, in the order of `members`.
+
+        All axes get equal shares; each strike left over goes where it lowers the loss (predicted errors of
+        centre of mass and inertia) most.
 
         Args:
             members: Indices of the candidates in the set, no more than `strikes`.
@@ -293,9 +311,9 @@ class _Search:
 
 
 def can_determine_com(information: Information) -> bool:
-    """True if some set of the candidates, with the strikes made, determines the centre of mass.
+    """True if some set of the candidate axes determines the centre of mass in every direction.
 
-    It must be determined in every direction.
+    The strikes made before count too.
     """
     normals = np.array(
         [each.normal for each in (*information.candidates, *information.belief.struck)]
@@ -309,9 +327,9 @@ def can_determine_com(information: Information) -> bool:
 
 
 def _widest_three(normals: Array) -> list[int]:
-    """Indices of three of n unit vectors (n, 3) that span space well, found greedily.
+    """Indices of three of n unit vectors (n, 3) that span space well.
 
-    Each is the vector with the largest part perpendicular to those before it.
+    They are chosen one after another, each with the largest part perpendicular to those chosen before.
     """
     taken: list[int] = []
     rest = normals.copy()

@@ -24,9 +24,10 @@ MIN_HALF_EDGE = 5e-4
 
 @dataclass(frozen=True)
 class StrikeMade:
-    """A strike used in an earlier result, with the precision of balance angle phi and rate constant k.
+    """Strike used in an earlier result, with the precision of what was measured from its tip.
 
-    The tip is theta'' = -k sin(phi - theta), with theta the tipping angle.
+    Measured are the balance angle phi and the rate constant k: the tip is theta'' = -k sin(phi - theta), with
+    theta the tipping angle.
     """
 
     axis_id: str
@@ -41,7 +42,7 @@ class StrikeMade:
 
 @dataclass(frozen=True)
 class EarlierResult:
-    """An earlier result of the object, in the object frame; c is the centre of mass."""
+    """Result of an earlier estimate of the object, in the object frame; c is the centre of mass."""
 
     name: str
     """Name of the result's file, for messages."""
@@ -97,7 +98,9 @@ def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
 
 
 def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]:
-    """Covariance intersection of two estimates of one vector, with the weights that give least trace.
+    """Covariance intersection (cautious average) of two estimates of one vector.
+
+    The inverse covariances are averaged with the weights, of those tried, that give the smallest trace.
 
     Args:
         a: (3,) mean of the first estimate.
@@ -116,12 +119,12 @@ def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]
 
 
 def updated_hypothesis(believed: Hypothesis, given: EarlierResult) -> Hypothesis:
-    """Hypothesis whose region is centred on the measured centre of mass and sized by its covariance.
+    """Hypothesis with the region of the centre of mass centred on the measured one.
 
-    A hypothesis is the region believed to hold the centre of mass, with the inertia per kilogram. The half
-    edges of the new region are two standard deviations of the centre of mass, at least `MIN_HALF_EDGE` and
-    otherwise at most the largest half edge of `believed`. The inertia is the result's, or that of `believed`
-    if the result has none.
+    A hypothesis is the region believed to hold the centre of mass, with the inertia per kilogram. The new
+    region is a box along the principal axes of the measured covariance. Its half edges are two standard
+    deviations, at least `MIN_HALF_EDGE` and otherwise at most the largest half edge of `believed`. The
+    inertia is the result's, or that of `believed` if the result has none.
 
     Args:
         believed: Hypothesis before.
@@ -142,7 +145,10 @@ def with_strikes_made(
     mass: float,
     gravity: float,
 ) -> Belief:
-    """Belief, the prior of centre of mass and inertia, with the information of the strikes made added.
+    """Belief about centre of mass and inertia, with the information of the strikes made added.
+
+    The belief is the prior of centre of mass and inertia. A heading is the turn of object and striker about
+    the vertical.
 
     Args:
         belief: Belief before any strike.
@@ -182,10 +188,10 @@ def with_strikes_made(
 
 
 def _identified_axis(name: str, given: EarlierResult, known: Mapping[str, PivotAxis]) -> PivotAxis | None:
-    """Axis that a result calls `name`; None if the object has none.
+    """Axis of the object that a result calls `name`; None if the object has none.
 
-    It is found by the edge's line; without a line, or with none near it, by id, unless the direction is given
-    and differs.
+    The axis is the one nearest to the line of the result's edge. If the result has no line, or no axis is
+    near it, the axis with the id `name` is taken, unless the result has a direction and it differs.
 
     Args:
         name: Id of the axis in the result.

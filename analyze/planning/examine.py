@@ -42,7 +42,7 @@ class Bench:
 
 @dataclass(frozen=True)
 class UsableAxis:
-    """An axis that passed every check.
+    """Axis that passed every check: a marker in view, an impact point in reach, an edge that holds.
 
     phi is the balance angle, Q the region believed to hold the centre of mass.
     """
@@ -124,7 +124,7 @@ def examine(
 
 
 def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
-    """1 sigma of an axis's balance angle phi [rad] as the centre of mass varies over its region.
+    """1 sigma [rad] of an axis's balance angle phi, as the centre of mass varies over its region.
 
     Args:
         axis: Pivot axis.

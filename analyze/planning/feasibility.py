@@ -139,10 +139,10 @@ def strike_case(
 
 
 def axis_ends(axis: PivotAxis) -> tuple[float, float]:
-    """Ends of an axis's edge [m] along the axis, measured from the strike: below 0, then above 0.
+    """Places [m] of the two ends of an axis's edge, measured along the axis from the strike.
 
-    Edges rounded by the stated radius end that radius before the corners. A rim, which touches the table in
-    one point, gives 0, 0.
+    The first is below 0, the second above. The stated rounding of all edges also rounds the corners, so an
+    edge with it ends one radius before them. A rim, which touches the table in one point, gives 0, 0.
     """
     if axis.rolls:
         return 0.0, 0.0
@@ -174,7 +174,8 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
         most_slip: Slip [m] at which a case ends too.
 
     Returns:
-        Slip, smallest load and whether balance is reached, for each case; empty arrays without cases.
+        For each case: largest slip, smallest load (normal force over weight), and True if balance is reached;
+        empty arrays without cases.
     """
     if not cases:
         return TipOutcomes(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
@@ -202,8 +203,8 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
 def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
     """Smallest friction coefficients (n,) with which each of n cases slides at most `SLIP_LIMIT`.
 
-    Each is the smallest of `FRICTIONS` (0.05 apart up to 0.7, then farther) with which, and with all larger
-    ones, the edge holds; inf if it does not hold with the largest.
+    The coefficient is one of `FRICTIONS` (0.05 apart up to 0.7, then farther). With it, and with all larger
+    ones, the edge holds. It is inf if the edge slides even with the largest.
 
     Args:
         cases: The n strikes; their own friction is ignored.
@@ -246,7 +247,7 @@ class _Bodies:
         self.most_slip = np.inf
 
     def still_moving(self) -> _Bodies:
-        """Copy of parameters and state that holds only the cases that have not ended."""
+        """Copy of parameters and state with only the cases (strikes) whose simulation goes on."""
         rest = _Bodies.__new__(_Bodies)
         for name, value in vars(self).items():
             setattr(rest, name, value[..., self.goes_on] if isinstance(value, np.ndarray) else value)

@@ -31,7 +31,10 @@ SAME_MOMENT_COSINE = np.cos(np.radians(15.0))
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of the body, each in the shell or in the interior, in the object frame O."""
+    """Pieces of the body, from cubes of equal size, each in the shell or in the interior.
+
+    O is the object frame.
+    """
 
     points: Array
     """(n, 3) centroids [m], in O."""
@@ -88,10 +91,10 @@ def region_forecast(
 
 
 class _Fillings:
-    """Precision of the region masses of plausible fillings, linearised about each filling.
+    """Precision of the region masses, for plausible fillings of one body.
 
     A filling has a uniform density in each of three regions: the shell and the interior above and below a
-    dividing plane.
+    dividing plane. The equations are linearised about each filling.
     """
 
     def __init__(self, cells: Pieces, directions: Array, mass: float) -> None:

@@ -1,6 +1,7 @@
-"""Faces to plan on: those on which the object surely stands, then those on which it probably does.
+"""Faces to plan on: first those on which the object surely stands, then others on which it may.
 
-The latter hold the expected centre of mass, but not all of the region that is believed to hold it.
+On the others the object stands if its centre of mass is where it is expected; part of the region that is
+believed to hold the centre of mass lies outside their support polygon.
 """
 
 # scipy is only partly typed.
@@ -38,12 +39,13 @@ IF_IT_FALLS = (
 def footing(
     model: ObjectModel, planes: Sequence[RestingPlane], region: Region, share: float
 ) -> tuple[RestingPlane, ...]:
-    """Planes over whose support polygon region Q lies when scaled about its centre, in their order.
+    """Resting planes on which the object stands for a given share of the places of its centre of mass.
 
-    Q is the region that is believed to hold the centre of mass. A share of 1 gives the planes whose support
-    polygon holds the projection of all of Q (method 1.2). For a smaller share, planes that hold only part of
-    Q are included unless they are facets of round flanks, on which the object rolls, or have less than
-    `STRIP_AREA_FRACTION` of the hull's area.
+    Q is the region that is believed to hold the centre of mass. A plane is returned if its support polygon
+    holds the projection of Q scaled by `share` about Q's centre; a share of 1 stands for all of Q (method
+    1.2). For a smaller share, planes that hold only part of Q are left out if they are facets of round
+    flanks, on which the object rolls, or have less than `STRIP_AREA_FRACTION` of the hull's area. The order
+    is that of `planes`.
 
     Args:
         model: Shape of the object.
@@ -61,7 +63,9 @@ def footing(
 
 
 def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Region) -> str:
-    """Warning with remedy that a plan uses faces on which the object may not stay; empty if it uses none.
+    """Warning with remedy that a plan uses faces on which the object may not stay; empty if none.
+
+    Q is the region that is believed to hold the centre of mass.
 
     Args:
         used: Resting planes of the plan's strikes.

@@ -43,10 +43,11 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class AxisForecast:
-    """Predicted 1 sigma of phi, k and the moments for one struck axis.
+    """Predicted 1 sigma of phi, k and two moments of inertia for one struck axis.
 
-    phi is the balance angle, k = m g R / I_edge the rate constant of the tip, I_edge the moment of inertia
-    about the edge, c the centre of mass.
+    phi is the balance angle, k = m g R / I_edge the rate constant of the tip (m mass, g gravity, R distance
+    of c from the edge), I_edge the moment of inertia about the edge, c the centre of mass. The second moment
+    is about the parallel axis through c.
     """
 
     axis_id: str
@@ -65,9 +66,9 @@ class AxisForecast:
 
 @dataclass(frozen=True)
 class Advice:
-    """Error of c (rms distance) as a function of the number of strikes, and advice drawn from it.
+    """Error of the centre of mass c by number of strikes, and advice whether to strike more.
 
-    c is the centre of mass.
+    The error is the rms distance [m] of the estimated c from the true one.
     """
 
     curve: tuple[tuple[int, float], ...]
@@ -83,9 +84,10 @@ class Advice:
 
 
 def axis_forecasts(information: Information, design: Design) -> list[AxisForecast]:
-    """Predicted precision of phi, k and the moments for each chosen axis, in the design's order.
+    """Predicted precision of each chosen axis, in the design's order.
 
-    phi is the balance angle, k the rate constant of the tip.
+    Predicted are the balance angle phi, the rate constant k of the tip, and the moments of inertia about the
+    edge and about the parallel axis through the centre of mass.
 
     Args:
         information: Candidates, prior knowledge and errors.
@@ -140,9 +142,9 @@ def strikes_for(
     most: int = MAX_STRIKES,
     most_axes: int | None = None,
 ) -> tuple[int, Design] | None:
-    """Smallest number of strikes, and its design, with a predicted error of c of at most `target` [m].
+    """Smallest number of strikes that reaches a target error of the centre of mass c, and its design.
 
-    c is the centre of mass. The search halves the interval, as more strikes lower the error.
+    The error is the predicted rms distance. The search halves the interval, as more strikes lower the error.
 
     Args:
         information: Candidates, prior knowledge and errors.

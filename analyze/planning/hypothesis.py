@@ -37,7 +37,8 @@ MAX_SIGNS = 60_000
 class Region:
     """Region Q that is believed to hold the centre of mass c, in the object frame O (the shape file's).
 
-    It is a box; across axes of one group it is round instead.
+    Q is a box along three axes. Axes of equal spread form a group, across which Q is round: a cylinder for a
+    group of two, a ball for a group of three.
     """
 
     centre: Array
@@ -62,14 +63,17 @@ class Region:
     def covariance(self) -> Array:
         """Covariance (3, 3) [m^2] of the centre of mass over this region, in the object frame.
 
-        The half edges of the region count as two standard deviations.
+        The half edges (or radii) of the region count as two standard deviations.
         """
         return (self.axes.T * (self.half / 2) ** 2) @ self.axes
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Centre of mass and inertia expected from the exterior, or from an earlier result."""
+    """Centre of mass and inertia expected before measuring, or after an earlier result.
+
+    Before any result they follow from the exterior shape.
+    """
 
     region: Region
     """Region Q of the centre of mass c."""
@@ -106,10 +110,10 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     """Region Q believed to hold the centre of mass, and the expected inertia, from the exterior shape.
 
     Q's centre lies midway between the centroids of the uniform solid and of its surface. Half edges are the
-    differences of eq. (1) (VISAPP 2013) as means over the area, plus the sampling step and
-    `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may hide an asymmetric filling; they
-    are clipped to the half extent. Axes with nearly equal spread share one half edge. The result is cached on
-    the model.
+    differences of eq. (1) (VISAPP 2013), taken as means over the area: distances of the surface ahead of the
+    centroid minus those behind. Added are the sampling step and `FILLING_ASYMMETRY` of the half extent, since
+    a symmetric exterior may hide an asymmetric filling; the sum is at most the half extent. Axes with nearly
+    equal spread share one half edge. The result is cached on the model.
     """
     return model.cached("hypothesis", _hypothesis)
 
@@ -137,19 +141,20 @@ def _hypothesis(model: ObjectModel) -> Hypothesis:
 
 
 def _groups(values: Array) -> tuple[int, int, int]:
-    """Group numbers of three eigenvalues (3,) given largest first: 0, then 0 or 1, then up to 2.
+    """Group numbers of the principal axes, from three eigenvalues (3,) given largest first.
 
-    Neighbours that differ by at most `ROUND_EIGENVALUES` of the larger share one group.
+    Neighbours that differ by at most `ROUND_EIGENVALUES` of the larger share one group. Groups are numbered
+    from 0.
     """
     first = int(values[0] - values[1] > ROUND_EIGENVALUES * values[0])
     return 0, first, first + int(values[1] - values[2] > ROUND_EIGENVALUES * values[1])
 
 
 def _directions(model: ObjectModel, axes: Array) -> Array:
-    """Unit vectors (k, 3) in the space of the unit `axes` (d, 3), fixed to the shape of the body.
+    """Unit directions (k, 3), in the space of the unit `axes` (d, 3), to measure a body's asymmetry in.
 
-    For one axis it is the axis itself; for more, the outward normals of the hull projected on the axes, at
-    most `MAX_DIRECTIONS`.
+    For one axis it is the axis itself; for more, the outward normals of the hull projected on the space of
+    the axes, at most `MAX_DIRECTIONS`.
     """
     if len(axes) == 1:
         return axes
@@ -160,7 +165,9 @@ def _directions(model: ObjectModel, axes: Array) -> Array:
 
 
 def _differences(directions: Array, arm: Array, value: Array) -> Array:
-    """Sums (k,) of `value` over samples ahead of the origin minus those behind, for each direction.
+    """Sum (k,) of `value` over samples ahead of the origin minus that behind, for k directions.
+
+    A sample is ahead if its vector from the origin has a positive component along the direction.
 
     Args:
         directions: (k, 3) unit directions.

@@ -58,7 +58,7 @@ class StrikerModel:
     """Largest height of the tip over the table [m]."""
 
     def too_fast_or_slow(self, speed: float) -> str:
-        """Message if the striker cannot make a tip speed [m/s]; empty if it can."""
+        """Message if the striker cannot strike at a tip speed [m/s]; empty if it can."""
         if self.slowest_m_s <= speed <= self.fastest_m_s:
             return ""
         return (
@@ -67,7 +67,7 @@ class StrikerModel:
         )
 
     def too_high_or_low(self, height: float) -> str:
-        """Message if the tip cannot be set to a height [m] over the table; empty if it can."""
+        """Message if the striker's tip cannot be set to a height [m] over the table; empty if it can."""
         if self.lowest_m <= height <= self.highest_m:
             return ""
         lowest, highest = 1000 * self.lowest_m, 1000 * self.highest_m
@@ -103,12 +103,13 @@ def impact_points(
     cards: list[tuple[Array, float]],
     striker: StrikerModel,
 ) -> list[ImpactPoint]:
-    """Places that the striker's tip, a sphere moving along W's +x at y = 0, can meet with its front.
+    """Impact points on the object that the striker's tip, a sphere, can meet with its front.
 
-    W is the world frame at rest: x in the direction in which the object tips, y along the pivot edge, z up, y
-    = 0 at the strike. Heights are `HEIGHT_STEP` apart. Left out are heights at which the sphere's flank meets
-    another part first, those whose surface within `HEIGHT_ERROR` has an edge or is too oblique, those less
-    than `MIN_DEPTH_BELOW_TOP` below the top, and those out of the striker's reach.
+    The tip moves along +x at y = 0 of W, the world frame at rest: x in the direction in which the object
+    tips, y along the pivot edge, z up, y = 0 at the strike. Heights are `HEIGHT_STEP` apart. Left out are
+    heights at which the sphere's flank meets another part first, those whose surface within `HEIGHT_ERROR`
+    has an edge or is too oblique, those less than `MIN_DEPTH_BELOW_TOP` below the top, and those out of the
+    striker's reach.
 
     Args:
         model: Shape of the object.
@@ -141,9 +142,11 @@ def impact_points(
 
 
 def _clear_heights(heights: Array, distance: Array, glance: Array, tried: IntArray) -> BoolArray:
-    """Mask (k,) of heights at which only the striker tip's foremost point meets the surface, squarely.
+    """Mask (k,) of heights at which the striker's foremost point meets an even, upright surface.
 
-    Squarely: within `HEIGHT_ERROR` the surface has no step, and its normal is within `MAX_GLANCE` of the ray.
+    The striker's tip is a sphere that moves along a horizontal ray. Its flank must not meet another part of
+    the object first; within `HEIGHT_ERROR` the surface must have no step, and its normal must be within
+    `MAX_GLANCE` of the ray.
 
     Args:
         heights: (n,) heights over the table [m], equally spaced.
@@ -215,11 +218,11 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
-    """Impact point at which the edge needs least friction for the worst of the examined centres of mass.
+    """Impact point at which the pivot edge needs the least friction to hold; None if there are no points.
 
-    Points off the markers' cards (white border included) that need at most `friction`, the available
-    coefficient, for the expected centre of mass are preferred; without such points all are considered. None
-    if there are no points.
+    The friction is that for the worst of the examined places of the centre of mass. Preferred are points off
+    the markers' cards (white border included) where `friction`, the available coefficient, suffices for the
+    expected centre of mass; without such points all are considered.
     """
     free = [point for point in points if not point.on_card and point.friction <= friction]
     return min(free or points, key=lambda point: point.worst_friction, default=None)

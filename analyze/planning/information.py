@@ -93,9 +93,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Belief:
-    """Prior of the centre of mass c and the inertia, and strikes made, before the planned strikes.
+    """Knowledge before the planned strikes: prior of centre of mass c and inertia, and strikes made.
 
-    The expected c is the one that the candidates' swings assume.
+    The expected place of c is the one that the candidates' swings (parameters of the tip) assume.
     """
 
     com_sd: float
@@ -113,12 +113,12 @@ class Belief:
 
 @dataclass(frozen=True)
 class Information:
-    """Linearised measurement problem of one object: information of strikes about the shared unknowns.
+    """Measurement problem of one object, linearised: information of strikes about shared unknowns.
 
-    These 14 unknowns are the centre of mass c (3), the inertia about c (6 entries), and the relative errors
-    of mass and gravity, gravity's tilt, the shape's relative scale error and the edges' radius error. Each
-    axis (pivot edge) has unknowns of its own. A strike measures the balance angle phi and ln k, k the rate
-    constant of the tip.
+    The information is Fisher information. The 14 shared unknowns are the centre of mass c (3), the inertia
+    about c (6 entries), and the relative errors of mass and gravity, gravity's tilt, the shape's relative
+    scale error and the edges' radius error. Each axis (pivot edge) has unknowns of its own. A strike measures
+    the balance angle phi and ln k, k the rate constant of the tip.
     """
 
     candidates: tuple[Candidate, ...]
@@ -339,9 +339,10 @@ def moment_row(direction: Array) -> Array:
 
 
 def normal_spread(normals: Array) -> float:
-    """Smallest singular value of unit normals (n, 3) over sqrt(n): from 0 to 1/sqrt(3).
+    """Measure of how well n planes fix a common point: 0 if they leave a direction of it unknown.
 
-    It is 0 if the planes with these normals leave a direction of their common point unknown, or if n < 3.
+    It is the smallest singular value of the planes' unit normals (n, 3) over sqrt(n), at most 1/sqrt(3); 0 if
+    n < 3.
     """
     if len(normals) < 3:
         return 0.0
@@ -350,9 +351,10 @@ def normal_spread(normals: Array) -> float:
 
 
 def unknown_direction(normals: Array) -> Array:
-    """Unit vector (3,) along which planes with unit `normals` (n, 3) determine their common point worst.
+    """Unit vector (3,) along which planes fix their common point worst.
 
-    It is in the frame of the normals; its largest component is positive, and components below 1e-6 are 0.
+    The planes have the unit `normals` (n, 3), in whose frame the vector is. Its largest component is
+    positive, and components below 1e-6 are 0.
     """
     _, _, vt = np.linalg.svd(np.vstack([np.zeros((3, 3)), normals]))
     worst = vt[2]

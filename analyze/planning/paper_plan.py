@@ -45,9 +45,9 @@ FORCE_DECIMALS = 6
 
 @dataclass(frozen=True)
 class PaperStrike:
-    """One impact point with its rotation point, in the object frame.
+    """Impact point with its rotation point by the paper, in the object frame.
 
-    The point of rotation p^r_ij lies where ray j from the middle of resting plane i leaves the plane's
+    The rotation point p^r_ij lies where ray j from the middle of resting plane i leaves the plane's support
     polygon; p^I_ij is the impact point.
     """
 
@@ -69,7 +69,7 @@ class PaperStrike:
 
     @property
     def energy(self) -> float:
-        """Energy of the tip over m g: rise [m] of the centre of mass to balance.
+        """Energy of the tip over weight m g: rise [m] of the centre of mass to balance.
 
         The centre of mass is assumed at the impact point, so the rise h2 - h1 of the paper's eq. (2) is the
         impact point's distance from the rotation point less its height over it.
@@ -105,7 +105,8 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
         gravity: Gravity [m/s^2].
 
     Returns:
-        Four impact points for each of two stable planes, smallest force first.
+        Four impact points for each of two stable planes, smallest force first, and whether eq. (1) was used
+        as printed.
 
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
@@ -214,7 +215,7 @@ def _strikes_on(
 
 
 def _hull_points(model: ObjectModel, cloud: Array) -> tuple[Array, Array]:
-    """Normals (n, 3) and points (n, 3) [m] of the hull, in the object frame.
+    """Unit normals (n, 3) and points (n, 3) [m] on the faces of the hull, in the object frame.
 
     Points are those of the `cloud` (m, 3) and the hull's corners that lie on a face of the hull; a point on
     several faces is repeated with the normal of each.

@@ -32,10 +32,10 @@ STEEPEST_WALL = np.radians(60.0)
 
 @dataclass(frozen=True)
 class PivotAxis:
-    """Resting plane and pivot line about which the object tips, in the object frame O.
+    """Pivot line about which the object tips, with its resting plane, in the object frame O.
 
-    W is the world frame at rest (z up, table at z = 0), Q the region that is believed to hold the centre of
-    mass. An edge is rounded; its centre line is the axis of the rounding.
+    The line is the centre line (axis of the rounding) of a rounded edge. W is the world frame at rest (z up,
+    table at z = 0), Q the region that is believed to hold the centre of mass.
     """
 
     id: str
@@ -92,7 +92,9 @@ class PivotAxis:
 class Swing:
     """Parameters of a tip about one axis, for a given centre of mass c and inertia.
 
-    The edge is rounded; its centre line is the axis of the rounding.
+    The edge is rounded; its centre line is the axis of the rounding. k is the rate constant of the tip,
+    theta'' = -k sin(phi - theta), with theta the tipping angle, g gravity, m, R and I_edge the mass, distance
+    and moment below.
     """
 
     distance: float
@@ -110,7 +112,7 @@ class Swing:
 def pivot_axes(
     model: ObjectModel, spec: ObjectSpec, planes: Sequence[RestingPlane], believed: Hypothesis
 ) -> list[PivotAxis]:
-    """Pivot axes: edges of the support polygons, and tangents of round rims.
+    """Pivot axes (lines about which the object tips): edges of support polygons, tangents of round rims.
 
     Edges are left out if the expected centre of mass does not lie between their ends along the edge: the
     object would yaw instead of tipping. A rim gives a tangent for each marker that then faces the camera, or
@@ -219,7 +221,7 @@ def _axis(
 def _moulded_radius(
     model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array, beside: Array
 ) -> float | None:
-    """Radius [m] of the rounding that the shape itself has beyond `contact`; None if it has none.
+    """Radius [m] of the rounding that the shape itself has at the edge; None if it has none.
 
     It is None too if the resting face is a narrow facet (`FACET_WIDTH_FRACTION`) of a round flank.
 
@@ -240,10 +242,11 @@ def _moulded_radius(
 def wall_lean(
     model: ObjectModel, tip: Array, up: Array, points: Sequence[Array], depth: float = 0.0
 ) -> float | None:
-    """Lean [rad] of the face that rises from an edge: angle of its normal over the horizontal.
+    """Lean [rad] of the face that rises from an edge: angle of its outward normal over the horizontal.
 
-    None if no face but that at the bottom lies `depth` above all of `points`, to within `TOUCHING_FRACTION`
-    of the extent, or if the lean is `STEEPEST_WALL` or more either way.
+    The face is found by its distance from `points`, within `TOUCHING_FRACTION` of the extent; of several
+    faces the one that looks most along `tip` is taken. None if there is no face but the one at the bottom, or
+    if the lean is `STEEPEST_WALL` or more either way.
 
     Args:
         model: Shape of the object.
@@ -268,7 +271,8 @@ def wall_lean(
 def _round_rim(plane: RestingPlane) -> BoolArray:
     """Mask (k,) of a support polygon's edges that belong to a round rim.
 
-    They turn by less than `RIM_TURN` against both neighbours; all False if there are fewer than `RIM_EDGES`.
+    An edge belongs to a rim if it turns by less than `RIM_TURN` against both neighbours. All are False if
+    there are fewer than `RIM_EDGES` such edges.
     """
     out = plane.outward
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))
@@ -280,8 +284,9 @@ def _round_rim(plane: RestingPlane) -> BoolArray:
 def _rim_headings(plane: RestingPlane, spec: ObjectSpec) -> list[Array]:
     """Unit directions (3,) in the object frame in which the object can tip over a round rim.
 
-    There is one for each marker on an upright face, which then faces the camera, or one every 45 degrees if
-    no marker has a pose; directions less than 5 degrees from an earlier one are left out.
+    There is one for each marker on an upright face, so that the camera, which looks along the edge, sees this
+    marker. If no marker has a pose, there is one every 45 degrees. Directions less than 5 degrees from an
+    earlier one are left out.
     """
     headings: list[Array] = []
     for marker in spec.marker:

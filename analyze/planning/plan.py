@@ -45,7 +45,7 @@ ENERGY_RANGE = (0.8, 1.6)
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """Number of strikes, target and options requested by the user."""
+    """Options of a plan requested by the user: number of strikes, target precision and others."""
 
     strikes: int = 9
     """Number of (further) strikes; with a target the largest number, if more than `forecast.MAX_STRIKES`."""
@@ -64,6 +64,10 @@ def plan_strikes(
 ) -> StrikePlan:
     """Choose the most informative set of strikes and assemble the plan.
 
+    A target is the largest error of the centre of mass (rms distance [m]) that the user allows: then the
+    fewest strikes that reach it are planned. A turned strike is one with object and striker turned by 180
+    degrees on the table, which measures the table's tilt.
+
     Args:
         prepared: Checked axes (pivot edges about which the object tips) and what is known of the object.
         object_sha256: SHA-256 of object file and shape, to which the plan is bound.
@@ -71,7 +75,9 @@ def plan_strikes(
         cells: Pieces of the body; without them no region masses are predicted.
 
     Returns:
-        Strikes in the order in which to make them, the predicted precision, rejected axes and warnings.
+        The plan: strikes in the order in which to make them, the predicted precision, rejected axes and
+        warnings. If no number of strikes reaches the target, it has the requested number, and its prediction
+        says that the target is missed.
 
     Raises:
         PlanError: fewer than 3 strikes are requested and none was made before; no usable set of axes
@@ -154,7 +160,7 @@ def plan_strikes(
 
 
 def plan_hypothesis(prepared: PreparedObject) -> PlanHypothesis:
-    """Centre of mass, mass, gravity and striker from which the plan's tip speeds are computed."""
+    """Entry of the plan with centre of mass, mass, gravity and striker that its tip speeds assume."""
     region, striker = prepared.believed.region, prepared.bench.striker
     return PlanHypothesis(
         com_m=region.centre.tolist(),
@@ -171,7 +177,11 @@ def plan_hypothesis(prepared: PreparedObject) -> PlanHypothesis:
 
 
 def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information) -> tuple[design.Design, str]:
-    """Design (axes and repeats) for a request, and a message if it misses the target (else empty).
+    """Design (axes and strikes on each) for a request, and a message if it misses the target.
+
+    The target is the largest error of the centre of mass (rms distance [m]) that the user allows. The message
+    is empty if the target is reached or none is set. A missed target gives the design with the requested
+    number of strikes.
 
     Args:
         prepared: Checked axes and what is known of the object.
@@ -277,9 +287,10 @@ def _strike(
 def _turned_strikes(
     turnables: Sequence[TurnableAxis], prepared: PreparedObject, chosen: design.Design, planned: int
 ) -> list[PlannedStrike]:
-    """Plan a strike with the object turned by 180 degrees, made last since the striker's stand is moved.
+    """Plan a strike with object and striker turned by 180 degrees, which measures the table's tilt.
 
-    If its axis is neither planned nor struck before, a strike of it at the usual heading precedes it.
+    It is compared with a strike on the same axis at the usual heading; if none is planned or was made before,
+    one precedes it. The turned strike comes last, since the striker's stand is moved for it.
 
     Args:
         turnables: Axes that can be struck turned, best first.
@@ -288,7 +299,7 @@ def _turned_strikes(
         planned: Number of strikes planned so far, from which the new ones are numbered.
 
     Returns:
-        One or two strikes.
+        The turned strike, or the usual strike and the turned one.
     """
     struck = {each.axis.id for each in prepared.information.belief.struck}
     done = {
@@ -308,11 +319,11 @@ def _turned_strikes(
 
 
 def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, str, int, str]:
-    """Sort key of an axis: first faces on which the object stands for every expected centre of mass.
+    """Sort key of an axis, by which strikes are ordered: those on the surest faces come first.
 
-    The strikes on these show where the centre of mass is, and so whether the object stands on the others.
-    Members: minus the firmness (scale, at most 1, of the region of the centre of mass at which it lies over
-    the face), face id, length of the axis id, axis id.
+    On the surest faces the object stands for every expected centre of mass; the strikes there show whether it
+    stands on the others. Members: minus the firmness (scale, at most 1, of the region of the centre of mass
+    at which it lies over the face), face id, length of the axis id, axis id.
     """
     firm = (
         min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0

@@ -63,8 +63,9 @@ class TrackedSwing:
 def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAME_RATE) -> list[Array]:
     """Covariance (2, 2) of balance angle phi [rad] and ln k that each strike gives (Fisher 1922).
 
-    k is the rate constant of the tip, theta'' = -k sin(phi - theta). Angle theta and rate theta' at release
-    are unknown too, and integrated out. Energy ratios are raised to at least `MIN_ENERGY_RATIO`.
+    k is the rate constant of the tip, theta'' = -k sin(phi - theta), with theta the tipping angle. The angle
+    and its rate at release are unknown too, and integrated out. Energy ratios (energy over that needed to
+    reach balance) are raised to at least `MIN_ENERGY_RATIO`.
 
     Args:
         strikes: Strikes, integrated together.
@@ -90,7 +91,9 @@ def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAM
 
 
 def _covariance(theta: Array, strike: TrackedSwing, frames_per_row: float) -> Array:
-    """Covariance (2, 2) of phi [rad] and ln k of one strike, from motions with changed unknowns.
+    """Covariance (2, 2) of balance angle phi [rad] and ln k (rate constant) from one strike.
+
+    The derivatives of the motion are differences of motions with one unknown changed.
 
     Args:
         theta: (times, 9) tip angles [rad]: of the expected motion, then with phi, ln k, theta_0 and ln
@@ -105,7 +108,9 @@ def _covariance(theta: Array, strike: TrackedSwing, frames_per_row: float) -> Ar
 
 
 def _motion(time: Array, phi: Array, k: Array, theta: Array, omega: Array) -> Array:
-    """Tip angles (times, n) [rad] of n tips theta'' = -k*sin(phi - theta), by fourth-order Runge-Kutta.
+    """Tipping angles theta (times, n) [rad] of n tips, by fourth-order Runge-Kutta.
+
+    The equation of motion is theta'' = -k*sin(phi - theta).
 
     Args:
         time: (times,) times since release [s].

@@ -28,9 +28,10 @@ INERTIA_SD = 0.3
 
 @dataclass(frozen=True)
 class PreparedObject:
-    """Object, bench and checked pivot axes: the input of a plan before the number of strikes is chosen.
+    """Object, bench (striker, camera, table) and checked pivot axes: the input for planning strikes.
 
-    c is the centre of mass, Q the region that is believed to hold it.
+    c is the centre of mass, Q the region that is believed to hold it. A pivot axis is an edge about which the
+    object tips.
     """
 
     model: ObjectModel
@@ -56,7 +57,7 @@ class PreparedObject:
 
     @property
     def unsure(self) -> frozenset[str]:
-        """Ids of the faces planned on that do not hold all of Q, the region of the centre of mass.
+        """Ids of the faces in the plan that do not hold all of Q, the region of the centre of mass.
 
         On these faces the object may fall over.
         """
@@ -72,8 +73,9 @@ def prepare_object(
 ) -> PreparedObject:
     """Find and check the pivot axes (edges about which it tips) of an object.
 
-    The axes belong to faces on which the object surely stands; if no set of these determines the centre of
-    mass c, also to faces that hold the expected c, the surer ones first.
+    The axes belong to faces on which the object surely stands. If these axes do not determine the centre of
+    mass c, axes are added of faces on which the object stands only if c is where it is expected, the surer
+    faces first.
 
     Args:
         model: Shape of the object.
@@ -139,13 +141,15 @@ def prepare_object(
 def _unstable(
     planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], believed: Hypothesis
 ) -> list[Rejection]:
-    """Rejection of each face on which the object may fall over; all strips of a round flank share one.
+    """One rejection for each face on which the object may fall over.
+
+    Narrow faces (strips) of round flanks share one rejection; its number is their count.
 
     Args:
         planes: All resting planes.
         stable: Faces on which the object stands as surely as the plan needs; all others are rejected.
-        believed: Hypothesis with the region Q of the centre of mass; a rejection's number is the distance [m]
-            of Q's projection from the face's nearest edge, negative outside.
+        believed: Hypothesis with the region Q of the centre of mass; the number of each other rejection is
+            the distance [m] of Q's projection from the face's nearest edge, negative outside.
     """
     names = {plane.id for plane in stable}
     left = [plane for plane in planes if plane.id not in names]

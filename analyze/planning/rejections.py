@@ -42,7 +42,11 @@ def rejection_summary(rejected: Sequence[Rejection]) -> str:
 
 
 def _reason_text(code: str, entries: Sequence[Rejection]) -> str:
-    """Reason in words, with the range of the entries' numbers; the `code` itself if it is not known."""
+    """Reason of rejections in words, with the range of their numbers.
+
+    `code` is the rejections' common reason; an unknown one is returned with blanks for underscores. `entries`
+    are the rejections.
+    """
     if code not in _REASONS:
         return code.replace("_", " ")
     words, what, unit, factor, decimals = _REASONS[code]

@@ -38,9 +38,10 @@ MAX_COLLINEAR_TURN = np.radians(0.5)
 
 @dataclass(frozen=True, eq=False)
 class RestingPlane:
-    """A face of the convex hull, coplanar facets merged, on which the object can be put down.
+    """Face of an object's convex hull on which the object can be put down.
 
-    O is the object frame, W the world frame (z up).
+    Coplanar facets (triangles) of the hull are merged into one face; its outline is the support polygon. O is
+    the object frame, W the world frame of the object at rest on the face (z up).
     """
 
     id: str
@@ -70,7 +71,7 @@ class RestingPlane:
     def margin(self, points: Array) -> Array:
         """Distance (n,) [m] of points, projected on the plane, from the nearest edge of the support polygon.
 
-        It is negative for a point outside.
+        The distance is negative for a point outside the polygon.
 
         Args:
             points: (n, 3) points [m], in the object frame.
@@ -80,7 +81,7 @@ class RestingPlane:
     def margin_of(self, region: Region) -> float:
         """Smallest distance [m] of a region, projected on the plane, from the support polygon's edges.
 
-        It is negative if part of the region lies outside.
+        The distance is negative if part of the region lies outside the polygon.
 
         Args:
             region: Region believed to hold the centre of mass, in the object frame.
@@ -88,9 +89,10 @@ class RestingPlane:
         return float(np.min(self._room(region) - region.reach(self.outward)))
 
     def firmness(self, region: Region) -> float:
-        """Largest scale of a region about its centre at which it lies over the support polygon.
+        """Largest factor by which a region can be scaled and still lie over the support polygon.
 
-        It is at least 1 if all of the region lies over the polygon, and negative if its centre does not.
+        The region is scaled about its centre. The factor is at least 1 if all of the region lies over the
+        polygon, and negative if the region's centre does not.
 
         Args:
             region: Region believed to hold the centre of mass, in the object frame.
@@ -98,17 +100,21 @@ class RestingPlane:
         return float(np.min(self._room(region) / np.maximum(region.reach(self.outward), 1e-12)))
 
     def _room(self, region: Region) -> Array:
-        """Distances (k,) [m] of the region's projected centre from the polygon's edges, positive inside."""
+        """Distances (k,) [m] of a region's centre from the k edges of the support polygon, positive inside.
+
+        The centre of the region, which is believed to hold the centre of mass, is projected on the plane.
+        """
         return np.einsum("ki,ki->k", self.polygon - region.centre, self.outward)
 
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
-    """All faces of the convex hull, coplanar facets merged, largest first, with ids p0, p1 and so on.
+    """All faces on which an object can be put down, largest first, with ids p0, p1 and so on.
 
-    A face grows from its largest facet over neighbours whose corners lie in its plane within
-    `COPLANAR_FRACTION` and whose normals agree within `COPLANAR_ANGLE`; facets too narrow to have a reliable
-    normal need only the first. Faces up to `MIN_AREA_FRACTION` of the hull's area are left out. The result is
-    cached on the model.
+    A face consists of coplanar facets (triangles) of the convex hull. It starts with the largest facet not
+    yet used and takes in neighbours whose corners lie in that facet's plane within `COPLANAR_FRACTION` of the
+    longest extent and whose normals agree within `COPLANAR_ANGLE`. The normals of very narrow facets are
+    unreliable and are not compared. Faces up to `MIN_AREA_FRACTION` of the hull's area are left out. The
+    result is cached on the model.
     """
     return model.cached("resting planes", _resting_planes)
 
@@ -149,7 +155,9 @@ def _too_small(
 ) -> BoolArray:
     """Mask (f,) of hull facets that cannot be part of a face of area `smallest` or more.
 
-    Even all facets connected to them whose normals agree from neighbour to neighbour have less area together.
+    Neighbours count as connected if their normals agree, or if one is too narrow to have a reliable normal. A
+    facet is too small if all facets connected to it, directly or through others, together have less area than
+    `smallest`.
 
     Args:
         neighbours: (f, 3) indices of each facet's neighbours.

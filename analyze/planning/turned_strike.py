@@ -22,7 +22,10 @@ TURNED = float(np.pi)
 
 @dataclass(frozen=True)
 class TurnableAxis:
-    """Usable axis that can be struck with the object turned by 180 degrees too; phi is the balance angle."""
+    """Usable axis that can be struck with object and striker turned by 180 degrees too.
+
+    The two strikes, one each way, measure the table's tilt; phi is their balance angle.
+    """
 
     index: int
     """Index among the usable axes."""
@@ -39,10 +42,11 @@ def turnable_axes(
     camera: CameraModel,
     errors: SharedErrors,
 ) -> list[TurnableAxis]:
-    """Axes with a marker visible when the object is turned by 180 degrees, the most precise tilt first.
+    """Axes with a marker visible when the object is turned by 180 degrees.
 
-    Striker and object turn together: impact height, speed and friction needed are those of the usual strike.
-    If no marker has a pose, all axes count.
+    The axis that measures the table's tilt most precisely comes first. Striker and object turn together:
+    impact height, speed and friction needed are those of the usual strike. If no marker has a pose, all axes
+    count.
 
     Args:
         usable: Axes that passed every check.
@@ -77,7 +81,9 @@ def turnable_axes(
 
 
 def with_tilt_measured(information: Information, by: TurnableAxis) -> Information:
-    """Information with the 1 sigma of the table's tilt as after two strikes, one usual and one turned.
+    """Information in which the table's tilt has the 1 sigma that two strikes on one axis leave.
+
+    One of the strikes is at the usual heading, the other with object and striker turned by 180 degrees.
 
     Args:
         information: Information before; it is not changed.
@@ -89,7 +95,9 @@ def with_tilt_measured(information: Information, by: TurnableAxis) -> Informatio
 
 
 def best_turnable(turnables: Sequence[TurnableAxis], chosen: Collection[int]) -> TurnableAxis:
-    """Turnable axis of best precision among those in `chosen`, or among all if none is in it.
+    """Axis with the most precise tilt of the table among those in `chosen`.
+
+    If none of the axes is in `chosen`, it is the most precise of all.
 
     Args:
         turnables: Axes in order of precision, at least one.

@@ -47,9 +47,10 @@ _Part = TypeVar("_Part", RestingPlane, PivotAxis)
 def scanned_planes(
     model: ObjectModel, planes: Sequence[RestingPlane]
 ) -> tuple[list[RestingPlane], list[Rejection]]:
-    """Planes that were scanned (all if the shape is no scan), and rejections of the others.
+    """Resting planes that were scanned, and rejections of those that were not.
 
-    Up to `MAX_BARE_PLANE` of a plane that counts as scanned may be missing from the scan.
+    Up to `MAX_BARE_PLANE` of a plane that counts as scanned may be missing from the scan. If the shape is no
+    scan, all planes are kept.
     """
     surface = model.scanned
     if surface is None:
@@ -60,7 +61,7 @@ def scanned_planes(
 
 
 def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
-    """Axes beside whose edges the surface was scanned, and rejections of the others.
+    """Pivot axes whose edges have scanned surface beside them, and rejections of the other axes.
 
     Up to `MAX_BARE_EDGE` of this surface may be missing on either side of the edge. If the shape is no scan,
     all axes are kept.
@@ -76,7 +77,7 @@ def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[P
 def _separated(
     parts: Sequence[_Part], shares: Sequence[float], most: float, text: str
 ) -> tuple[list[_Part], list[Rejection]]:
-    """Faces or edges that were scanned, and rejections of the others.
+    """Faces or edges that count as scanned, and rejections of the others.
 
     Args:
         parts: Resting planes or pivot axes.
@@ -93,9 +94,9 @@ def _separated(
 
 
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
-    """Fraction, not scanned, of the surface that lies on a resting plane; 0 if it has no samples.
+    """Unscanned fraction of the surface that lies on a resting plane; 0 if it has no samples.
 
-    The rim of the polygon is left out if at least `MIN_SAMPLES` samples remain.
+    The rim of the support polygon is left out if at least `MIN_SAMPLES` samples remain.
 
     Args:
         surface: Samples of the surface, with a mask of those not scanned.
@@ -112,10 +113,10 @@ def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> f
 
 
 def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
-    """Fraction, not scanned, of the surface along an edge: of a strip in the resting plane or up the wall.
+    """Unscanned fraction of the surface beside an edge.
 
-    The larger of the two fractions is returned; a strip with fewer than `MIN_SAMPLES` samples counts as
-    scanned.
+    Two strips along the edge are judged, one in the resting plane and one up the wall; the larger of their
+    fractions is returned. A strip with fewer than `MIN_SAMPLES` samples counts as scanned.
 
     Args:
         surface: Samples of the surface, with a mask of those not scanned.
@@ -138,5 +139,5 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
 
 
 def _share(surface: ScannedSurface, part: BoolArray) -> float:
-    """Fraction, not scanned, of the samples in the mask `part` (n,); 0 for fewer than `MIN_SAMPLES`."""
+    """Unscanned fraction of the samples in the mask `part` (n,); 0 for fewer than `MIN_SAMPLES`."""
     return float(surface.bare[part].mean()) if part.sum() >= MIN_SAMPLES else 0.0

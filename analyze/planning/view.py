@@ -48,7 +48,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class MarkerVisibility:
-    """Markers visible through a tip, and the fault that applies if there are none."""
+    """Markers visible through a whole tip, and why there are none if so."""
 
     markers: list[int | str]
     """Names of the visible markers, the one best aligned with the axis first."""
@@ -210,9 +210,10 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
 
 
 def _too_small(path: Array, marker_id: int | str) -> Fault | None:
-    """Fault if a marker's mean edge at rest is below `MIN_TAG_EDGE_PX`; else None.
+    """Fault if a marker's black square is smaller in the image than `MIN_TAG_EDGE_PX`; else None.
 
-    `path` (steps, 4, 2) [px] holds its corners in the image through the tip.
+    The size is the mean edge at rest. `path` (steps, 4, 2) [px] holds the square's corners in the image
+    through the tip.
     """
     pixels = _edge(path[0])
     if pixels >= MIN_TAG_EDGE_PX:
