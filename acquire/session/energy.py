@@ -1,16 +1,17 @@
-"""Adaptive choice of the tip speed: striker and object are estimated from every strike (method 1.5).
+"""Adaptive choice of the tip speed: striker and object are estimated from every strike.
 
 A strike with tip speed v at height h gives the impulse J = (1 + e)*v / (1/m_s + h^2/I) and the energy ratio E
-= (J*h)^2 / (2*I*m*g*(R - z)): kinetic energy over the energy needed to tip. I is the moment of inertia about
-the edge, R the distance of the centre of mass c from it, z the height of c over it.
+= (J*h)^2 / (2*I*m*g*(R - z)): kinetic energy over the energy needed to tip. m_s is the striker's effective
+mass, e the restitution of tip and object, I the moment of inertia about the edge, m the object's mass, g
+gravity, R the distance of the centre of mass c from the edge, z the height of c over it
+(docs/explanation/method.md, section 1.5).
 
 Unknown, with the plan's hypothesis (assumed centre of mass, mass and striker) as prior: the position of c, a
-scale of the moments of inertia, the striker's effective mass m_s and restitution e, the ratio of reached to
-commanded tip speed, and per axis a model error (friction at the tip, a slanting face). Every strike informs
-all of them: the balance angle informs c, the energy informs everything. So the first strike on a new axis
-profits from the strikes on the others. The mode of the posterior is found by Gauss-Newton, its covariance
-follows from the linearisation there, and draws from that normal distribution give the distribution of E for
-the next strike.
+scale of the moments of inertia, m_s, e, the ratio of reached to commanded tip speed, and per axis (pivot
+edge) a model error (friction at the tip, a slanting face). Every strike informs all of them: the balance
+angle informs c, the energy informs everything. So the first strike on a new axis profits from the strikes on
+the others. The mode of the posterior is found by Gauss-Newton, its covariance follows from the linearisation
+there, and draws from that normal distribution give the distribution of E for the next strike.
 """
 
 from __future__ import annotations
@@ -70,9 +71,10 @@ kinetic energy after the strike over the energy needed to reach balance"""
 
 @dataclass(frozen=True)
 class StrikerEstimate:
-    """Striker parameters estimated from the strikes so far, with standard deviations.
+    """Effective mass, restitution and swing ratio of the striker, with standard deviations.
 
-    Tips alone hardly distinguish effective mass from restitution.
+    They are estimated from the strikes so far. The swing ratio is reached over commanded tip speed. Strikes
+    of the object alone hardly distinguish effective mass from restitution.
     """
 
     effective_mass_kg: float
@@ -86,7 +88,7 @@ class StrikerEstimate:
     swing_ratio_sd: float
 
     def text(self) -> str:
-        """Line for the terminal with restitution, effective mass and reached speed, each with its sd."""
+        """One line of text: restitution, effective mass, reached over commanded speed, with sd."""
         mass, mass_sd = 1000 * self.effective_mass_kg, 1000 * self.effective_mass_sd_kg
         reached, reached_sd = 100 * self.swing_ratio, 100 * self.swing_ratio_sd
         return (
@@ -97,7 +99,7 @@ class StrikerEstimate:
 
 
 class _Quantity(enum.Enum):
-    """Quantity that a strike measures or bounds; the value describes it.
+    """Kind of number that a strike measures, or to which it gives a bound.
 
     E is the energy ratio, kinetic energy after the strike over the energy needed to reach balance.
     """
@@ -115,9 +117,9 @@ _MEASURED = frozenset({_Quantity.LOG_SWING_RATIO, _Quantity.PHI, _Quantity.LOG_E
 
 @dataclass(frozen=True)
 class _Observation:
-    """One measurement, or one bound, from one strike.
+    """One number that a strike measured, or one bound that it gave, with its standard deviation.
 
-    Angles are in rad; tip speeds and energy ratios enter as natural logarithms.
+    Angles are in rad; tip speeds and energy ratios are natural logarithms.
     """
 
     axis: int
@@ -133,7 +135,8 @@ class _Observation:
     def residual(self, log_swing_ratio: Array, log_energy: Array, phi: Array) -> Array:
         """Residual (k,) of this observation for k states of the model, in standard deviations.
 
-        For a bound it is soft: near 0 if the predicted value keeps the bound.
+        For a measurement it is predicted less measured value. For a bound it is near 0 if the predicted value
+        keeps the bound, and grows with the excess if not.
 
         Args:
             log_swing_ratio: (k,) predicted ln of reached over commanded tip speed.
@@ -159,11 +162,12 @@ class _Observation:
 
 
 class EnergyLearner:
-    """Posterior of striker and object within one session, and the tip speeds that follow from it.
+    """Distribution of striker and object parameters, learned strike by strike; gives tip speeds.
 
     Args:
         plan: the planned strikes and, if the plan has one, its hypothesis (assumed centre of mass, mass and
-            striker); without a hypothesis each axis has only the spread of its predicted balance angle.
+            striker); without a hypothesis each axis (pivot edge) has only the spread of its predicted balance
+            angle.
     """
 
     def __init__(self, plan: StrikePlan) -> None:
@@ -178,11 +182,11 @@ class EnergyLearner:
         self._draws = np.random.default_rng(DRAW_SEED).standard_normal((DRAW_COUNT, self._model.size + 1))
 
     def tip_speed(self, strike: PlannedStrike) -> float:
-        """Tip speed [m/s] to command for the next strike on a planned strike's axis.
+        """Tip speed [m/s] to command for the next strike on the pivot edge of the planned `strike`.
 
-        It is the largest speed at which every quantile of the energy ratio E (kinetic energy after the strike
-        over the energy needed to reach balance) respects ENERGY_LIMITS, clipped to the plan's limits for this
-        strike.
+        E is the energy ratio, kinetic energy after the strike over the energy needed to reach balance. The
+        speed is the largest at which each quantile of E in ENERGY_LIMITS stays within its limit, clipped to
+        the plan's limits for this strike.
         """
         log_energy = self._log_energy_draws(strike)
         margins = [math.log(limit) - float(np.quantile(log_energy, q)) for q, limit in ENERGY_LIMITS]
@@ -198,12 +202,12 @@ class EnergyLearner:
         return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy_draws(strike)))))
 
     def energy(self, strike: PlannedStrike, tip_speed_m_s: float) -> tuple[float, float, float]:
-        """Predicted energy ratio E of a planned strike at a commanded tip speed [m/s].
+        """Median and 90 % interval of the energy ratio E of a planned strike at a commanded tip speed [m/s].
 
         E is the kinetic energy after the strike over the energy needed to reach balance.
 
         Returns:
-            The median, then the lower and upper end of the 90 % interval.
+            The median, then the lower and upper end of the interval.
         """
         quantiles = np.quantile(self._log_energy_draws(strike), [0.05, 0.5, 0.95])
         low, middle, high = np.exp(quantiles + 2 * math.log(tip_speed_m_s))
@@ -216,14 +220,15 @@ class EnergyLearner:
         speed_m_s: float | None,
         verdict: StrikeVerdict | None,
     ) -> None:
-        """Update the posterior of striker and object with one strike.
+        """Update the distribution of the striker's and object's parameters with one strike.
 
         Args:
-            strike: the planned strike; its axis must be one of the plan's.
+            strike: the planned strike; its axis (pivot edge) must be one of the plan's.
             command_m_s: commanded tip speed [m/s].
             speed_m_s: tip speed measured by the striker [m/s]; None if the arm met nothing or the speed is
                 unknown. The reached speed is then the expected one.
-            verdict: the verdict of `analyze watch`; None if there is none.
+            verdict: answer of `analyze watch`, which judges the strike from its images; None if there is
+                none.
         """
         axis = self._axes[strike.axis_id]
         log_speed = math.log(command_m_s) + float(self._model.log_swing_ratio(self._mode[None])[0])
@@ -241,7 +246,7 @@ class EnergyLearner:
     def striker(self) -> StrikerEstimate:
         """Effective mass, restitution and swing ratio (reached over commanded tip speed) of the striker.
 
-        They are median and standard deviation of the posterior after all strikes so far.
+        Each is the median of the posterior after all strikes so far, with its standard deviation.
         """
         states = self._posterior_draws()
         mass = np.exp(self._model.log_striker_mass(states))
@@ -251,7 +256,7 @@ class EnergyLearner:
         return StrikerEstimate(*values[0], *values[1], *values[2])
 
     def _log_energy_draws(self, strike: PlannedStrike) -> Array:
-        """Draws (DRAW_COUNT,) of ln E of the next strike on a planned strike's axis, E its energy ratio.
+        """Draws (DRAW_COUNT,) of ln E, E the energy ratio of the next strike on the pivot edge of `strike`.
 
         E is the kinetic energy after the strike over the energy needed to reach balance. The commanded tip
         speed is 1 m/s; the scatter between strikes is included.
@@ -261,10 +266,11 @@ class EnergyLearner:
         return log_energy + 2 * self._model.log_swing_ratio(states) + LOG_ENERGY_SD * self._draws[:, -1]
 
     def _posterior_draws(self) -> Array:
-        """Draws (DRAW_COUNT, d) of the model's state, of d entries, from the posterior.
+        """Draws (DRAW_COUNT, d) from the posterior of the model's state (d entries, prior N(0, 1) each).
 
-        The centre of mass c is clipped to the hypothesis region (REGION_HALF_EDGE_SDS), which is extended to
-        the estimate of c where that lies outside.
+        The first three entries, which stand for the position of the centre of mass, are clipped to
+        REGION_HALF_EDGE_SDS on either side of 0. An estimate of them outside these limits extends the limits
+        to it.
         """
         states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
         # The hypothesis region ends at two standard deviations, but the estimate of c may lie outside.
@@ -274,9 +280,9 @@ class EnergyLearner:
         return states
 
     def _solve(self) -> None:
-        """Find the posterior's mode and covariance by damped Gauss-Newton steps from the last mode.
+        """Set the posterior's mode and covariance, found by damped Gauss-Newton steps from the last mode.
 
-        The first iterations weight all measurements fully: otherwise a body or striker far from the prior
+        The first iterations weight all measurements fully: otherwise an object or striker far from the prior
         would make every measurement an outlier and could never be learned.
         """
         z = self._mode
@@ -301,10 +307,10 @@ class EnergyLearner:
         self._mode = z
 
     def _residuals(self, z: Array) -> Array:
-        """Residuals (k, n) of the n - d observations, then of the prior, for k states z (k, d) of the model.
+        """Residuals (k, n) of all observations, then of the prior, for k states z (k, d) of the model.
 
-        They are in standard deviations. Those of the prior are z itself; without observations there are no
-        others.
+        They are in standard deviations. The prior of each entry of z is N(0, 1), so its residuals are z
+        itself; n is the number of observations plus d.
         """
         if not self._observations:
             return z
@@ -315,9 +321,10 @@ class EnergyLearner:
         return np.concatenate([np.stack(residuals, axis=-1), z], axis=-1)
 
     def _weights(self, residual: Array) -> Array:
-        """Weights (n,) of squared residuals (n,): of a t distribution for measurements, 1 for the others.
+        """Weights (n,) with which the squares of n residuals [standard deviations] enter the cost.
 
-        The others are bounds and prior.
+        Those of measurements are the weights of a t distribution, smaller for larger residuals; those of
+        bounds and of the prior are 1.
         """
         measured = [
             *(each.quantity in _MEASURED for each in self._observations),
@@ -335,13 +342,13 @@ def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_
     Args:
         axis: number of the pivot axis in the model.
         log_speed: ln of the reached tip speed in m/s.
-        verdict: verdict of `analyze watch`.
+        verdict: answer of `analyze watch`, which judges the strike from its images.
 
     Returns:
-        After a tip, phi and ln E as far as measured; if E was not, a bound on ln E (above 0 if the object
-        tipped over, below if it fell back) and the largest angle of an object that fell back. After a strike
-        that did not move the object, an upper bound on ln E; after a disturbed one ln E alone, with a larger
-        sd. An empty list after any other verdict, such as a lost marker.
+        After a strike that tipped the object, phi and ln E as far as measured; if E was not, a bound on ln E
+        (above 0 if the object tipped over, below if it fell back) and the largest angle of an object that
+        fell back. After a strike that did not move the object, an upper bound on ln E; after a disturbed one
+        ln E alone, with a larger sd. An empty list after any other verdict, such as a lost marker.
     """
     code = verdict.code
     if code is Verdict.NOT_MOVED:
@@ -368,14 +375,14 @@ def _energy_observation(axis: int, log_speed: float, verdict: StrikeVerdict, sd:
 
 
 def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Bounds on ln E from a tip whose energy ratio E was not measured.
+    """Bounds on ln E from a strike that tipped the object, but whose energy ratio E was not measured.
 
     E is the kinetic energy after the strike over the energy needed to reach balance.
 
     Args:
         axis: number of the pivot axis in the model.
         log_speed: ln of the reached tip speed in m/s.
-        verdict: verdict of `analyze watch`, good (the object tipped over) or rocked back.
+        verdict: answer of `analyze watch`: good (the object tipped over) or rocked back (it fell back).
 
     Returns:
         A lower bound of 0 if the object tipped over; an upper bound of 0 if it fell back, and its largest

@@ -36,12 +36,14 @@ MIN_RISE_M = 1e-4
 class EnergyModel:
     """Model of one session's strikes as a function of a state z, whose prior is N(0, 1) in every entry.
 
-    Entries of z, d in number: position of the centre of mass c (3), scale of the moments of inertia,
-    effective striker mass m_s, 1 + e with restitution e, swing ratio (reached over commanded tip speed), and
-    one model error of ln E (E: energy ratio) per axis. `size` is d.
+    z has d entries, each a deviation from its expected value in prior standard deviations: position of the
+    centre of mass c (3), scale of the moments of inertia, effective striker mass m_s, 1 + e with restitution
+    e, swing ratio (reached over commanded tip speed), and one model error of ln E (E: energy ratio) per pivot
+    axis. `size` is d.
 
     Args:
-        plan: the strike plan; its hypothesis, if it has one, gives the priors.
+        plan: the strike plan; its hypothesis (assumed centre of mass, mass and striker), if it has one, gives
+            the priors.
         strikes: one planned strike for each pivot axis.
     """
 
@@ -75,7 +77,7 @@ class EnergyModel:
         ]
 
     def log_striker_mass(self, z: Array) -> Array:
-        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg] for k model states z (k, d)."""
+        """Logarithm ln m_s (k,), m_s the striker's effective mass [kg], for k model states z (k, d)."""
         return self._log_mass + self._log_mass_sd * z[:, 4]
 
     def log_rebound(self, z: Array) -> Array:
@@ -119,7 +121,7 @@ class EnergyModel:
 
 @dataclass(frozen=True)
 class _Axis:
-    """Geometry and inertia of one pivot axis in the object frame O."""
+    """Geometry and inertia of one pivot axis (edge about which the object tips), in the object frame O."""
 
     point: Array
     """(3,) point on the axis [m]"""
@@ -142,8 +144,8 @@ class _Axis:
     def from_plan(cls, strike: PlannedStrike, com: Array, mass: float) -> _Axis:
         """Pivot axis of a planned strike for a centre of mass (3,) [m, in O] and a mass [kg].
 
-        The moment of inertia about the centre of mass is the predicted one about the edge less m (R +
-        radius)^2, but at least a tenth of the predicted one: m is the mass, R the distance of the centre of
+        O is the object's frame. The moment of inertia about the centre of mass is I - m (R + radius)^2, but
+        at least I / 10. I is the predicted moment about the edge, m the mass, R the distance of the centre of
         mass from the axis, radius that of the edge's rounding [m].
         """
         tip, _, up = np.array(strike.R_world_object)
@@ -157,9 +159,9 @@ class _Axis:
 
 
 def _log_energy_spread(strike: PlannedStrike) -> float:
-    """Standard deviation of ln E, E the energy ratio, that follows from that of the balance angle phi.
+    """Standard deviation of ln E, caused by that of the strike's predicted balance angle phi.
 
-    E is the kinetic energy after the strike over the energy needed to reach balance. The energy needed is
-    proportional to the rise of the centre of mass, and that to 1 - cos phi.
+    E is the energy ratio, kinetic energy after the strike over the energy needed to reach balance. The energy
+    needed is proportional to the rise of the centre of mass, and this to 1 - cos phi.
     """
     return strike.phi_predicted_sd_rad / math.tan(max(strike.phi_predicted_rad, 0.02) / 2)

@@ -3,7 +3,8 @@
     place → check pose → arm → strike → record until at rest → judge → next
 
 A strike without a good verdict is repeated with a tip speed estimated from all strikes so far, until it was
-attempted MAX_ATTEMPTS times; every attempt is kept. A strike without any verdict is not repeated.
+attempted MAX_ATTEMPTS times; every attempt is kept. A verdict is the answer of `analyze watch`, which judges
+a strike from its images; a strike without any verdict is not repeated.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class PoseChecked(Event):
 
 @dataclass(frozen=True)
 class Ready(Event):
-    """Event: the striker is armed, cocked and settled."""
+    """Event: the striker is armed (may strike once) and cocked, and its arm has come to rest."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +80,10 @@ class Struck(Event):
 
 @dataclass(frozen=True)
 class Recorded(Event):
-    """Event: the recording window of a strike is closed. Times are log times [ns].
+    """Event: the recording window of a strike (time span whose images are kept) is closed.
 
-    Usually the object is at rest again; at a time limit the window is closed although the object moves.
+    Usually the object is at rest again; at a time limit the window is closed although the object moves. Times
+    are log times [ns].
     """
 
     window_start_ns: int
@@ -96,7 +98,7 @@ class Recorded(Event):
 
 @dataclass(frozen=True)
 class Judged(Event):
-    """Event: `analyze watch` has judged the strike, or did not answer in time."""
+    """Event: `analyze watch` has judged the strike from its images, or did not answer in time."""
 
     verdict: StrikeVerdict | None
     """None if there was no answer in time"""
@@ -165,12 +167,12 @@ class Arm:
 
 @dataclass(frozen=True)
 class ClearFault:
-    """Action: home the striker again after a fault; if that fails too, the session ends."""
+    """Action: home the striker after a fault (clear it, raise the arm); if that fails, the session ends."""
 
 
 @dataclass(frozen=True)
 class Strike:
-    """Action: open the recording window and strike."""
+    """Action: open the recording window (time span whose images are kept) and strike."""
 
     strike: PlannedStrike
     strike_id: str
@@ -181,12 +183,12 @@ class Strike:
 
 @dataclass(frozen=True)
 class RecordUntilRest:
-    """Action: wait until the object is at rest, then close the recording window."""
+    """Action: wait until the object is at rest or a time limit, then close the strike's recording window."""
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Action: ask `analyze watch` for the verdict on a strike, given its window and contact."""
+    """Action: ask `analyze watch` to judge a strike, given its recording window and contact time."""
 
     strike: PlannedStrike
     strike_id: str
@@ -197,7 +199,7 @@ class Judge:
 
 @dataclass(frozen=True)
 class WriteRecord:
-    """Action: write the strike's record (plan, window, speeds, contact, verdict) into the recording."""
+    """Action: write a message on one strike (window, speeds, contact, verdict) into the recording."""
 
     strike: PlannedStrike
     strike_id: str
@@ -230,7 +232,7 @@ Action = Step | CloseRecording
 class SessionMachine:
     """State machine of one session: the current planned strike, its attempt, and the learned tip speeds.
 
-    `handle` takes an event and returns the next actions; executing the last of them yields the next event.
+    `handle` takes an event and returns the next actions. Executing the last of them yields the next event.
 
     Args:
         plan: strikes to carry out.
@@ -257,7 +259,7 @@ class SessionMachine:
 
     @property
     def strike_id(self) -> str:
-        """Id of the current attempt, unique in the recording: planned strike and number of the attempt."""
+        """Id of the current attempt, unique in the recording: planned strike's id, dot, attempt number."""
         return f"{self.strike.id}.{self._attempt}"
 
     @property
@@ -277,7 +279,7 @@ class SessionMachine:
         return reaction(self, event)
 
     def on_stop_requested(self, event: StopRequested) -> list[Action]:
-        """End the session from any state: actions that announce the reason and close the recording.
+        """End the session from any state: announce the reason and close the recording.
 
         Returns:
             Actions to execute, in order.
@@ -286,7 +288,7 @@ class SessionMachine:
         return [self._announce(event.text), CloseRecording(aborted=True, text=event.text)]
 
     def on_started(self, _event: Started) -> list[Action]:
-        """Begin with the first planned strike: actions that ask for the object's placement.
+        """Begin with the first planned strike: ask the operator to place the object.
 
         Returns:
             Actions to execute, in order.
@@ -294,7 +296,7 @@ class SessionMachine:
         return self._place()
 
     def on_placed(self, _event: Placed) -> list[Action]:
-        """React to the placed object with actions that check its pose.
+        """React to the placed object: check its pose.
 
         Returns:
             Actions to execute, in order.
@@ -339,10 +341,10 @@ class SessionMachine:
         return self._after_fault(event.text, [ClearFault()], "the striker was reset")
 
     def on_file_cut_short(self, event: FileCutShort) -> list[Action]:
-        """React to lost images: repeat their attempt, or end the session.
+        """React to lost images of an attempt: repeat the attempt, or end the session.
 
-        More than MAX_FAULTS device faults, lost images included, end the session. While placing or
-        finished, the attempt to repeat is the one judged last: its record could not be written.
+        More than MAX_FAULTS device faults, lost images included, end the session. In the states PLACING and
+        FINISHED the attempt judged last is repeated, because its record could not be written.
 
         Returns:
             Actions to execute, in order.
@@ -381,7 +383,9 @@ class SessionMachine:
         return [self._announce(hint), AskToPlace(self.strike, hint)]
 
     def _after_fault(self, text: str, remedy: list[Action], hint: str) -> list[Action]:
-        """Actions after a device's fault: repeat the attempt; after more than MAX_FAULTS faults, end.
+        """Actions after a device fault: repeat the attempt, or end the session.
+
+        More than MAX_FAULTS faults end the session.
 
         Args:
             text: description of the fault.

@@ -22,7 +22,7 @@ MAX_STRIKES_NAMED = 4
 def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:
     """Text on planned strikes whose tip speeds or impact height are outside the striker's limits.
 
-    It is empty if there is no such strike, or if a person strikes by hand.
+    The text is empty if there is no such strike, or if a person strikes by hand.
     """
     return "; ".join(text for text in (_speed_problem(plan, limits), _reach_problem(plan, limits)) if text)
 
@@ -56,9 +56,9 @@ def _reach_problem(plan: StrikePlan, limits: RigLimits) -> str:
 
 
 def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
-    """Text with distance and rotation of the camera from the plan's camera pose; "" if both are small.
+    """Text with distance and rotation between the rig's camera pose and the plan's; "" if small.
 
-    The limits are MAX_CAMERA_SHIFT_M and MAX_CAMERA_TURN_RAD; the pose is that of the plan's first strike.
+    The limits are MAX_CAMERA_SHIFT_M and MAX_CAMERA_TURN_RAD. The plan's pose is that of its first strike.
     """
     planned, here = _station_camera_pose(plan.strikes[0]), limits.T_world_camera
     moved = math.dist([row[3] for row in planned[:3]], [row[3] for row in here[:3]])
@@ -71,9 +71,10 @@ def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
 
 
 def _station_camera_pose(strike: PlannedStrike) -> list[list[float]]:
-    """Camera pose T_world_camera (4, 4) [m] of a planned strike, in the world frame W itself.
+    """Camera pose T_world_camera (4, 4) [m] that a planned strike expects, in the world frame W.
 
-    A plan expresses it in W turned by the strike's heading; that rotation is undone.
+    The plan states the pose in W turned about the vertical by the strike's heading (direction in which object
+    and striker face). That rotation is undone here.
     """
     pose, cos, sin = strike.camera_pose, math.cos(strike.heading_rad), math.sin(strike.heading_rad)
     x, y = pose[0], pose[1]

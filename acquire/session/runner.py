@@ -1,4 +1,4 @@
-"""Client of the daemon that executes the actions of the session's state machine."""
+"""Client of the daemon that carries out a session: it executes the actions of the state machine."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ REST_MINIMUM_S = 0.9
 
 @dataclass(frozen=True)
 class SessionReport:
-    """Files and counts of a session that has closed its recording."""
+    """Files and counts (strikes, frames) of a session that has closed its recording."""
 
     path: Path
     """path of the recording; `files` lists all of its files"""
@@ -102,11 +102,12 @@ class SessionRunner:
     def run(self) -> SessionReport:
         """Open the recording, carry out the plan's strikes and close the recording.
 
-        If the session fails after the recording was opened, the striker is stopped; the recording so far is
-        kept if a strike was ordered, and deleted otherwise.
+        If the session fails after the recording was opened, the striker is stopped. The recording so far is
+        kept if the striker was ordered to strike, and deleted otherwise.
 
         Returns:
-            Files and counts, also if the session was stopped by the operator or by too many faults.
+            Files, and numbers of strikes and frames, also if the session was stopped by the operator or by
+            too many faults.
 
         Raises:
             SessionError: the plan does not fit the rig's striker, or the daemon refuses the session.
@@ -154,7 +155,7 @@ class SessionRunner:
         self._progress(text, *self._machine.progress)
 
     def _keep_or_discard(self, files: list[Path]) -> None:
-        """Delete a failed session's files if no strike was ordered, else keep them; report it as progress."""
+        """Delete a failed session's files if no strike was ordered, else keep them; report which was done."""
         names = ", ".join(map(str, files))
         if not files:
             return
@@ -182,9 +183,9 @@ class SessionRunner:
         )
 
     def _execute(self, action: machine.Step) -> machine.Event | None:
-        """Execute an action and return the event that results from it; None if it causes no event.
+        """Execute an action of the state machine and return the event that results; None if there is none.
 
-        If the recording's file was cut short, the event is FileCutShort.
+        If the file with the images was cut short, the event is FileCutShort.
         """
         try:
             return self._call_daemon(action)
@@ -310,10 +311,11 @@ class SessionRunner:
                 return None
 
     def _striker_failed(self, error: StrikerError) -> machine.Event:
-        """Event that follows from a striker error.
+        """Event that follows from an error of the striker while arming, cocking or swinging.
 
-        A stop, or a refusal without a fault, ends the session (StopRequested); any other error can be cleared
-        (StrikerFailed).
+        Returns:
+            StopRequested, which ends the session, if the striker was stopped or refused the order without
+            being in a fault; StrikerFailed, whose fault can be cleared, otherwise.
         """
         in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
         if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
@@ -373,9 +375,9 @@ class SessionRunner:
         return machine.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
     def _contact(self, action: machine.WriteRecord) -> tuple[int, float]:
-        """Log time of the strike's contact and its standard deviation [ns]; both 0 if unknown.
+        """Log time of the contact of arm and object, and its standard deviation [ns]; both 0 if unknown.
 
-        It is the striker's measurement or, where there is none, the estimate from the images in the verdict.
+        The striker's measurement is taken or, if there is none, the estimate from the images in the verdict.
         """
         measured_ns, verdict = action.struck.contact_time_ns, action.verdict
         if measured_ns:

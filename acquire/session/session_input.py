@@ -59,5 +59,5 @@ class SessionInput:
 
     @property
     def replan_advice(self) -> str:
-        """Advice, for messages, on how to plan for the rig at hand, with the command to run."""
+        """Advice for error messages: the command that plans for the rig at hand."""
         return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"

@@ -34,6 +34,9 @@ MAX_SWING_TRIES = 4
 def held_striker(client: DaemonClient) -> Iterator[None]:
     """Context in which the caller may strike; an exception inside it stops the arm and is raised again.
 
+    Args:
+        client: client of the daemon.
+
     Raises:
         SessionError: a session is running, which owns the striker.
     """
@@ -114,7 +117,7 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
 
 @dataclass(frozen=True)
 class CalibrationOrder:
-    """Swings of a calibration: each speed in the air, then each speed at each body."""
+    """Tip speeds, repeats and bodies of a calibration: swings in the air, then at each body."""
 
     speeds_m_s: tuple[float, ...] | None
     """tip speeds to command; None for the default_tip_speeds of the rig"""
@@ -128,6 +131,9 @@ def default_tip_speeds(rig: RigConfig) -> tuple[float, ...]:
     """Tip speeds [m/s] (DEFAULT_SPEED_COUNT,), evenly spaced over a striker's range, slowest first.
 
     The ends keep a small margin to the slowest and fastest speed that the striker accepts.
+
+    Args:
+        rig: rig file; its section [striker] gives the range.
     """
     arm = rig.striker
     slowest = SLOWEST_FACTOR * MIN_ARM_SPEED_RAD_S * arm.arm_length_m
@@ -144,14 +150,15 @@ def calibrate(
     confirm: Confirm,
     on_swing: Callable[[MeasuredSwing], None] = lambda _swing: None,
 ) -> list[MeasuredSwing]:
-    """Swing in the air, then at each body, at every speed of the order; the striker is homed first.
+    """Home the striker, then swing in the air and at each body, at every speed of the order.
 
     Args:
         client: client of a daemon that was started with this rig file.
         rig: the rig file.
         order: speeds, repeats and bodies.
-        confirm: called before the first swing in the air, and before every swing at a body.
-        on_swing: called after every swing.
+        confirm: asks a person before the first swing in the air and before every swing at a body; False
+            refuses.
+        on_swing: called with every swing after it was made.
 
     Returns:
         Commanded and reached tip speed, and loss of speed at contact, of each swing, in the order made.
@@ -188,7 +195,7 @@ def calibrate(
 def _completed_swing(
     client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm
 ) -> StrikeOutcome:
-    """Outcome of a swing that reached angle 0 (the arm hanging down), repeated until one did.
+    """Measurements of a swing that reached angle 0 (the arm hanging down), repeated until one did.
 
     Raises:
         SessionError: none of MAX_SWING_TRIES swings reached angle 0.
@@ -217,10 +224,10 @@ def body_name(body_kg: float) -> str:
 def _measured_swing(
     outcome: StrikeOutcome, command_m_s: float, body_kg: float | None, rig: RigConfig
 ) -> MeasuredSwing:
-    """Calibration swing of an outcome; its loss of tip speed is impulse over configured effective mass.
+    """Commanded and reached tip speed, and loss of speed at contact [m/s], of one swing of a calibration.
 
-    The loss is None in the air and if the arm lost no significant speed. The uncertainty of the effective
-    mass is removed from the loss's standard deviation.
+    The loss is the measured impulse over the rig file's effective mass; None in the air and if the arm lost
+    no significant speed. Its standard deviation leaves out the uncertainty of the effective mass.
 
     Args:
         outcome: measurements of the swing.
@@ -237,7 +244,7 @@ def _measured_swing(
 
 
 def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
-    """Entries of the rig file's section [striker] from a calibration, as TOML text by key.
+    """Entries of the rig file's section [striker] for the results of a calibration: TOML values by key.
 
     They are effective mass [kg] and restitution with their standard deviations.
     """
@@ -252,7 +259,7 @@ def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
 def write_striker(path: Path, entries: Mapping[str, str]) -> None:
     """Set entries of the rig file's section [striker]; comments and all other entries stay as they are.
 
-    The new file replaces the old one at once, by renaming.
+    The file is replaced as a whole, by renaming a new one.
 
     Args:
         path: the rig file.
@@ -275,7 +282,7 @@ def write_striker(path: Path, entries: Mapping[str, str]) -> None:
 
 
 def air_swings_by_speed(swings: Sequence[MeasuredSwing]) -> list[tuple[float, list[MeasuredSwing]]]:
-    """Swings in the air grouped by commanded speed [m/s], slowest first: pairs of speed and its swings."""
+    """Pairs of a commanded tip speed [m/s] and the swings in the air at that speed, slowest first."""
     air = [each for each in swings if each.body_kg is None]
     speeds = sorted({each.command_m_s for each in air})
     return [(speed, [each for each in air if each.command_m_s == speed]) for speed in speeds]
