@@ -42,12 +42,15 @@ BRIGHT_LIMIT = 60
 def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Iterator[Check]:
     """Yield the checks that need the camera, in the order of CAMERA_LINES; then release the camera.
 
-    After a failure the remaining checks are yielded as not checked.
+    After a failure of camera, settings or test video, the remaining checks are yielded as not checked.
 
     Args:
         source: camera that can record a test video.
         config: the rig file's settings of the camera.
-        folder: existing folder in which the test video is recorded; it is deleted afterwards.
+        folder: existing folder in which the test video is recorded; the video is deleted afterwards.
+
+    Raises:
+        ContainerError: a chunk of the test video's recording is damaged.
     """
     try:
         try:
@@ -91,7 +94,7 @@ def _remaining(reason: str, first: int) -> Iterator[Check]:
 def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
     """Check that no frame of the test video is lost and that the frame rate is as set.
 
-    The rate may differ from the one set by RATE_TOLERANCE.
+    The relative difference of the two rates may be up to RATE_TOLERANCE.
 
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.
@@ -113,9 +116,9 @@ def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
 
 
 def check_clock(video: CheckVideo) -> Check:
-    """Check that frame times are mapped to the host's clock within MAPPING_SD_LIMIT_NS (1 sigma).
+    """Check that the sd of the frames' times on the host's clock is at most MAPPING_SD_LIMIT_NS.
 
-    A camera whose clock cannot be read passes: its frames get arrival times.
+    A camera whose clock cannot be read passes: the time of a frame is then its arrival at the host.
 
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.
@@ -136,7 +139,8 @@ def check_clock(video: CheckVideo) -> Check:
 def check_light(video: CheckVideo) -> Check:
     """Check that the last image of the test video is neither saturated nor dark.
 
-    At most SATURATED_LIMIT of the pixels may be saturated, and the brightest percent must reach BRIGHT_LIMIT.
+    At most the fraction SATURATED_LIMIT of the pixels may be saturated, and the 99th percentile of the grey
+    levels must reach BRIGHT_LIMIT.
 
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.
@@ -157,11 +161,14 @@ def check_light(video: CheckVideo) -> Check:
 
 
 def check_scene(event: WatchEvent | None) -> list[Check]:
-    """Check that a marker is in view and large enough, and that the object is at rest: two checks.
+    """Check that a marker is in view and large enough, and that the object is at rest.
 
     Args:
-        event: last report of `analyze watch` on the test video; without one (None) the first check fails and
-            the second is not made.
+        event: last report of `analyze watch` on the test video (markers seen, whether anything moves); None
+            if there was none.
+
+    Returns:
+        Results of the two checks; without a report the first fails and the second is not made.
     """
     if event is None:
         remedy = "check that `analyze` is installed beside `acquire`: `analyze watch --help`"

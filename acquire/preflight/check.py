@@ -44,7 +44,7 @@ class Check:
     """value behind the outcome; None if nothing was measured"""
 
     def text(self) -> str:
-        """Line of the check for the terminal, followed by a line with the remedy if there is one."""
+        """Text of the check for the terminal: one line, and a second with the remedy if there is one."""
         mark = {Outcome.PASS: "pass", Outcome.FAIL: "FAIL", Outcome.NOT_CHECKED: "  - "}[self.outcome]
         found = f"not checked: {self.found}" if self.outcome is Outcome.NOT_CHECKED else self.found
         remedy = f"\n{'':24}-> {self.remedy}" if self.remedy else ""
@@ -81,8 +81,8 @@ def failed_check(name: str, found: str, remedy: str, measured: Measured | None =
 def failed_by_error(name: str, error: Exception) -> Check:
     """Result of a check that failed with an error, whose message is split into finding and remedy.
 
-    The message has the form "device or file: finding: remedy" or "device or file: finding; remedy". Without a
-    remedy the advice is to see the message.
+    The message has the form "device or file: finding: remedy" or "device or file: finding; remedy". If it
+    names no remedy, the check's remedy is "see the message".
     """
     prefix = re.match(r"\S+: ", str(error))
     head = prefix.group() if prefix else ""

@@ -27,7 +27,7 @@ LATENCY_MS = 1
 
 @dataclass(frozen=True)
 class PortState:
-    """State of a serial port's device file.
+    """State of a serial port's device file: existence, access, group, and whether a program has locked it.
 
     `usable` and `in_use` are False, and `group` is empty, if the file does not exist.
     """
@@ -43,7 +43,10 @@ class PortState:
 
 @dataclass(frozen=True)
 class FolderState:
-    """State of the folder for the daemon's socket; a missing folder is neither owned nor private."""
+    """State of the folder for the daemon's socket: existence, owner and access.
+
+    A missing folder is neither owned nor private.
+    """
 
     exists: bool
     owned: bool
@@ -56,7 +59,7 @@ class FolderState:
 
 @dataclass(frozen=True)
 class ReceiveBuffer:
-    """Size of a UDP socket's receive buffer, and the system's limit."""
+    """Size [bytes] of a UDP socket's receive buffer, and the system's limit of that size."""
 
     got_bytes: int
     """size that the system granted"""
@@ -118,7 +121,7 @@ class Computer:
     def socket_folder(self, folder: Path) -> FolderState:
         """State of the folder in which the daemon's socket is to be created.
 
-        A folder that is missing can be made if its nearest existing parent is writable.
+        A missing folder counts as one that can be created if its nearest existing parent is writable.
         """
         try:
             status = folder.stat()
@@ -130,7 +133,7 @@ class Computer:
         return FolderState(exists=True, owned=owned, private=private, can_be_made=True)
 
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
-        """Receive buffer that a UDP socket of this user gets when it requests `asked_bytes`.
+        """Receive buffer that a UDP socket gets when it requests `asked_bytes`, and the system's limit.
 
         A socket on the loopback interface is opened to find out.
         """
@@ -144,7 +147,9 @@ class Computer:
         return ReceiveBuffer(got, rmem_max)
 
     def route(self, address: str) -> Route | None:
-        """Network interface that leads to an IPv4 address; None if it cannot be found. Nothing is sent.
+        """Network interface that leads to an IPv4 address, with its largest packet; None if it is not found.
+
+        Nothing is sent.
 
         Raises:
             OSError: there is no route to the address.
@@ -164,7 +169,11 @@ class Computer:
         return None
 
     def latency_timer_ms(self, port: str) -> int | None:
-        """Latency timer [ms] of the USB adapter at a serial port; None if it has none that can be read."""
+        """Latency timer [ms] of the USB adapter at the serial port `port`.
+
+        It is the longest wait before the adapter passes on received bytes. None if the adapter has no such
+        timer, or the timer cannot be read.
+        """
         name = Path(port).resolve().name
         try:
             return int(
@@ -180,9 +189,10 @@ def _mtu(probe: socket.socket, interface: str) -> int:
 
 
 def _has_flock(path: str) -> bool:
-    """True if another program has locked the port, as the striker does (pyserial's `exclusive`).
+    """True if another program holds an exclusive lock (flock) on the serial port at `path`.
 
-    False if the port cannot be opened for another reason than being busy.
+    The striker locks its port in this way (pyserial's `exclusive`). False if the port cannot be opened for
+    another reason than being busy.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -299,10 +309,12 @@ def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
 
 
 def check_packet_size(computer: Computer, address: str, packet_size: int) -> Check:
-    """Check that the camera's packets fit the interface that leads to it; loopback carries any size.
+    """Check that the camera's packets are no larger than the network interface to the camera carries.
+
+    Packets of any size pass on the loopback interface.
 
     Args:
-        computer: the operating system.
+        computer: computer whose interface leads to the camera.
         address: IPv4 address of the camera; with a device id in its place the check is not made.
         packet_size: size of the camera's packets [bytes].
 
@@ -336,10 +348,11 @@ def check_packet_size(computer: Computer, address: str, packet_size: int) -> Che
 
 
 def check_latency_timer(computer: Computer, state: PortState, port: str) -> Check:
-    """Check that the USB adapter's latency timer is at most LATENCY_MS; a port without one passes.
+    """Check that the latency timer of the servo's USB adapter is at most LATENCY_MS.
 
-    FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed. The check is
-    not made if the port does not exist.
+    The timer is the longest wait before the adapter passes on received bytes. FTDI's default is 16 ms; only
+    59 readings per second are then possible, too few to time a contact. A port without a timer passes. The
+    check is not made if the port does not exist.
 
     Returns:
         Result of the check: outcome, finding, and a remedy if it failed.

@@ -43,9 +43,10 @@ class Disk:
         return shutil.disk_usage(folder).free
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """Speed [B/s] of writing and synchronising `size_bytes`, rounded up to whole MiB, in `folder`.
+        """Speed [B/s] at which `size_bytes`, rounded up to whole MiB, are written to the disk of `folder`.
 
-        Random bytes defeat compression; a file without a name vanishes even after a kill.
+        The time includes synchronising. The bytes are random, so that compression does not help. The test
+        file has no name, so that it vanishes even if the program is killed.
 
         Raises:
             OSError: the data cannot be written.
@@ -67,14 +68,17 @@ def data_rate(rig: RigConfig) -> float:
 
 
 def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
-    """Check free space against the reserve, and write speed against the camera's data rate: two checks.
+    """Check free space and write speed of the disk that receives the recordings.
 
-    The write speed is not checked without a usable folder or enough free space. The findings name the folder,
-    because a session's recording may be written to another one.
+    The space is compared with the reserve that recordings leave free, the speed with the camera's data rate.
+    The findings name the folder, because a session's recording may be written to another one.
 
     Args:
         disk: the disk.
         rig: rig file; it gives the recording folder, the reserve and the camera's settings.
+
+    Returns:
+        Results of the two checks; the speed is not checked without a usable folder or room for the test.
     """
     folder = Path(rig.recorder.directory).absolute()
     rate = data_rate(rig)

@@ -32,10 +32,7 @@ NAME_WIDTH = 17
 
 
 class CheckPicture:
-    """Printer of checks, one by one as they finish, on a terminal.
-
-    It counts the outcomes for the summary.
-    """
+    """Printer of checks on a terminal, one by one as they finish, with a summary at the end."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -44,7 +41,7 @@ class CheckPicture:
         self._failures: list[str] = []
 
     def show(self, check: Check) -> None:
-        """Print one check with its remedy, under its group's heading where a group begins."""
+        """Print one check with its remedy; a heading goes before it where a new group of checks begins."""
         group = GROUPS.get(check.name, self._group)
         if group != self._group:
             self._console.print(Text(f"\n{group}" if self._group else group, "bold"))

@@ -1,6 +1,6 @@
 """Checks of the servo: answer, supply voltage, temperature, hardware error.
 
-They only read: nothing moves, and no EEPROM wears.
+The servo is only read: nothing moves, and nothing is written to its EEPROM.
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ ReadServo = Callable[["StrikerConfig"], ServoState]
 
 
 def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
-    """Model, supply voltage, temperature and hardware error of the servo; its port is opened and closed.
+    """Model number, supply voltage, temperature and hardware error, read from the servo over its bus.
+
+    The serial port is opened and closed again.
 
     Args:
         config: the rig file's settings of the striker.
@@ -85,7 +87,7 @@ def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
 
 
 def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
-    """Check a servo that no daemon holds; a single check that passes if a person strikes by hand.
+    """Check a servo that no daemon holds: its answer, supply voltage, temperature and hardware error.
 
     Args:
         read: function that reads the servo.
@@ -93,6 +95,7 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
 
     Returns:
         The checks of SERVO_LINES; if the servo does not answer, the first fails and the others are not made.
+        If a person strikes by hand, a single check that passes.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]
@@ -111,13 +114,13 @@ def check_held_servo(
 
     Args:
         config: the rig file's settings of the striker.
-        state: state of the daemon's striker.
+        state: state of the daemon's striker, for example "homed" or "fault".
         health: last reading of the servo in the daemon's status; None if there is none or the port was lost.
         trouble: reason of the striker's fault, if it is in one.
 
     Returns:
-        The checks of SERVO_LINES, of which only the first is made without a reading; a single check that
-        passes if a person strikes by hand.
+        The checks of SERVO_LINES, of which only the first is made without a reading. If a person strikes by
+        hand, a single check that passes.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]

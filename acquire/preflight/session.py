@@ -50,7 +50,7 @@ LINES = (
 
 @dataclass(frozen=True)
 class RunningDaemon:
-    """Daemon that listens on the rig's socket."""
+    """Daemon that listens on the rig's socket: its status, and its camera as a source of test videos."""
 
     status: dict[str, Any]
     """the daemon's answer to `status`"""
@@ -65,7 +65,10 @@ class RunningDaemon:
 
 @dataclass(frozen=True)
 class Probes:
-    """Sources of everything that the checks read from computer and devices; tests have substitutes."""
+    """Objects and functions through which the checks read computer, disk, servo, camera and daemon.
+
+    Tests have substitutes.
+    """
 
     computer: Computer
     disk: Disk
@@ -78,7 +81,7 @@ class Probes:
 
 
 def real_probes(clock: Clock | None = None) -> Probes:
-    """Probes of this computer, its disk and the rig's devices.
+    """Probes that read this computer, its disk and the rig's devices for the checks.
 
     Args:
         clock: clock of the host; None for the system's.
@@ -105,7 +108,7 @@ def real_probes(clock: Clock | None = None) -> Probes:
 
 
 def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
-    """Check the rig that a rig file describes; yields each check as it finishes, in about ten seconds.
+    """Yield each check of the rig that a rig file describes as it finishes; all take about ten seconds.
 
     If the rig file cannot be used, its check fails and the remaining ones are yielded as not checked. Camera
     and servo are checked through the daemon if one runs.
@@ -169,7 +172,9 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
 
 
 def check_level(rig: RigConfig) -> Check:
-    """Report the assumed tilt of the table against gravity, a level's reading or the prior; always passes.
+    """Report the tilt of the table against gravity that the rig file gives; this check always passes.
+
+    The tilt is a level's reading or, without one, 0 with the standard deviation `gravity_tilt_sd_rad`.
 
     Returns:
         Passed check with the tilt and its standard deviation [deg] in words.
@@ -208,6 +213,9 @@ def _check_held_camera(daemon: RunningDaemon, rig: RigConfig) -> Iterator[Check]
 
 
 def _video_folder(rig: RigConfig) -> Path:
-    """Folder for the test video: the recording folder, or a temporary one if that does not exist."""
+    """Folder for the test video: the recording folder, or the system's temporary one.
+
+    The temporary folder is taken if the recording folder does not exist.
+    """
     folder = Path(rig.recorder.directory)
     return folder if folder.is_dir() else Path(tempfile.gettempdir())

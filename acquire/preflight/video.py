@@ -1,7 +1,7 @@
-"""Test video of one second for the checks, recorded by their own capture process or by the daemon.
+"""Test video of one second for the checks, recorded by a capture process of its own or by the daemon.
 
 Either way the frames pass through the same stages as in a session: Aravis, the recorder, a file, `analyze
-watch`. The recording is read once and deleted.
+watch` (program that reports markers and motion in the newest image). The recording is read once and deleted.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ size_m = 0.03
 
 @dataclass(frozen=True)
 class VideoContent:
-    """Content of a test video's recording: the last image and the quality of the frame times."""
+    """Content of a test video's recording: last image, clock readings, sd of the last frame's time."""
 
     image: NDArray[np.uint8]
     """(height, width) last image, grey levels 0 to 255"""
@@ -78,7 +78,7 @@ class VideoContent:
 
 @dataclass(frozen=True)
 class CheckVideo:
-    """Test video: duration, frame counts, content and the last report of `analyze watch`."""
+    """Test video: duration, frame counts, content and the last report of `analyze watch` on it."""
 
     seconds: float
     """time from the first frame to the last [s]"""
@@ -105,7 +105,7 @@ class VideoSource(ABC):
 
     @abstractmethod
     def open(self) -> str:
-        """Start the camera with the rig's settings, unless a daemon holds it, and describe it.
+        """Start the camera with the rig's settings, unless a daemon holds it, and return a description of it.
 
         Returns:
             Make, model, serial number and address of the camera, as one line of text.
@@ -116,7 +116,13 @@ class VideoSource(ABC):
 
     @abstractmethod
     def record(self, folder: Path) -> CheckVideo:
-        """Record a test video of CLIP_S in `folder`, read it and delete it; `open` must have been called.
+        """Record a test video of CLIP_S (1 s) in `folder`, read it and delete it.
+
+        `open` must have been called.
+
+        Returns:
+            Duration, frame counts, last image, quality of the frame times, and the last report of `analyze
+            watch` (markers seen, whether anything moves).
 
         Raises:
             AcquireError: the video could not be recorded or read.
@@ -130,9 +136,16 @@ class VideoSource(ABC):
     def _record_window(
         self, open_window: Callable[[], object], close_window: Callable[[], WindowReport]
     ) -> WindowReport:
-        """Record a window of CLIP_S in an open recording, and return the report of its end.
+        """Record a window (time span whose frames are kept) of CLIP_S in an open recording.
 
-        The pre-trigger buffer is filled before: frames missing from it would count as lost.
+        The buffer of frames from before a window is filled first: frames missing from it would count as lost.
+
+        Args:
+            open_window: opens the window.
+            close_window: closes the window and returns the report on it.
+
+        Returns:
+            The report: times of the first and last frame, and numbers of frames recorded and lost.
         """
         self._clock.sleep(self._rig.recorder.pre_trigger_s + 0.3)
         open_window()
@@ -140,7 +153,7 @@ class VideoSource(ABC):
         return close_window()
 
     def _watch(self, until_ns: int, state: Callable[[], tuple[bool, WatchEvent | None]]) -> WatchEvent | None:
-        """Newest report of `analyze watch` when none after it is needed; None if there was none.
+        """Wait until `analyze watch` has reported on the end of a video, and return its newest report.
 
         The wait ends at the first report on the end of the video that states rest, or that is at least a
         second later than the first report; also when `analyze watch` ends, and after WATCH_TIMEOUT_S. If
@@ -150,6 +163,9 @@ class VideoSource(ABC):
         Args:
             until_ns: log time [ns] of the end of the video.
             state: returns whether `analyze watch` runs, and its newest report.
+
+        Returns:
+            The newest report (markers seen, whether anything moves); None if there was none.
         """
         end_ns = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9)
         until_ns -= _END_MARGIN_NS
@@ -165,14 +181,20 @@ class VideoSource(ABC):
             self._clock.sleep(_POLL_S)
 
     def _video(self, report: WindowReport, event: WatchEvent | None, written: Path) -> CheckVideo:
-        """Test video from the report of its window, the newest report on it, and its finished recording."""
+        """Test video, put together from three sources.
+
+        Args:
+            report: times and frame counts of its recording window.
+            event: newest report of `analyze watch` on it; None if there was none.
+            written: path of its finished recording, which is read.
+        """
         content = read_video(written, self._rig.camera.name)
         seconds = (report.end_ns - report.start_ns) * 1e-9
         return CheckVideo(seconds, report.frames, report.lost, content, event)
 
 
 class OwnCapture(VideoSource):
-    """Test video through a capture process of its own, started as the daemon would start it."""
+    """Source of test videos with a capture process of its own, started as the daemon would start it."""
 
     def __init__(self, rig: RigConfig, clock: Clock) -> None:
         # The disk's reserve is checked separately. After the window, `analyze watch` sees only the previews.
@@ -184,7 +206,7 @@ class OwnCapture(VideoSource):
         self._capture = CaptureProcess(self._rig)
 
     def open(self) -> str:
-        """Start the capture process and the camera; return the camera's make, model, serial and address.
+        """Start capture process and camera; return the camera's make, model, serial number and address.
 
         Raises:
             AcquireError: camera, settings or capture process failed.
@@ -193,9 +215,13 @@ class OwnCapture(VideoSource):
         return f"{self._info.vendor} {self._info.model} ({self._info.serial}) at {self._info.address}"
 
     def record(self, folder: Path) -> CheckVideo:
-        """Record a test video in `folder`, read it and delete it.
+        """Record a test video of CLIP_S (1 s) in `folder`, read it and delete it.
 
-        In any case the capture process ends before the temporary folder is deleted.
+        In any case the capture process ends before the temporary folder with the video is deleted.
+
+        Returns:
+            Duration, frame counts, last image, quality of the frame times, and the last report of `analyze
+            watch` (markers seen, whether anything moves).
 
         Raises:
             AcquireError: the video could not be recorded or read.
@@ -223,14 +249,14 @@ class OwnCapture(VideoSource):
 
 
 class DaemonCapture(VideoSource):
-    """Test video through the running daemon, recorded like a session without a strike."""
+    """Source of test videos that the running daemon records, like a session without a strike."""
 
     def __init__(self, rig: RigConfig, client: DaemonClient, clock: Clock) -> None:
         super().__init__(rig, clock)
         self._client = client
 
     def open(self) -> str:
-        """Return make, model, serial and address of the camera that the daemon holds; nothing is started.
+        """Return make, model, serial number and address of the daemon's camera; nothing is started.
 
         Raises:
             AcquireError: the daemon does not answer.
@@ -240,7 +266,11 @@ class DaemonCapture(VideoSource):
         return f"{name} at {self._rig.camera.address}, held by the daemon"
 
     def record(self, folder: Path) -> CheckVideo:
-        """Record a test video in `folder` through the daemon, read it and delete it.
+        """Record a test video of CLIP_S (1 s) in `folder` through the daemon, read it and delete it.
+
+        Returns:
+            Duration, frame counts, last image, quality of the frame times, and the last report of `analyze
+            watch` (markers seen, whether anything moves).
 
         Raises:
             AcquireError: the video could not be recorded or read.
@@ -290,11 +320,15 @@ def _temporary(folder: Path) -> Iterator[Path]:
 
 
 def read_video(path: Path, camera: str) -> VideoContent:
-    """Last image, number of clock readings and mapping error of a finished recording of one camera.
+    """Read the last image and the quality of the frame times from a finished recording of one camera.
 
     Args:
         path: the recording.
         camera: name of the camera in its topics.
+
+    Returns:
+        The last image, the number of readings of the camera's clock, and the standard deviation of the last
+        frame's time on the host's clock [ns].
 
     Raises:
         RecorderError: the file is not a whole recording, or holds no image or one that cannot be read.
@@ -323,10 +357,14 @@ def read_video(path: Path, camera: str) -> VideoContent:
 def _decode_image(path: Path, data: bytes) -> NDArray[np.uint8]:
     """Grey image (height, width) from a serialised RawImage or CompressedImage message.
 
-    The two are distinguished by content: CompressedImage has its format where RawImage has no such text.
+    The bytes are tried as a mono8 RawImage first, then as a CompressedImage.
+
+    Args:
+        path: the recording, named in the error message.
+        data: the serialised message.
 
     Raises:
-        RecorderError: the message is neither; `path` names the recording in the message.
+        RecorderError: the bytes are neither.
     """
     with contextlib.suppress(ValueError, TypeError):
         raw = RawImage.FromString(data)
@@ -342,7 +380,7 @@ def _decode_image(path: Path, data: bytes) -> NDArray[np.uint8]:
 
 
 def placeholder_plan() -> str:
-    """Strike plan (JSON) with one strike that is never made; every recording needs a plan."""
+    """Strike plan (JSON text) with one strike that is never carried out; every recording needs a plan."""
     unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     strike = PlannedStrike(
         id="none",
