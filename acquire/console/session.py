@@ -52,7 +52,7 @@ class SessionProgress(Progress):
         self.console.print(text, highlight=False, soft_wrap=True)
 
     def ask(self, text: str) -> str:
-        """Ask the operator a question and return the answer; the progress line pauses meanwhile.
+        """Ask the operator a question and return the line that was typed; the progress line pauses meanwhile.
 
         Returns:
             A line of standard input with its line end; "" if standard input has ended.

@@ -30,13 +30,16 @@ NOTABLE_RATIO_ERROR = 0.02
 
 
 def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool) -> bool:
-    """Strike once and print the outcome; True if exactly one contact was measured.
+    """Strike once and print the outcome (contact time, tip speed, impulse, number of contacts).
 
     Args:
         socket: path of the daemon's socket.
         tip_speed_m_s: tip speed to command [m/s].
         yes: True to strike without asking.
         as_json: True to print the outcome as JSON.
+
+    Returns:
+        True if exactly one contact was measured.
 
     Raises:
         AcquireError: the daemon cannot be reached, a session is running, the answer was no, or the striker
@@ -54,15 +57,16 @@ def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool)
 
 
 def planned_speed(plan_path: Path, strike_id: str, energy: float | None) -> float:
-    """Tip speed [m/s] of a planned strike; prints the strike's card (instruction) and energy ratio.
+    """Tip speed [m/s] for a planned strike; prints the strike's card (instruction) and energy ratio.
 
-    The energy ratio, expected with its 90 % interval, is the kinetic energy after the strike over the energy
+    The energy ratio, printed with its 90 % interval, is the kinetic energy after the strike over the energy
     needed to reach balance. The text goes to standard error.
 
     Args:
         plan_path: plan file.
         strike_id: id of the strike in the plan.
-        energy: median energy ratio that the speed is to give; None for a session's first speed.
+        energy: median energy ratio that the speed is to give; None for the speed that a session would begin
+            with.
 
     Raises:
         SessionError: the plan cannot be read, or has no strike with this id.
@@ -114,7 +118,7 @@ def calibrate(
 
     Args:
         rig_path: the rig file; with `write` its section [striker] gets the estimates.
-        order: speeds, repeats and bodies.
+        order: tip speeds, repeats and bodies (free masses or a wall) of the swings.
         write: True to write the estimates, unless the swings determine none (such as swings in the air
             alone).
         yes: True to swing without asking.
@@ -163,7 +167,7 @@ def _print_swing(swing: MeasuredSwing) -> None:
 
 
 def _json_swing(swing: MeasuredSwing) -> dict[str, float | str | None]:
-    """JSON object of a swing; a wall's infinite mass becomes "wall", because JSON has no infinity."""
+    """JSON object of a calibration swing; a wall's infinite mass becomes "wall": JSON has no infinity."""
     return asdict(swing) | ({"body_kg": "wall"} if swing.body_kg == float("inf") else {})
 
 
