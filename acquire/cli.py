@@ -176,7 +176,7 @@ def demo(
 
 @dataclass(frozen=True)
 class StrikeOptions:
-    """Options of `acquire strike` that select the strike or the calibration."""
+    """Options of `acquire strike` that select a single strike or the calibration of the striker."""
 
     speed: float | None
     """tip speed [m/s]; None if not given"""

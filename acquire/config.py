@@ -20,6 +20,9 @@ from schemas.rig_limits import TipSpeeds
 def read_rig(path: Path) -> RigConfig:
     """Read and validate a rig file (TOML).
 
+    Returns:
+        Settings of camera, striker, recorder and daemon, with gravity and table.
+
     Raises:
         ConfigError: the file is missing, is not TOML, or holds an entry that cannot be used.
     """

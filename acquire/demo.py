@@ -48,7 +48,7 @@ class DemoOutput:
 
 
 def fresh_output(path: Path) -> DemoOutput:
-    """Output of a demo at a path that must not exist yet, and whose .part file must not either.
+    """Paths for a demo whose recording must not exist yet, and whose .part file must not either.
 
     Raises:
         RecorderError: the path or its .part file exists already, or cannot be written.
@@ -63,7 +63,7 @@ def fresh_output(path: Path) -> DemoOutput:
 
 
 def replaced_output(path: Path) -> DemoOutput:
-    """Output of a demo at a path where an older recording or .part file is to be replaced.
+    """Paths for a demo whose recording may replace an older recording or .part file at `path`.
 
     Nothing is deleted yet.
 
@@ -94,7 +94,7 @@ class DemoPlan:
 def run_demo(
     object_name: str, seed: int, output: DemoOutput, *, address: str, plan: DemoPlan, progress: Progress
 ) -> SessionReport:
-    """Plan and run a session on the virtual rig, then add the ground truth to its recording.
+    """Plan and run a session on the virtual rig, then add the true values to its recording.
 
     Args:
         object_name: name of a virtual object: carton, spray, juice, salt or parcel.
@@ -102,10 +102,10 @@ def run_demo(
         output: the recording to write, and older files to delete once the rig is up.
         address: loopback address of the virtual camera, one per rig.
         plan: options of `analyze plan`.
-        progress: called with each step.
+        progress: called with a text, the number of strikes done, and the number of all strikes.
 
     Returns:
-        Files and counts of the session.
+        Files, and numbers of strikes and frames, of the session.
 
     Raises:
         ConfigError: the address is not a loopback address.
@@ -189,7 +189,7 @@ def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> st
     """Text of the rig file (TOML) that a person would write for the virtual rig.
 
     Args:
-        sheet: calibration of the rig: gravity, friction, camera and striker.
+        sheet: calibrated values of the rig: gravity, friction, camera and striker.
         address: address of the virtual camera.
         port: serial port of the virtual servo.
         socket: path of the daemon's socket.
@@ -234,10 +234,10 @@ socket = "{socket}"
 
 
 def _remove_leftovers(temporary: Path) -> None:
-    """Delete the folders in `temporary` of this user's demos that were killed.
+    """Delete the folders in `temporary` that this user's killed demos have left.
 
-    A folder's name holds the process id of its demo; folders of running processes stay. The demo's other
-    processes have ended by themselves.
+    A folder's name holds the process id of its demo; folders of running processes stay. The other processes
+    of a killed demo end by themselves.
     """
     for folder in temporary.glob(f"{_FOLDER}*-*"):
         pid = folder.name.removeprefix(_FOLDER).partition("-")[0]
@@ -258,7 +258,7 @@ def _write_object(virtual_object: VirtualObject, path: Path) -> None:
 def _planning(
     object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan
 ) -> Iterator[subprocess.Popen[str]]:
-    """Context in which `analyze plan` runs while the rig starts; yields its process.
+    """Context in which `analyze plan` runs while the rig starts; yields the `analyze plan` process.
 
     The process is killed at the end of the context.
     """

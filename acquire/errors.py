@@ -113,7 +113,7 @@ class SessionError(AcquireError):
 
 
 def by_name(name: str, otherwise: type[AcquireError] = AcquireError) -> type[AcquireError]:
-    """Error class of this module called `name`; `otherwise` if there is no such class.
+    """Error class of this module with the given name; `otherwise` if there is no such class.
 
     Processes send each other errors as the class's name and the message.
     """
