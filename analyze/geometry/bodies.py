@@ -20,7 +20,7 @@ body they touch."""
 
 @dataclass(frozen=True)
 class Body:
-    """One body of a mesh file, in the object frame O; closed if `open_edges` is 0."""
+    """One connected part of a mesh file, in the object frame O; closed if `open_edges` is 0."""
 
     properties: MassProperties
     """Mass properties as a uniform solid, in O."""
@@ -90,10 +90,10 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
 
 
 def _with_seams(faces: IntArray, body: IntArray) -> IntArray:
-    """Number (f,) of each face's body, from 0, with loose faces added to the body that they touch most.
+    """Number (f,) of the body of each face, from 0, with loose faces joined to larger parts.
 
-    Loose faces belong to a part of fewer than `MIN_FACES`; they go to the larger part that shares most of
-    their corners. If all parts are that small, they count as one body.
+    Loose faces belong to a connected part of fewer than `MIN_FACES`; they go to the larger part that shares
+    most of their corners. If all parts are that small, they count as one body.
 
     Args:
         faces: (f, 3) indices of the corners of each face.

@@ -23,7 +23,7 @@ MAX_PATCH_RADIUS = 0.15
 
 @dataclass(frozen=True)
 class CloudNoise:
-    """Scatter of a point cloud about its surface, from small patches, and its spacing."""
+    """Noise of a point cloud (scatter about its surface) and spacing of its points."""
 
     sd: float
     """1 sigma of the points across the surface [m]."""
@@ -32,11 +32,11 @@ class CloudNoise:
 
 
 def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
-    """Noise and spacing of a point cloud.
+    """Noise (scatter about the surface) and spacing of a point cloud.
 
-    The noise is the scatter in the flattest quarter of small patches, about a quadric. Patches are enlarged
-    until their radius exceeds 4 sd, or they would include the shape: smaller ones lie within the noise and
-    underestimate it. Clouds of fewer than 96 points have the noise 0.
+    The noise is the scatter in the flattest quarter of small patches, each about a fitted quadric. Patches
+    are enlarged until their radius exceeds 4 sd, since smaller ones lie within the noise and underestimate
+    it, or until they would include the object's shape. Clouds of fewer than 96 points have the noise 0.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -88,7 +88,10 @@ def quadric_terms(u: Array, v: Array) -> Array:
 
 
 def _surface_spacing(points: Array) -> float:
-    """Spacing [m] of `points` (n, 3) [m] if they were uniform over their hull; 0 if they are flat."""
+    """Distance [m] of neighbouring `points` (n, 3) [m] if they were uniform over their hull.
+
+    It is 0 if the points are flat (have no hull).
+    """
     try:
         area = float(ConvexHull(points).area)
     except QhullError:

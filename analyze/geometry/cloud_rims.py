@@ -38,7 +38,7 @@ def rim_of_face(
     spacing: float,
     smooth_sd: float,
 ) -> Array:
-    """Points (k, 3) [m] of the rim in which curved walls, extrapolated, meet a face.
+    """Points (k, 3) [m] of the rim in which curved walls, extrapolated, meet a planar face.
 
     Each wall is continued along its tangent from its lowest smoothed points. If the points of the rim lie on
     a circle, they are replaced by a regular polygon on it. The result is empty if fewer than three smoothed
@@ -74,9 +74,9 @@ def rim_within_outline(
     """Limit the rim of a planar face to the outline of the face's points.
 
     A wall too low to have points of its own is extrapolated from the surface above it, and then meets the
-    face beyond the face's points. The noise moves the outline
-    of the points outwards by about `OUTLINE_NOISE_SDS` sd; where they are sparse, the outermost ones lie up
-    to a spacing inside the true outline.
+    face beyond the face's points. The outline allows for two errors: noise moves it outwards by about
+    `OUTLINE_NOISE_SDS` sd; where points are sparse, the outermost ones lie up to a spacing inside the true
+    outline.
 
     Args:
         rim: (k, 3) points of the rim [m].

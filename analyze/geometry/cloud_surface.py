@@ -158,15 +158,15 @@ def cloud_surface(points: Array) -> CloudSurface:
 
 
 def line_sd(surface: CloudSurface, ends: Array) -> float:
-    """1 sigma [m] of the place, across itself, of a hull edge with `ends` (2, 3) [m].
+    """1 sigma [m] of the place of a hull edge with `ends` (2, 3) [m], perpendicular to the edge.
 
     It is that in the worst direction. Where two fitted planes meet, it follows from N x = delta, with N (2,
     3) their normals, x the edge's displacement and delta their displacements, of known variance. With one
-    plane it combines that plane's variance, the smoothed wall's, and `EXTRAPOLATED_SDS` of the noise, because
-    the wall is extrapolated over the band in which it cannot be distinguished from the face (all of the
-    noise, and `OUTLINE_GAP_SPACINGS` of the spacing, where the wall is too low for that). Without planes it
-    is the noise and the spacing: the object ends somewhere between two points, and smoothing rounds off an
-    edge that is not resolved.
+    plane it combines the variance of that plane and of the smoothed wall with `EXTRAPOLATED_SDS` of the
+    noise: the wall is extrapolated over the band in which it cannot be distinguished from the face. Where the
+    wall is too low for that, one sd of the noise and `OUTLINE_GAP_SPACINGS` of the spacing take the place of
+    the extrapolation's. Without planes it combines noise and spacing: the object ends somewhere between two
+    points, and smoothing rounds off an edge that is not resolved.
     """
     planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     scale = float(np.linalg.norm(ends).max()) + 1e-3
@@ -211,10 +211,10 @@ def _without_strays(points: Array) -> tuple[Array, int]:
 
 
 def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
-    """Distance [m] by which a plane without thickness extends beyond what stands on it; 0 if none does.
+    """Distance [m] by which a scanned table extends beyond what stands on it; 0 if there is none.
 
-    Such a plane is a scanned table. A foot, a flange or a plate that was scanned all round has its other side
-    above it, with the same outline.
+    A table is a plane without thickness. A foot, a flange or a plate that was scanned all round is none: it
+    has its other side above it, with the same outline.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -243,9 +243,9 @@ def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: flo
 def _corners(
     points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float
 ) -> Array:
-    """Places (k, 3) [m] along the edges, and corners, of the body that the fitted planes bound.
+    """Corners, and places along the edges, (k, 3) [m] of the body that the fitted planes bound.
 
-    Only places with points of the cloud nearby are returned; none if there are no planes, or they bound no
+    Only those with points of the cloud nearby are returned; none if there are no planes, or they bound no
     body.
 
     Args:

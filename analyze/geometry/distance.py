@@ -33,7 +33,7 @@ long."""
 
 @dataclass(frozen=True)
 class Depth:
-    """Signed depth of n points below a surface, and its gradient."""
+    """Depth of n points below a surface [m], positive inside, and its gradient."""
 
     value: Array
     """(n,) depth [m], positive inside."""
@@ -93,11 +93,11 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Depth of points in a convex body, and its gradient.
+    """Depth of points in a convex body, positive inside, and its gradient.
 
-    The depth is minus the largest height over a face's plane. Outside it is negative, and beside edges and
-    corners smaller in size than the distance from the body. For speed, successive points should lie close
-    together if there are `MANY_PLANES` planes or more.
+    The depth is minus the largest height over a face's plane. Outside, beside edges and corners, its size is
+    less than the distance from the body. For speed, successive points should lie close together if there are
+    `MANY_PLANES` planes or more.
 
     Args:
         planes: (p, 4) unit outward normals n and d [m] of the faces, n.x + d = 0.
@@ -131,10 +131,10 @@ def largest_height(planes: Array, points: Array) -> Array:
 
 
 def _candidate_planes(planes: Array, points: Array) -> Array:
-    """Planes (k, 4) over which one of `points` (n, 3) [m] can have its largest height.
+    """Planes, of several, over which any of `points` (n, 3) [m] may have its largest height.
 
-    The height of the points' middle over these planes is below its largest one by at most twice the largest
-    distance of a point from the middle.
+    A plane is kept if the height of the points' middle over it is below the largest such height by at most
+    twice the largest distance of a point from the middle. The result has the shape (k, 4).
 
     Args:
         planes: (p, 4) unit normals n and d [m], n.x + d = 0.
@@ -148,7 +148,7 @@ def _candidate_planes(planes: Array, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class SurfaceIndex:
-    """Samples of a surface with their faces, to find the faces nearest to a point."""
+    """Search index of a mesh's surface: samples with their faces, to find the faces nearest to a point."""
 
     triangles: Array
     """(f, 3, 3) corners of the faces [m]."""
@@ -159,7 +159,9 @@ class SurfaceIndex:
 
 
 def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
-    """Index of a mesh's surface, sampled at 1/100 of its extent or closer.
+    """Search index (samples with their faces) of a mesh's surface.
+
+    Samples are 1/100 of the mesh's extent apart or closer.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -184,11 +186,11 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
-    """Depth of points in a closed mesh, the distance to the nearest face, and its gradient.
+    """Depth of points in a closed mesh (distance to the nearest face, negative outside), and its gradient.
 
-    The depth is negative outside; the sign follows from ray crossings. Only the faces of the
-    `NEAREST_SAMPLES` nearest samples are examined. The gradient is the unit vector straight inwards, for a
-    point on the surface minus the face's normal.
+    The sign follows from ray crossings. Only the faces of the `NEAREST_SAMPLES` nearest samples are examined.
+    The gradient is the unit vector straight inwards; for a point on the surface it is minus the face's
+    normal.
 
     Args:
         index: Index of the mesh's surface.

@@ -28,10 +28,10 @@ class EdgeLine:
     """Radius of the rounding [m]."""
 
     def distance(self, other: EdgeLine) -> float:
-        """Distance [m] between the centre lines of two edges; infinite if direction or resting face differ.
+        """Distance [m] between the centre lines of two rounded edges.
 
-        A difference of the rounding's radius, times the root of 2, is deducted, down to 0: a corrected radius
-        moves the centre line, not the edge.
+        It is infinite if direction or resting face differ. The difference of the two roundings' radii, times
+        the root of 2, is deducted, down to 0: a corrected radius moves the centre line, not the edge.
         """
         if (
             float(self.direction @ other.direction) < SAME_DIRECTION

@@ -1,4 +1,4 @@
-"""Deterministic points on a surface, and pieces of it, of even size however it is triangulated."""
+"""Deterministic, evenly spread points on a triangulated surface, and triangles cut into small pieces."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, I
 
 
 def bisected(triangles: Array, longest: float, rounds: float = np.inf) -> tuple[Array, IntArray]:
-    """Pieces of triangles, halved across their longest edges until no edge exceeds `longest` [m].
+    """Triangles cut into pieces by halving their longest edges until none exceeds `longest` [m].
 
     Args:
         triangles: (n, 3, 3) corners of the triangles [m]; the second index is the corner.

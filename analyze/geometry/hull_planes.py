@@ -49,7 +49,7 @@ WALL_REACH_SPACINGS = 3.0
 class FittedPlane:
     """Planar face of the cloud's hull, n.x = offset, with the covariance of its height and slopes.
 
-    Height and slopes refer to `centre` and `basis`.
+    The height is that at the points' centroid `centre`, the slopes are those along the in-plane axes `basis`.
     """
 
     normal: Array
@@ -220,14 +220,17 @@ def face_weights(
 def _has_walls_all_round(walls: Array, normal: Array) -> bool:
     """True if planes with unit normals `walls` (w, 3) bound the face of unit `normal` (3,) on all sides.
 
-    Then no other neighbour's points are mixed with the face's. There must be three walls or more, with no gap
-    of 150 degrees or more between successive ones.
+    There must be three walls or more, with no gap of 150 degrees or more between successive ones. Points of
+    other neighbours then cannot be mixed with the face's.
     """
     return len(walls) >= 3 and widest_gap(walls @ in_plane_basis(normal).T) < np.radians(150)
 
 
 def widest_gap(flat: Array) -> float:
-    """Largest angle [rad] between successive directions of n >= 1 vectors `flat` (n, 2); 2 pi for one."""
+    """Largest angle [rad] between successive directions of n >= 1 plane vectors `flat` (n, 2).
+
+    It is 2 pi for one vector.
+    """
     angle = np.sort(np.arctan2(flat[:, 1], flat[:, 0]))
     return float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
 

@@ -100,9 +100,9 @@ def read_mesh(
 
 
 def _as_utf8(data: bytes, suffix: str) -> bytes:
-    """File content with names and comments as UTF-8; the header of a binary STL is blanked.
+    """Content of a mesh file with names and comments as UTF-8, so that trimesh need not guess.
 
-    Otherwise trimesh guesses their encoding, which takes longer than reading the numbers. Formats other than
+    Guessing takes longer than reading the numbers. The header of a binary STL is blanked; formats other than
     STL and OBJ are returned as they are.
     """
     if suffix == "stl" and len(data) == _binary_stl_size(data):
@@ -126,9 +126,9 @@ def ply_has_faces(data: bytes) -> bool:
 
 
 class _Contradiction(Exception):
-    """A mesh file must not, or cannot, be read as it is; the message has the remedy.
+    """Error: a mesh file must not, or cannot, be read as it is; the message has the remedy.
 
-    It unpacks to an implausible size, keeps its numbers in another file, or is compressed by Draco.
+    The file unpacks to an implausible size, keeps its numbers in another file, or is compressed by Draco.
     """
 
 

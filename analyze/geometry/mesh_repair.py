@@ -44,7 +44,7 @@ CRACK = 1e-5
 
 @dataclass(frozen=True)
 class ClosedMesh:
-    """Closed surface of a repaired mesh."""
+    """Closed surface of a repaired mesh, with the repairs made."""
 
     vertices: Array
     """(n, 3) vertices [m]."""
@@ -63,6 +63,9 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces.
         name: Name of the file, for messages.
+
+    Returns:
+        The closed surface, with a mask of the faces that close holes and notes on the repairs.
 
     Raises:
         ShapeError: there are too many holes, holes without a simple rim, or large and uneven ones; the
@@ -103,14 +106,16 @@ def _without_repeats(faces: IntArray) -> IntArray:
 
 
 def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Mesh with vertices merged that coincide within `CRACK` of the extent, if fewer edges are open then.
+    """Mesh with vertices merged that lie within `CRACK` of the extent, to close cracks between faces.
+
+    The mesh is returned as given if merging leaves no fewer open edges.
 
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces.
 
     Returns:
-        Vertices (k, 3) [m] and faces (g, 3) of the merged mesh, or those given.
+        Vertices (k, 3) [m] and faces (g, 3).
     """
     step = float(np.ptp(vertices, axis=0).max()) * CRACK
     _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
@@ -121,7 +126,9 @@ def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, str]:
-    """Mesh with its holes closed, flat ones flat and small ones by a fan.
+    """Mesh with its holes closed: flat ones by a flat polygon, small uneven ones by a fan.
+
+    A fan is a ring of triangles between the hole's rim and the centroid of its corners.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -239,7 +246,7 @@ def _loops(faces: IntArray) -> list[IntArray] | None:
 def _exterior(
     vertices: Array, faces: IntArray, added: BoolArray, body: IntArray, name: str, notes: list[str]
 ) -> tuple[Array, IntArray, BoolArray]:
-    """Keep the outer bodies of a mesh, and unite those that overlap.
+    """Keep the outer bodies (connected parts) of a mesh, and unite those that overlap.
 
     Bodies within another one, and specks almost without volume, are left out. If the bodies cannot be united
     they are kept as they are, with a note.
@@ -294,7 +301,9 @@ def _exterior(
 def _buried(
     vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray
 ) -> polyhedron.BoolArray:
-    """Mask (b,) of the bodies that lie inside another one, judged by the centroids of some of their faces.
+    """Mask (b,) of the bodies (connected parts) of a mesh that lie inside another one.
+
+    A body is judged by the centroids of some of its faces.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -361,8 +370,8 @@ def _united(
 def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
     """Raise `ShapeError` if a closed surface intersects itself.
 
-    Its winding number is then neither 0 nor 1 at some points; up to `MAX_MULTIPLE_SHARE` of those inside are
-    tolerated.
+    The surface's winding number is then neither 0 nor 1 at some points. It is computed at sample points; up
+    to `MAX_MULTIPLE_SHARE` of those inside may have another value.
 
     Args:
         vertices: (n, 3) vertices [m].

@@ -96,8 +96,8 @@ class ObjectModel:
     def depth(self, points: Array) -> Array:
         """Depth (n,) [m] of points below the object's surface, positive inside.
 
-        Outside of convex meshes it is minus the largest height over a face's plane, which is less than the
-        distance beside edges and corners; outside of other shapes it is minus the distance.
+        For a point outside it is minus the distance; outside a convex mesh it is minus the largest height
+        over a face's plane, whose size is less than the distance beside edges and corners.
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
@@ -105,10 +105,11 @@ class ObjectModel:
         return self.depth_and_gradient(points).value
 
     def depth_and_gradient(self, points: Array) -> distance.Depth:
-        """Depth (n,) [m] of points below the object's surface, positive inside, and its gradient (n, 3).
+        """Depth (n,) [m] of points below the object's surface, and its gradient (n, 3).
 
-        Outside of convex meshes it is minus the largest height over a face's plane, which is less than the
-        distance beside edges and corners; outside of other shapes it is minus the distance.
+        The depth is positive inside. For a point outside it is minus the distance; outside a convex mesh it
+        is minus the largest height over a face's plane, whose size is less than the distance beside edges and
+        corners.
 
         Args:
             points: (n, 3) or (3,) points [m], in the object frame.
@@ -123,10 +124,10 @@ class ObjectModel:
         return distance.mesh_depth(self._index, self.vertices, self.faces, points)
 
     def edge_sd(self, ends: Array) -> float:
-        """1 sigma [m] of the place, across itself, of an edge of the object's hull.
+        """1 sigma [m] of the place of an edge of the object's hull, perpendicular to the edge.
 
-        It combines the error of the cloud's fit, at least `LINE_SD`, with the error common to the whole
-        surface.
+        It combines the edge's own error, `LINE_SD` or that of a point cloud's fit if larger, with the error
+        common to the whole surface.
 
         Args:
             ends: (2, 3) ends of the edge [m], in the object frame.
@@ -135,7 +136,9 @@ class ObjectModel:
         return float(np.hypot(max(own, LINE_SD), self.surface_sd))
 
     def cached(self, key: Hashable, compute: Callable[[ObjectModel], _Result]) -> _Result:
-        """Result of `compute` for this model, computed only once per key; a model is immutable.
+        """Result of `compute` for this model, computed once for each key and then stored.
+
+        A model is immutable, so the result stays valid.
 
         Args:
             key: Name of the result, with all parameters that it depends on.
@@ -362,7 +365,7 @@ def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
 
 
 def _size(extent: Array, unit: LengthUnit | None) -> str:
-    """Text of the edges `extent` (3,) [m], and of the declared unit, if there is one, for messages."""
+    """Edges `extent` (3,) [m] of the bounding box in words, for messages, with the declared unit if any."""
     scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
     given = "" if unit is None else f' with unit = "{unit.value}"'
     return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}{given}"

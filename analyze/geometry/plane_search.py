@@ -104,7 +104,9 @@ def planes_of_faces(points: Array, sd: float, spacing: float) -> list[tuple[Arra
 
 
 def _dense_layers(sample: Array, sd: float) -> list[tuple[Array, float]]:
-    """Planes of the thin outer layers of a cloud with most points, best first, at least 15 degrees apart.
+    """Planes along which a cloud has its densest thin outer layers, the densest first.
+
+    Their normals are at least 15 degrees apart.
 
     Args:
         sample: (n, 3) points of the cloud [m].
@@ -144,7 +146,10 @@ def even_directions(many: int) -> Array:
 def _grown_plane(
     sample: Array, seed: Array, start: tuple[Array, float], band: float, reach: float, centre: Array
 ) -> tuple[Array, float, BoolArray] | None:
-    """Plane grown outwards from a seed to all points in its band.
+    """Plane grown outwards from a seed point, until it is fitted to all points near it.
+
+    Points are near if they lie in a band about the plane; those close to the outline of the band's points are
+    left out of the last fits.
 
     Args:
         sample: (n, 3) points [m].
@@ -191,10 +196,10 @@ def _grown_plane(
 
 
 def _inner_points(points: Array, members: BoolArray, normal: Array, margin: float) -> BoolArray:
-    """Mask (n,) of the points of a cloud that lie well within the outline of one face's points.
+    """Mask (n,) of the points of one face that lie well within the outline of the face's points.
 
-    They are at least `margin`, or half the largest depth if that is less, from the outline; all False if the
-    points have no outline (too few, or on a line).
+    Their depth, the distance from the outline, is at least `margin`, or half the largest depth if that is
+    less. All are False if the points have no outline (too few, or on a line).
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -253,9 +258,9 @@ def _largest_faces(
 
 
 def _bending_bound(points: Array, normal: Array, band: float) -> float:
-    """Upper bound [m] of a face's bending, the range of the quadratic part of its heights.
+    """Upper bound [m] of a face's bending, the range of the curved part of a fit to its heights.
 
-    It is the fitted range plus 4 sd of the noise over sqrt(n).
+    It is the fitted bending plus 4 sd of the noise over sqrt(n).
 
     Args:
         points: (n, 3) points of the face [m].
@@ -266,9 +271,9 @@ def _bending_bound(points: Array, normal: Array, band: float) -> float:
 
 
 def bending(points: Array, normal: Array) -> float:
-    """Bending [m] of a face: range of the part of a quadratic fit to its heights that no plane can fit.
+    """Bending [m] of a face: range of the curved part of a quadratic fit to its points' heights.
 
-    The 2 % largest and 2 % smallest values do not count.
+    The curved part is what no plane can fit. Its 2 % largest and 2 % smallest values do not count.
 
     Args:
         points: (n, 3) points of the face [m].

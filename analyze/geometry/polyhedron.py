@@ -83,7 +83,9 @@ def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
 
 
 def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
-    """Turn whole bodies so that their volume is positive: faces counter-clockwise from outside.
+    """Turn bodies (connected parts of a mesh) whose faces are clockwise from outside.
+
+    Their volume is negative before.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -91,7 +93,7 @@ def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray,
         body: (f,) number of the body of each face, from 0.
 
     Returns:
-        Faces (f, 3), and the number of bodies turned.
+        Faces (f, 3), all counter-clockwise from outside, and the number of bodies turned.
     """
     inside_out = body_volumes(vertices, faces, body) < 0
     return _with_turned(faces, inside_out[body]), int(inside_out.sum())
@@ -132,7 +134,9 @@ def body_volumes(vertices: Array, faces: IntArray, body: IntArray) -> Array:
 
 
 def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
-    """Mass properties of a uniform solid (Blow and Binstock 2004).
+    """Volume, centroid and inertia of a uniform solid (Blow and Binstock 2004).
+
+    They are in the frame of the vertices.
 
     Args:
         vertices: (n, 3) vertices [m].
@@ -188,9 +192,10 @@ def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
 
 
 def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
-    """Winding number (n,) of a closed surface about points: 1 inside, 0 outside, other if self-crossing.
+    """Winding number (n,) of a closed surface about points: 1 inside, 0 outside.
 
-    It is the sum of a ray's signed crossings, with the faces sorted into a grid normal to it.
+    It has other values where the surface crosses itself or bodies overlap. It is the sum of a ray's signed
+    crossings, with the faces sorted into a grid normal to the ray.
 
     Args:
         vertices: (v, 3) vertices [m].
@@ -259,10 +264,11 @@ def _with_turned(faces: IntArray, turned: BoolArray) -> IntArray:
 
 
 def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> BoolArray:
-    """Mask (count,) of faces to turn so that all links are satisfied, as few as possible.
+    """Mask (count,) of faces to turn so that neighbours are wound consistently, as few as possible.
 
-    Each link with `differ` connects a turned and an unturned face, each other link two of one kind. On the
-    double cover (every face once as it is, once turned) each consistent choice is one component.
+    A link connects two neighbouring faces: with `differ` just one of them is to be turned, otherwise both or
+    neither. On the double cover (every face once as it is, once turned) each consistent choice is one
+    component.
 
     Args:
         count: Number of faces.

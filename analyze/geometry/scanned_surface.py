@@ -36,7 +36,7 @@ HOLLOW_LAYERS = 2
 
 @dataclass(frozen=True, eq=False)
 class ScannedSurface:
-    """Samples of a closed surface, in the object frame, with a mask of those not scanned.
+    """Samples of a closed surface, in the object frame, with a mask of the unscanned ones.
 
     Each sample stands for the same area.
     """
@@ -58,15 +58,19 @@ class ScannedSurface:
         return float(self.bare.mean())
 
     def uncertainty_at(self, point: Array) -> float:
-        """Uncertainty [m] of the surface near `point` (3,) [m]: within a gap of the scan its width, else 0.
+        """Uncertainty [m] of the surface near `point` (3,) [m]: 0 where it was scanned.
 
-        The width is taken as the root of the whole area that was not scanned, of all gaps together.
+        In a gap of the scan it is the gap's width, taken as the root of the whole unscanned area, of all gaps
+        together.
         """
         nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
     def surely_scanned(self) -> Array:
-        """Samples (k, 3) [m] farther than twice `reach` from every sample that was not scanned."""
+        """Samples (k, 3) [m] farther from every unscanned sample than twice `reach`.
+
+        `reach` is the distance [m] from a scanned point up to which the surface counts as scanned.
+        """
         if not self.bare.any():
             return self.points
         away = KDTree(self.points[self.bare]).query(self.points)[0]
@@ -105,11 +109,11 @@ def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedS
 
 
 def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float) -> IntArray:
-    """Number (n,) of layers of a cloud that straight lines into the body meet.
+    """Number (n,) of a cloud's layers that straight lines into the body meet.
 
-    Layers two probe widths or more apart are counted separately; nearer ones are recognised by a scatter
-    about their common middle larger than the noise, and counted as two. A line that meets nothing is given
-    the count of the nearest line that does; if none does, all counts are 0.
+    Layers two probe widths or more apart are counted separately. Nearer layers count as two if their points
+    scatter about their common middle by more than the noise. A line that meets nothing is given the count of
+    the nearest line that does; if none does, all counts are 0.
 
     Args:
         points: (n, 3) starts of the lines [m].

@@ -13,8 +13,8 @@ from analyze.types import CameraModel
 def turned_camera(camera: CameraModel, heading: float) -> CameraModel:
     """Camera with its pose in the world frame W of a strike with a heading; `camera` itself for 0.
 
-    Object and striker are turned by `heading` [rad] about the table's normal, anticlockwise seen from above;
-    W turns with them, the camera does not.
+    The heading is the angle by which object and striker are turned about the table's normal, anticlockwise
+    seen from above. W turns with them, the camera does not.
 
     Args:
         camera: Camera with its pose in W at heading 0.

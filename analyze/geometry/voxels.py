@@ -17,7 +17,10 @@ MIN_FRACTION = 1e-3
 
 @dataclass(frozen=True)
 class Voxels:
-    """Cubes that contain a part of the body; their volumes add up to the body's."""
+    """Cubes that contain a part of the body, with the volume and centroid of this part.
+
+    The volumes add up to the body's. The shell is the part of the body near its surface.
+    """
 
     pitch: float
     """Edge of the cubes [m]."""
@@ -36,15 +39,17 @@ class Voxels:
 def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
     """Divide a model's bounding box into cubes, and find the part of each in the body and in its shell.
 
-    Cubes without such a part are left out. Cubes cut by the surface or by the shell's inner side are divided
-    again; each subcell counts by its part below the plane through its nearest surface point, so that 4 mm
-    cubes resolve a 2 mm shell. Volume is exact, centroid and moments to 0.5 %. The result is cached on the
-    model.
+    Cubes that the surface or the shell's inner side cuts are divided again; each subcell counts by its part
+    below the plane through its nearest surface point, so that 4 mm cubes resolve a 2 mm shell. The result is
+    cached on the model.
 
     Args:
         model: Shape of the object.
         pitch: Edge of the cubes [m].
         shell_thickness: Thickness of the shell, inwards from the surface [m].
+
+    Returns:
+        The cubes that contain a part of the body. The volume is exact, centroid and moments are to 0.5 %.
 
     Raises:
         ValueError: pitch or thickness is not above 0.
@@ -89,7 +94,9 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
 def _cut(
     model: ObjectModel, corners: Array, pitch: float, shell_thickness: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Parts, in body and shell, of cubes that the surface or the shell's inner side cuts, from subcells.
+    """Parts in the body and in its shell of cubes that the surface or the shell's inner side cuts.
+
+    Each cube is divided into subcells.
 
     Args:
         model: Shape of the object.
@@ -122,6 +129,9 @@ def _cut(
 
 
 def _centroids(moment: Array, volume: Array, otherwise: Array) -> Array:
-    """Centroids (n, 3), `moment` (n, 3) over `volume` (n,); `otherwise` (n, 3) where that is too small."""
+    """Centroids (n, 3) of n parts: first moments `moment` (n, 3) over volumes `volume` (n,).
+
+    Where a part's volume is too small, its row of `otherwise` (n, 3) is returned.
+    """
     usable = volume > MIN_FRACTION
     return np.where(usable[:, None], moment / np.where(usable, volume, 1.0)[:, None], otherwise)
