@@ -1,7 +1,7 @@
 """Converts packets of a video file to access units with start codes (Annex B), for recordings.
 
-An access unit is the coded data of one picture. That of a key picture, where a decoder can begin, contains
-the parameter sets that the decoder needs.
+An access unit is the coded data of one picture. In the access unit of a key picture, where a decoder can
+begin, the parameter sets (settings that the decoder needs) are included.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ _FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toan
 
 
 def has_lengths(stream: av.VideoStream) -> bool:
-    """True if lengths, not start codes, separate the stream's coded units, as in MP4 and Matroska.
+    """True if lengths, not start codes, separate the coded units of a video stream.
 
-    The codec's extradata (its configuration) decide it; False if there are none.
+    Files in MP4 and Matroska have lengths. The stream's codec configuration (FFmpeg's extradata) decides it;
+    False if there is none.
     """
     head = bytes(stream.codec_context.extradata or b"")
     return bool(head) and not is_annex_b(head)
@@ -74,7 +75,11 @@ class AccessUnits:
         ]
 
     def _one(self, packet: av.Packet) -> memoryview | None:
-        """Buffer of one packet as `convert` returns it; None if FFmpeg cannot convert the packet."""
+        """Convert one packet to a buffer: `room` free bytes, then its access unit with start codes.
+
+        Parameter sets are added to a key picture without them. Returns None if FFmpeg cannot convert the
+        packet.
+        """
         data = memoryview(packet)
         if not self._has_starts and (self._head or not is_annex_b(data)):
             return self._filtered(packet)
@@ -82,7 +87,10 @@ class AccessUnits:
         return memoryview(bytearray().join((self._room, head, data)))
 
     def _filtered(self, packet: av.Packet) -> memoryview | None:
-        """Buffer of one packet, converted by FFmpeg's filter; None if FFmpeg cannot convert the packet."""
+        """Convert one packet by FFmpeg's filter for start codes.
+
+        Returns a buffer: `room` free bytes, then the access unit; None if FFmpeg cannot convert the packet.
+        """
         self._filter.flush()  # otherwise it omits parameter sets that it has already written
         try:
             filtered = self._filter.filter(packet)

@@ -1,4 +1,4 @@
-"""Numbers the coded pictures of a video, which are in decoding order, in the order of their times.
+"""Numbers a video's coded pictures, which come in decoding order, by their place in time order.
 
 Pictures are handled in groups, since a video may have 100 000.
 """
@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 
 class CodedPictures(NamedTuple):
-    """Consecutive coded pictures of a file."""
+    """Consecutive coded pictures of a file, in decoding order: times, key pictures and data."""
 
     times_ns: IntArray
     """(n,) times since the source's start [ns], in decoding order, which may differ from time order"""
@@ -34,7 +34,7 @@ class CodedPictures(NamedTuple):
 
 
 class NumberedPictures(NamedTuple):
-    """Coded pictures (n) with their numbers in the stream, and the next times (m) of the stream."""
+    """Coded pictures (n) with their numbers by time, and newly settled times (m) of the whole stream."""
 
     pictures: CodedPictures
     numbers: IntArray
@@ -44,15 +44,18 @@ class NumberedPictures(NamedTuple):
 
 
 def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPictures]:
-    """Number a stream's pictures in time order, holding back up to `MAX_REORDERED` that may be reordered.
+    """Number a stream's pictures by their place in time order.
+
+    A picture's number is known once no earlier one can follow: the latest `MAX_REORDERED` times are held
+    back.
 
     Args:
         groups: all pictures of the stream, in groups in decoding order.
         name: name of the file, for error messages.
 
     Yields:
-        The pictures that can be numbered after each group, and the rest after the last group; in decoding
-        order, possibly none.
+        After each group the pictures that can be numbered so far, possibly none; after the last group the
+        rest. All are in decoding order.
 
     Raises:
         ImportRefused: two pictures have the same time, or more than `MAX_REORDERED` pictures precede an
@@ -64,15 +67,16 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Settle the order of the `count` earliest of the times that have none, and number the pictures.
+        """Settle the places in time order of the `count` earliest times without a place; number pictures.
 
-        Pictures are numbered in decoding order, up to the first whose time is not settled.
+        A picture's number is its place in time order. Waiting pictures are numbered in decoding order, up to
+        the first whose time has no place yet.
 
         Returns:
-            The pictures that still wait, and the numbered ones.
+            The pictures that still wait; the numbered pictures, with the times that got their place.
 
         Raises:
-            ImportRefused: a time is not after the one before it.
+            ImportRefused: a time is not after the one before it in time order.
         """
         nonlocal unplaced, placed, first, last_ns
         ordered = np.sort(unplaced)

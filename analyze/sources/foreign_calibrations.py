@@ -59,14 +59,14 @@ _SIZE = ("resolution", "imagesize", "imgsize")
 
 
 def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
-    """Read the lens in another program's camera file, JSON for a name in .json, else YAML.
+    """Read the lens, and the camera's pose if stated, from another program's camera file.
 
-    Beside the program's own entries the file may contain `T_world_camera`, the pose of the camera in the
-    world frame (4 x 4, translation in m; the unit matrix by default), and `line_time_s`, the delay between
-    the readout of neighbouring rows [s].
+    A file named .json is read as JSON, any other as YAML. Beside the program's own entries it may contain
+    `T_world_camera`, the pose of the camera in the world frame (4 x 4, translation in m; the unit matrix by
+    default), and `line_time_s`, the delay between the readout of neighbouring rows [s].
 
     Returns:
-        The calibration, and True if the file has `T_world_camera`.
+        The calibration (lens, image size, pose, row delay); True if the file has `T_world_camera`.
 
     Raises:
         CalibrationError: the file cannot be read, contains several cameras, or no lens of a known model.
@@ -190,10 +190,10 @@ def _camera_matrix(entries: Mapping[str, Any], name: str) -> Array:
 
 
 def _size(entries: Mapping[str, Any], name: str) -> tuple[int, int]:
-    """Width and height of the image [px], from two entries or from one with both.
+    """Width and height of the image [px], from two entries of a camera file or from one with both.
 
     Raises:
-        CalibrationError: they are missing, or are not whole pixels.
+        CalibrationError: the entries are missing, or are not whole pixels.
     """
     width, height = _first(entries, _WIDTH), _first(entries, _HEIGHT)
     if width is None or height is None:
@@ -212,18 +212,18 @@ def _size(entries: Mapping[str, Any], name: str) -> tuple[int, int]:
 
 
 def _whole(value: Any) -> int | None:
-    """Whole number from 1 to 2^20 - 1 that `value` (an int or float) equals; None if it equals none."""
+    """`value` (an int or float) as an int; None if it is not a whole number from 1 to 2^20 - 1."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1 << 20:
         return None
     return int(value) if value == int(value) else None
 
 
 def _model(entries: Mapping[str, Any], name: str) -> LensModel:
-    """Lens model by the entry of the file that states it.
+    """Lens model (pinhole or fisheye) that a camera file's entries state; pinhole if they state none.
 
     The entries are tried in this order: `distortion_model` (ROS, Kalibr), `model` (this project's rig files),
-    `camera_model` (Kalibr), `fisheye_model` equal to 1 (OpenCV's sample). The model is pinhole if the file
-    states none, or "none" without distortion coefficients.
+    `camera_model` (Kalibr), `fisheye_model` equal to 1 (OpenCV's sample). The statement "none" means pinhole
+    if there are no distortion coefficients.
 
     Raises:
         CalibrationError: the stated camera model or distortion model is not supported.
@@ -249,13 +249,15 @@ def _model(entries: Mapping[str, Any], name: str) -> LensModel:
 
 
 def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> list[float]:
-    """OpenCV's distortion coefficients, filled up with zeros.
+    """Distortion coefficients of a camera file's entries, in OpenCV's order; missing ones are 0.
 
     Returns:
-        Pinhole: k1, k2, p1, p2, k3, and k4, k5, k6 if any of these is not 0. Fisheye: k1, k2, k3, k4.
+        Pinhole: k1, k2, p1, p2, k3, and also k4, k5, k6 if any of these three is not 0. Fisheye: k1, k2, k3,
+        k4.
 
     Raises:
-        CalibrationError: their number is none of OpenCV's, or one beyond those above is not 0.
+        CalibrationError: OpenCV has no model with so many coefficients, or a coefficient that is not
+            returned differs from 0.
     """
     found = _first(entries, _DISTORTION)
     values = list[float]()
@@ -279,9 +281,10 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
 
 
 def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
-    """Entries of the only camera: under cam0 or cam1, … (Kalibr), `calibration`, or at the top level.
+    """Entries of the only camera in the parsed content `found` of a camera file.
 
-    Top-level `T_world_camera` and `line_time_s` are added to the camera's own entries.
+    They are under cam0, cam1, … (Kalibr), under `calibration`, or at the top level. Top-level
+    `T_world_camera` (camera's pose) and `line_time_s` (row delay) are added to them.
 
     Raises:
         CalibrationError: the content is no mapping, or contains several cameras.
@@ -311,7 +314,10 @@ def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
 
 
 def _first(entries: Mapping[str, Any], names: tuple[str, ...]) -> Any:
-    """Value under the first of `names` (lower case, without blanks, `_` and `-`) that has one, else None."""
+    """Value of the first entry among `names` that is not None; None if there is no such entry.
+
+    Keys are compared without case, blanks, underscores and dashes; `names` are already in this form.
+    """
     plain = {_plain(key): value for key, value in entries.items()}
     return next((plain[name] for name in names if plain.get(name) is not None), None)
 
@@ -322,13 +328,13 @@ def _plain(text: Any) -> str:
 
 
 def _listed(value: Any) -> bool:
-    """True if an entry, or its `data` if it is a mapping, is neither missing (None) nor an empty list."""
+    """True if an entry is a value other than None and the empty list; of a mapping its `data` counts."""
     inner = value.get("data") if isinstance(value, dict) else value
     return inner is not None and inner != []
 
 
 def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array:
-    """Numbers (n,) of an entry: a list, a list of lists, or a mapping with either as `data`.
+    """Numbers (n,) float64 of an entry: a list, a list of lists, or a mapping with either as `data`.
 
     Args:
         value: the entry.
@@ -337,7 +343,7 @@ def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array
         counts: allowed values of n.
 
     Raises:
-        CalibrationError: an element is not a number below 1e12, or n is not allowed.
+        CalibrationError: an element is not a number between -1e12 and 1e12, or n is not allowed.
     """
     inner = value.get("data") if isinstance(value, dict) else value
     flat: list[float] = []
@@ -354,11 +360,11 @@ def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array
 
 
 class _Constructor(SafeConstructor):
-    """YAML constructor of plain types and, as a mapping, of OpenCV's matrix type."""
+    """YAML constructor that reads plain types, and OpenCV's matrix type as a mapping."""
 
 
 def _matrix(constructor: SafeConstructor, node: Any) -> dict[Any, Any]:
-    """Entries (rows, cols, dt, data) of a YAML node of OpenCV's matrix type.
+    """Mapping with the entries (rows, cols, dt, data) of a YAML node of OpenCV's matrix type.
 
     Raises:
         YAMLError: the node is no mapping.
@@ -372,7 +378,7 @@ _Constructor.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def _yaml(text: str) -> Any:
-    """Parse the first document of a YAML text; None if the text is empty.
+    """Parse a YAML text; return the content of its first document, None if the text is empty.
 
     OpenCV's first line `%YAML:1.0`, which is not valid YAML, is skipped. Invalid text raises YAMLError or
     another error of the YAML reader.

@@ -49,7 +49,7 @@ class FrameTiming:
         return 1.0 / (self.interval_s * float(self.slowed))
 
     def time_ns(self, stamp: int) -> int:
-        """Capture time of a stamp since the first frame [ns].
+        """Capture time [ns] that belongs to a time stamp; 0 is the first frame's.
 
         At a constant rate with coarse stamps (`steady_s`) it is the nearest multiple of the frame interval,
         if that is within one step of the stamp; otherwise it is the stamp's own time.
@@ -64,7 +64,11 @@ class FrameTiming:
         return (2 * steps * over + under) // (2 * under)
 
     def times_ns(self, stamps: Sequence[int]) -> NDArray[np.int64]:
-        """Capture times (n,) of n stamps since the first frame [ns], by the rules of `time_ns`."""
+        """Capture times (n,) [ns] that belong to n time stamps; 0 is the first frame's.
+
+        At a constant rate with coarse stamps (`steady_s`) they are the nearest multiples of the frame
+        interval, where these are within one step of the stamps.
+        """
         over, under = self._step_ns
         steps = np.asarray(stamps, dtype=np.int64) - self.first
         if self.steady_s is not None or 2 * over * (int(np.abs(steps).max(initial=0)) + 1) + under >= 1 << 62:
@@ -73,16 +77,21 @@ class FrameTiming:
 
     @cached_property
     def _step_ns(self) -> tuple[int, int]:
-        """Capture duration of a step [ns] as numerator and denominator, since whole numbers are fast."""
+        """Duration of one stamp step as captured [ns], as numerator and denominator.
+
+        Arithmetic with whole numbers is faster than with fractions.
+        """
         return (self.unit / self.slowed * 10**9).as_integer_ratio()
 
     @cached_property
     def _steady_steps(self) -> float:
-        """Playing interval of the constant rate `steady_s` [steps]; meaningless if that is None."""
+        """Playing interval of the frames at the constant rate `steady_s` [steps]; meaningless without one."""
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
-        """Largest whole stamp [steps] whose time is not after a capture time since the first frame.
+        """Largest time stamp [steps] whose own time is not after a capture time.
+
+        A stamp's own time is that of its steps, not rounded to a constant frame rate.
 
         Args:
             time_ns: capture time since the first frame [ns], not negative.
@@ -91,9 +100,10 @@ class FrameTiming:
 
     @property
     def sd_ns(self) -> int:
-        """Standard deviation of a capture time [ns], from rounding stamps to steps: step / sqrt(12).
+        """Standard deviation of a frame's capture time [ns] that comes from rounding stamps to steps.
 
-        The value is at least 1 ns, and 1 ns where `steady_s` removes the rounding.
+        It is the step's duration as captured over sqrt(12), at least 1 ns; 1 ns if the rounding is undone
+        (`steady_s`).
         """
         if self.steady_s is not None:
             return 1
@@ -103,9 +113,7 @@ class FrameTiming:
 def frame_timing(
     stamps: Sequence[int], unit: Fraction, stated_hz: Fraction | None, capture_hz: float | None
 ) -> FrameTiming | None:
-    """Conversion of stamps to capture times, determined from the stamps of a stream's first frames.
-
-    None for fewer than two different stamps.
+    """Determine how a video's time stamps convert to capture times, from those of its first frames.
 
     Args:
         stamps: time stamps in any order [steps].
@@ -113,6 +121,10 @@ def frame_timing(
         stated_hz: frame rate that the container states [Hz]; None if it states none.
         capture_hz: true frame rate [Hz] if the container plays slower than was captured; None if the stamps
             are true.
+
+    Returns:
+        The conversion, with first stamp, frame interval and slowing factor; None for fewer than two
+        different stamps.
     """
     rising = np.unique(np.asarray(stamps, dtype=np.int64))
     if len(rising) < 2:
@@ -135,10 +147,10 @@ def frame_timing(
 
 
 def usual_interval(times: Sequence[int]) -> float:
-    """Mean interval between consecutive frames, from two or more different times in any order.
+    """Mean interval between consecutive frames without gaps, in the unit of `times`.
 
-    The unit is that of the times. Intervals that differ from the median by more than
-    `SAME_INTERVAL_FRACTION` of it (missing frames) are ignored.
+    There must be two or more different times, in any order. Intervals that differ from the median by more
+    than `SAME_INTERVAL_FRACTION` of it (missing frames) are ignored.
     """
     gaps = np.diff(np.unique(np.asarray(times, dtype=np.int64)))
     middle = np.sort(gaps)[len(gaps) // 2]  # an interval that occurs, so that at least one is near it
@@ -146,12 +158,12 @@ def usual_interval(times: Sequence[int]) -> float:
 
 
 def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
-    """True if increasing stamps since the first are multiples of a constant frame interval.
+    """True if stamps lie on multiples of a constant frame interval, to within one step.
 
-    Each may be off by one step, and the median distance is one interval.
+    The median distance between neighbouring stamps must also be about one interval.
 
     Args:
-        steps: (n,) stamps since the first [steps].
+        steps: (n,) increasing stamps since the first [steps].
         interval: frame interval [steps].
     """
     places = steps / float(interval)
@@ -160,10 +172,10 @@ def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
 
 
 def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
-    """Shortest and longest running median of the intervals between frames [ns].
+    """Shortest and longest frame interval [ns], each a median over `RECENT_INTERVALS` intervals.
 
-    Both are similar if the frame rate is constant, and 0 for one frame or none. The median runs over
-    `RECENT_INTERVALS` intervals.
+    The median runs over all frames. The two values are similar if the frame rate is constant, and 0 for one
+    frame or none.
 
     Args:
         times_ns: (n,) times of all frames [ns], increasing.
@@ -178,9 +190,10 @@ def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
 
 @dataclass
 class MissingFrames:
-    """Counter of missing frames: gaps between the increasing times given to `before` or `before_each`.
+    """Counter of missing frames, from gaps between the frame times given to its methods.
 
-    An interval from `GAP_INTERVALS` times the median of the last `RECENT_INTERVALS` intervals on is a gap.
+    An interval is a gap if it is at least `GAP_INTERVALS` times the median of the last `RECENT_INTERVALS`
+    intervals. `before` takes one time, `before_each` several; times increase.
     """
 
     interval_ns: float
@@ -197,9 +210,9 @@ class MissingFrames:
     _recent: deque[int] = field(default_factory=lambda: deque(maxlen=RECENT_INTERVALS))
 
     def before(self, time_ns: int) -> int:
-        """Number of frames missing between the previous frame and the next one; 0 for the first frame.
+        """Number of frames missing between the previous frame and the next; 0 if there is no previous one.
 
-        The frames and the gap are added to the counts.
+        Missing frames and the gap are added to the counts.
 
         Args:
             time_ns: time of the next frame [ns].
@@ -223,9 +236,9 @@ class MissingFrames:
         return missing
 
     def before_each(self, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Numbers (n,) of frames missing before each of the next n frames; 0 before a sequence's first.
+        """Numbers (n,) of frames missing directly before each of the next n frames.
 
-        The frames and the gaps are added to the counts.
+        A sequence's first frame has 0. Missing frames and gaps are added to the counts.
 
         Args:
             times_ns: (n,) times of the next frames [ns], increasing.
@@ -248,7 +261,7 @@ class MissingFrames:
         self._last_ns = None
 
     def remark(self, name: str) -> str | None:
-        """Sentence for the user about the missing frames; None if there are none.
+        """Sentence for the user: number of missing frames and longest gap; None if none is missing.
 
         Args:
             name: name of the source, put before the sentence.

@@ -1,4 +1,4 @@
-"""Images as PNG or JPEG files for recordings: PNG and JPEG data are kept, other formats become PNG."""
+"""PNG and JPEG files for recordings: such data are kept, images of other formats become PNG."""
 
 from __future__ import annotations
 
@@ -36,10 +36,13 @@ def is_image_file(data: Buffer) -> bool:
 
 
 def image_file(data: Buffer) -> ImageFile | None:
-    """Convert an image file's bytes to a PNG or JPEG file; None if they are damaged or no image.
+    """Convert an image file's bytes to a PNG or JPEG file.
 
     Bytes of a complete PNG or JPEG file are kept (a JPEG without Huffman tables gets the standard ones);
     another format is decoded and encoded as a grey PNG.
+
+    Returns:
+        The PNG or JPEG file with its format and size [px]; None if the bytes are damaged or no image.
     """
     if (jpeg := jpeg_file(data)) is not None:
         return ImageFile(JPEG, *jpeg)

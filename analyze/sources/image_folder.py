@@ -58,7 +58,7 @@ class ImageFolder:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remark for the user about images that the CSV does not name; empty if it names all."""
+        """One remark for the user if the CSV does not name all images of the folder, else empty."""
         named = {path.resolve() for _, path in self._images}
         there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
         unnamed = sum(path not in named for path in there)
@@ -104,11 +104,14 @@ class ImageFolder:
         return (timed for timed in self._images if is_within(timed[0], start_ns, end_ns))
 
     def _read(self, path: Path, decode: Callable[[bytes], T | None]) -> T:
-        """Read an image and decode it.
+        """Read an image file and convert its bytes with `decode`.
 
         Args:
             path: path of the image.
             decode: conversion of the file's bytes; it returns None for bytes that are no image.
+
+        Returns:
+            The result of `decode`, such as grey values.
 
         Raises:
             ImportRefused: the file cannot be read, or is not an image.
@@ -148,7 +151,9 @@ def _only_csv(folder: Path) -> Path:
 
 
 def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
-    """Read the time since the first image [ns] and the path of each image, in the order of the times.
+    """Read a CSV of images; return time and path of each image, in the order of the times.
+
+    Times are since the first image [ns].
 
     Args:
         path: the CSV.
@@ -181,7 +186,9 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
 
 
 def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
-    """Read the time [s] and the path of each image that a CSV names, in the order of the times.
+    """Read the lines of a CSV of images; return time [s] and path of each image, by time.
+
+    Times have the CSV's own zero.
 
     Args:
         path: the CSV.
@@ -216,16 +223,19 @@ def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
 
 
 def _rows(file: TextIO) -> csv.DictReader[str]:
-    """Reader of a CSV's rows by column name, the names in lower case and without surrounding blanks."""
+    """Reader of a CSV's rows, each a mapping from column name to text.
+
+    Column names are in lower case and without surrounding blanks.
+    """
     rows = csv.DictReader(file)
     rows.fieldnames = [name.strip().lower() for name in rows.fieldnames or ()]
     return rows
 
 
 def _seconds(text: str | None) -> Decimal | None:
-    """Parse a time [s] to a decimal number, since seconds since 1970 need more digits than a float has.
+    """Parse a time [s] to a decimal number; None if the text is missing or no finite number.
 
-    None if the text is no finite number, or missing.
+    A float has too few digits for seconds since 1970.
     """
     try:
         value = Decimal((text or "").strip())
@@ -235,7 +245,7 @@ def _seconds(text: str | None) -> Decimal | None:
 
 
 def _rounding_sd_ns(path: Path) -> int:
-    """Standard deviation [ns] of rounding in a CSV's times: unit of the last decimal / sqrt(12).
+    """Standard deviation [ns] of the rounding of a CSV's times: unit of the last decimal / sqrt(12).
 
     The time with the most decimals counts; times in exponent notation are ignored. The result is at least
     1 ns.

@@ -43,7 +43,7 @@ MESSAGE_RECORD_HEAD = np.dtype(
 
 
 def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Buffer, ...]:
-    """Encode a foxglove.CompressedImage message.
+    """Encode an image file as a foxglove.CompressedImage message.
 
     Args:
         camera: name of the camera, the message's frame_id.
@@ -51,7 +51,8 @@ def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Bu
         file: PNG or JPEG file.
 
     Returns:
-        Two buffers that form the message one after the other: all fields' heads, and the file's bytes.
+        Two buffers that together, in this order, are the message: all other fields and the key and length
+        of the field `data`; the file's bytes.
     """
     return timestamp_field(log_time_ns) + _file_head(camera, file.format) + _FILE_DATA + varint(
         len(file.data)
@@ -60,7 +61,12 @@ def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Bu
 
 @cache
 def _file_head(camera: str, kind: str) -> bytes:
-    """Encoded fields frame_id and format of a foxglove.CompressedImage, the same in all its messages."""
+    """Encoded fields frame_id and format of a foxglove.CompressedImage.
+
+    Args:
+        camera: name of the camera.
+        kind: format of the image, jpeg or png.
+    """
     return CompressedImage(frame_id=camera, format=kind).SerializeToString(deterministic=True)
 
 
@@ -76,7 +82,7 @@ class VideoMessages(NamedTuple):
 
 
 def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[Buffer, ...]:
-    """Encode a foxglove.RawImage message in mono8.
+    """Encode grey values as a foxglove.RawImage message in mono8 (8 bits per pixel).
 
     Args:
         camera: name of the camera, the message's frame_id.
@@ -84,7 +90,8 @@ def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[
         image: (height, width) grey values.
 
     Returns:
-        Two buffers that form the message one after the other: all fields' heads, and the pixels row by row.
+        Two buffers that together, in this order, are the message: all other fields and the key and length
+        of the field `data`; the pixels row by row.
     """
     height, width = image.shape
     pixels = np.ascontiguousarray(image)
@@ -95,7 +102,7 @@ def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[
 
 @cache
 def _raw_head(camera: str, width: int, height: int) -> bytes:
-    """Encoded fields of a mono8 foxglove.RawImage without time stamp and pixels; size in px."""
+    """Encoded fields of a mono8 foxglove.RawImage except time stamp and pixels; width and height in px."""
     return RawImage(
         width=width, height=height, encoding="mono8", step=width, frame_id=camera
     ).SerializeToString(deterministic=True)
@@ -103,12 +110,14 @@ def _raw_head(camera: str, width: int, height: int) -> bytes:
 
 @cache
 def _video_head(camera: str, kind: VideoFormat) -> bytes:
-    """Encoded fields frame_id and format of a foxglove.CompressedVideo, the same in all its messages."""
+    """Encoded fields frame_id (the camera's name) and format (codec) of a foxglove.CompressedVideo."""
     return CompressedVideo(frame_id=camera, format=kind.value).SerializeToString(deterministic=True)
 
 
 def video_room(camera: str, kind: VideoFormat) -> int:
-    """Number of bytes before each coded picture in a recording: MCAP record head and protobuf fields.
+    """Number of bytes before each coded picture in a recording.
+
+    They hold the head of the MCAP message record, and the message's protobuf fields before the picture.
 
     Args:
         camera: name of the camera, the message's frame_id.
@@ -122,8 +131,8 @@ def put_video_heads(
 ) -> None:
     """Write the head of an MCAP message record and foxglove.CompressedVideo's fields before each picture.
 
-    The heads are written in place into the free bytes of `data`. All heads are made at once, as columns: a
-    gigabyte of video has 100 000 pictures.
+    They are written in place into the free bytes of `data`. Those of all pictures are computed at once with
+    numpy, since a gigabyte of video has 100 000 pictures.
 
     Args:
         camera: name of the camera, the messages' frame_id.
@@ -154,7 +163,10 @@ def put_video_heads(
 
 @cache
 def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
-    """Layout of the bytes before each coded picture: MCAP record head and protobuf fields."""
+    """Layout (numpy dtype) of the bytes before each coded picture in a recording.
+
+    These are the head of the MCAP message record, and the message's protobuf fields before the picture.
+    """
     fields = len(_video_head(camera, kind) + _VIDEO_DATA)
     seconds, nanoseconds, length = (
         (name, "u1", VARINT_BYTES) for name in ("seconds", "nanoseconds", "length")
@@ -173,7 +185,10 @@ def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
 
 
 def _varints(values: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """Protobuf varints (n, VARINT_BYTES) of n values below 2^35, padded with zeros to one length."""
+    """Encode n values below 2^35 as protobuf varints (integers of variable length).
+
+    Returns bytes (n, VARINT_BYTES): all varints are padded with zeros to this length.
+    """
     table = (values[:, None] >> 7 * np.arange(VARINT_BYTES) & 127).astype(np.uint8)
     table[:, :-1] |= 128
     return table

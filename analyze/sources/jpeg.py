@@ -1,4 +1,4 @@
-"""Completes pictures of Motion JPEG to JPEG files (ITU-T T.81) without coding them anew.
+"""Completes pictures of Motion JPEG to JPEG files (ITU-T T.81) without encoding the images again.
 
 Streaming cameras omit the Huffman tables if they are those of the standard's annex K; some readers need them.
 """
@@ -20,7 +20,9 @@ FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {_TABLES, 0xC8, 0xCC}
 
 
 def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
-    """Complete JPEG file of a coded picture, with annex K's Huffman tables added if it has none.
+    """Complete a coded picture to a JPEG file: if it has no Huffman tables, the standard's are added.
+
+    The standard's tables are those of ITU-T T.81, annex K.
 
     Returns:
         The file (the picture's own buffer if nothing was added), its width and its height [px]; None if no
@@ -41,9 +43,10 @@ def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
 
 
 def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
-    """Yield marker, offset and length [bytes] of each segment's content, up to the first scan header.
+    """Yield each segment of a JPEG: its marker (kind), and offset and length [bytes] of its content.
 
-    The segments end early at a damaged one; data that are no JPEG have none.
+    The last one is the first scan header, or the last whole segment before a damaged one. Data that are no
+    JPEG have none.
     """
     if bytes(picture[:2]) != JPEG_START:
         return
@@ -64,7 +67,10 @@ def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
 
 @cache
 def _standard_tables() -> bytes:
-    """JPEG segments (DHT) with annex K's Huffman tables, taken from a picture that FFmpeg encodes."""
+    """JPEG segments with the standard's Huffman tables (ITU-T T.81, annex K), as bytes.
+
+    They are taken from a picture that FFmpeg encodes.
+    """
     encoder = av.CodecContext.create("mjpeg", "w")
     assert isinstance(encoder, av.VideoCodecContext)  # noqa: S101 - mjpeg is a video codec
     encoder.width, encoder.height, encoder.pix_fmt, encoder.time_base = 16, 16, "yuvj420p", Fraction(1)

@@ -56,7 +56,7 @@ class McapFile:
         self.path = path
 
     def topics(self) -> list[LoggedTopic]:
-        """Read the topics from the file's index, sorted by name, then by message type and encoding.
+        """Topics by the file's index, sorted by name, then by message type and encoding.
 
         Raises:
             ImportRefused: the file is damaged, without index or messages, or already one of this project's
@@ -112,7 +112,10 @@ class McapFile:
 
     @contextmanager
     def _named_damage(self) -> Iterator[None]:
-        """Convert every error within the `with` block to ImportRefused with the file's name."""
+        """Convert every error within the `with` block to ImportRefused with the file's name.
+
+        An ImportRefused of the block itself passes unchanged.
+        """
         try:
             yield
         except ImportRefused:
@@ -136,7 +139,7 @@ class BagFile:
         self.path = path
 
     def topics(self) -> list[LoggedTopic]:
-        """Read the topics, sorted by name, then by message type and encoding.
+        """Topics of the bag, sorted by name, then by message type and encoding.
 
         Raises:
             ImportRefused: the bag cannot be read.
@@ -173,7 +176,10 @@ class BagFile:
 
     @contextmanager
     def _opened(self) -> Iterator[Reader]:
-        """Open the bag for the `with` block, and convert every error to ImportRefused with its name."""
+        """Open the bag for a `with` block, which gets its reader.
+
+        Errors of opening and of the block become ImportRefused with the bag's name.
+        """
         try:
             with Reader(self.path) as reader:
                 yield reader
@@ -189,7 +195,7 @@ class BagFile:
 
 
 def _serialization(connection: Connection) -> str:
-    """Encoding of the messages of a bag's connection (topic and type): cdr unless the bag states another."""
+    """Encoding of the messages of a bag's connection (one topic with one type); cdr if not stated."""
     return str(getattr(connection.ext, "serialization_format", "cdr"))
 
 
@@ -199,10 +205,10 @@ def is_bag(path: Path) -> bool:
 
 
 def is_message_file(path: Path) -> bool:
-    """True if the path is an MCAP file by its name, or a ROS 2 bag."""
+    """True if the path is a ROS 2 bag, or its name ends in .mcap."""
     return path.suffix.lower() == ".mcap" or is_bag(path)
 
 
 def open_message_file(path: Path) -> McapFile | BagFile:
-    """Reader for the message file at a path: a bag if it is one by `is_bag`, otherwise MCAP."""
+    """Reader of the message file at a path: of a ROS 2 bag if it is one, otherwise of an MCAP file."""
     return BagFile(path) if is_bag(path) else McapFile(path)

@@ -15,7 +15,7 @@ from analyze.sources.video import VideoSource
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """Options for reading a source of images; each applies to one kind of source."""
+    """Options for reading a source of images; each one applies to one kind of source only."""
 
     capture_hz: float | None = None
     """frame rate at which a slow-motion video was captured [Hz]; None for the rate that the file states"""
@@ -26,11 +26,17 @@ class SourceOptions:
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSource:
-    """Open a message file (MCAP, ROS 2 bag), a folder of images, or else a video.
+    """Open the source of images at a path, of the kind that the path shows.
+
+    A message file (MCAP, ROS 2 bag) gives a `TopicSource`, a folder an `ImageFolder`, any other file a
+    `VideoSource`.
 
     Args:
         path: file or folder.
         options: how to read it.
+
+    Returns:
+        The source; images are read from it with `frames` or `files`.
 
     Raises:
         ImportRefused: the path does not exist, it is no readable source or a ROS 1 bag, or a given option

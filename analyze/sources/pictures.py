@@ -37,7 +37,7 @@ _RAW, _COMPRESSED = "foxglove.RawImage", "foxglove.CompressedImage"
 
 @dataclass(frozen=True)
 class RawPicture:
-    """Pixels as stored in a message."""
+    """Raw (uncompressed) image of a message, with its pixels as stored."""
 
     stamp_ns: int
     """time stamp of the message's header [ns]; 0 if it has none"""
@@ -76,12 +76,15 @@ def is_readable(message_encoding: str, schema: str) -> bool:
 
 
 def parse_picture(message_encoding: str, schema: str, data: bytes) -> Picture:
-    """Parse a message to its image or coded picture, without decoding it.
+    """Parse an image message to its picture, without decoding the pixels.
 
     Args:
         message_encoding: protobuf, json or cdr.
         schema: name of the message type.
         data: the message.
+
+    Returns:
+        A `RawPicture` for a message of raw pixels; a `CodedPicture` for an image file or a video's picture.
 
     Raises:
         ContainerError: the message is damaged, or not of a readable encoding and type.
@@ -103,10 +106,11 @@ def parse_picture(message_encoding: str, schema: str, data: bytes) -> Picture:
 
 
 def grey_values(picture: Picture) -> Image:
-    """Grey values (height, width) uint8 of a still image; of 16-bit pixels the high byte.
+    """Grey values (height, width) uint8 of raw pixels or an image file; of 16-bit pixels the high byte.
 
     Raises:
-        ContainerError: the encoding is not supported, or the pixels or the image file are damaged.
+        ContainerError: the encoding is not supported, the pixels or the image file are damaged, or the
+            picture is one of a video.
     """
     if isinstance(picture, RawPicture):
         return _raw_grey_values(picture)
@@ -143,7 +147,7 @@ def _raw_grey_values(picture: RawPicture) -> Image:
     """Grey values (height, width) uint8 of raw pixels; of 16-bit pixels the high byte.
 
     Raises:
-        ContainerError: the encoding is not supported, or size and number of bytes do not fit.
+        ContainerError: the encoding is not supported, or the number of bytes does not fit the size.
     """
     encoding = picture.encoding.lower()
     channels, code = COLOUR_CONVERSIONS.get(encoding, (1, None))
@@ -195,7 +199,10 @@ def _foxglove_raw(data: bytes) -> Picture:
 
 
 def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Callable[[bytes], Picture]:
-    """Function that parses a protobuf message of type `kind` to its picture; it raises DecodeError."""
+    """Function that parses a protobuf message of type `kind` to its coded picture.
+
+    The function raises DecodeError for a damaged message.
+    """
 
     def parse(data: bytes) -> Picture:
         message = kind.FromString(data)
@@ -207,7 +214,10 @@ def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Call
 
 
 def _json(data: bytes) -> tuple[dict[str, Any], int, bytes]:
-    """Parse a Foxglove message in JSON to its fields, time stamp [ns] and decoded base64 content.
+    """Parse a Foxglove message in JSON.
+
+    Returns:
+        All its fields by name, its time stamp [ns], and the bytes of its field `data`, decoded from base64.
 
     Raises:
         ValueError, KeyError, TypeError, AttributeError, RecursionError: the message is damaged.
@@ -240,12 +250,12 @@ def _json_coded(data: bytes) -> Picture:
 
 @cache
 def ros_types() -> Typestore:
-    """Store of ROS 2 Humble's message types; the types read here are the same in all distributions."""
+    """Store of ROS 2 message types: those of Humble, as image messages are the same in all distributions."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
 def ros_message(data: bytes, kind: str) -> Any:
-    """Deserialise a CDR message to an object with the message's fields.
+    """Deserialise a ROS 2 message from CDR; return an object with the message's fields.
 
     Args:
         data: the message.
@@ -291,7 +301,7 @@ def _ros_coded(data: bytes) -> Picture:
 
 
 def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, Any]:
-    """Parse a camera calibration message to its entries by name, as `calibration_of` takes them.
+    """Parse a camera calibration message to its entries by name.
 
     Args:
         message_encoding: protobuf, json or cdr.
@@ -327,7 +337,7 @@ def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, An
 
 
 def as_video(picture: CodedPicture) -> bytes:
-    """Encode a coded picture as a foxglove.CompressedVideo message, without time stamp and frame_id."""
+    """Bytes of a foxglove.CompressedVideo message with a coded picture, without time stamp and frame_id."""
     return CompressedVideo(format=picture.format, data=picture.data).SerializeToString()
 
 

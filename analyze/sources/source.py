@@ -31,12 +31,14 @@ class TimedFile(NamedTuple):
 
 
 class Frames(Protocol):
-    """Interface of images with increasing times, which may be read several times."""
+    """Interface of a sequence of images with increasing times, which may be read several times."""
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Yield the images from `start_ns` to `end_ns` since the source's start, both included.
+        """Yield the decoded grey images in a range of times, each with its capture time.
 
-        None stands for no limit.
+        Args:
+            start_ns: earliest time since the source's start [ns], included; None for no limit.
+            end_ns: latest time since the source's start [ns], included; None for no limit.
         """
         ...
 
@@ -71,16 +73,17 @@ class FrameSource(Frames, Protocol):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks for the user, such as: cut short, rotated, times assumed.
+        """Remarks for the user on faults of the source, such as that it is cut short or rotated.
 
         They are complete once all images were read.
         """
         ...
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """Yield the images as PNG or JPEG files, unchanged where the source stores them so.
+        """Yield the images as PNG or JPEG files with their capture times.
 
-        Only for sources with `holds_files`; others may leave out images or raise ImportRefused.
+        A file is unchanged where the source stores PNG or JPEG. Use it only for sources with `holds_files`;
+        others may leave out images or raise ImportRefused.
 
         Args:
             start_ns: earliest time since the source's start [ns], included; None for no limit.

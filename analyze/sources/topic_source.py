@@ -99,7 +99,10 @@ class TopicSource:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks for the user: log times used, start left out, images left out. Complete after reading."""
+        """Remarks for the user on faults of the topic; complete once all images were read.
+
+        Faults: log times used for want of header stamps, a video's start left out, images left out.
+        """
         return tuple(self._remarks.values())
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
@@ -174,9 +177,10 @@ class TopicSource:
     def _pictures(
         self, log_from: int | None = None, log_to: int | None = None
     ) -> Iterator[tuple[LoggedMessage, Picture]]:
-        """Yield the topic's images, not decoded, each with its message; of a video only whole pictures.
+        """Yield the topic's messages, each with its picture, which is not decoded.
 
-        A picture that is split over messages comes with the first of them.
+        Of a video only whole pictures are yielded, from the first at which a decoder can begin. A picture
+        that is split over messages comes with the first of them.
 
         Args:
             log_from: earliest log time [ns], included; None for no limit.
@@ -197,7 +201,9 @@ class TopicSource:
             raise ImportRefused(f"{self.name}: {error}") from None
 
     def _messages(self, log_from: int | None, log_to: int | None) -> Iterator[tuple[LoggedMessage, Picture]]:
-        """Yield the topic's messages between two log times [ns] (None: no limit), each with its content.
+        """Yield the topic's messages between two log times [ns], each with its picture, not decoded.
+
+        Both times are included; None stands for no limit.
 
         Raises:
             ImportRefused: the file or a message is damaged.
@@ -209,10 +215,10 @@ class TopicSource:
                 raise ImportRefused(f"{self.name}: {error}: the file is damaged") from None
 
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Picture]]:
-        """Yield time since the topic's first image [ns] and picture of the messages in a range.
+        """Yield the topic's pictures in a range of times, each as (time [ns], picture), not decoded.
 
-        For video, all earlier messages (which the decoder needs) and some later ones are yielded, too. The
-        ends of the range are times since the first image [ns], included; None stands for no limit.
+        All times are since the topic's first image; both ends are included, None stands for no limit. Of a
+        video, all earlier pictures (which the decoder needs) and some later ones are yielded, too.
         """
         margin = LOG_MARGIN_NS if self._by_header or self._is_video else 0
         log_from = None if start_ns is None or self._is_video else max(self._logged_ns + start_ns - margin, 0)
@@ -223,7 +229,14 @@ class TopicSource:
                 yield time_ns, picture
 
     def _images(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedImage]:
-        """Yield the decoded images in a range of times, as `frames` does, without checks of time and size."""
+        """Yield the topic's decoded grey images between two times since its first image [ns].
+
+        Both times are included; None stands for no limit. Increasing times and equal sizes are not checked.
+
+        Raises:
+            ImportRefused: the file is damaged, an image cannot be decoded, or a video's times are not in
+                display order.
+        """
         found = self._between(start_ns, end_ns)
         try:
             if self._is_video:
@@ -241,7 +254,13 @@ class TopicSource:
             raise ImportRefused(f"{self.name}: {error}") from None
 
     def _files(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedFile]:
-        """Yield the image files in a range of times, as `files` does, without checks of time and size."""
+        """Yield the topic's images as PNG or JPEG files, between two times since its first image [ns].
+
+        Both times are included; None stands for no limit. Increasing times and equal sizes are not checked.
+
+        Raises:
+            ImportRefused: the file is damaged, or an image is no image file.
+        """
         for time_ns, picture in self._between(start_ns, end_ns):
             file = image_file(picture.data) if isinstance(picture, CodedPicture) else None
             if file is None:
@@ -251,7 +270,10 @@ class TopicSource:
             yield TimedFile(time_ns, file)
 
     def _increasing(self, found: Iterator[_Image]) -> Iterator[_Image]:
-        """Yield images with increasing times; the others are left out, with a remark at the end."""
+        """Yield those images of `found` whose time is after that of the last one yielded.
+
+        The others are left out; a remark with their number is added at the end.
+        """
         last_ns, behind = -1, 0
         for each in found:
             if each.time_ns <= last_ns:
@@ -273,10 +295,11 @@ class TopicSource:
             )
 
     def _as_recorded(self, found: Iterator[tuple[int, Picture]]) -> Iterator[RecordedMessage]:
-        """Yield coded pictures as messages of a recording, numbered from 0.
+        """Yield coded pictures as messages of a recording, the form that the video decoder takes.
 
         Args:
-            found: time [ns], which becomes the message's log time, and picture.
+            found: time [ns], which becomes the message's log time, and picture. Sequence numbers count all of
+                them from 0; raw pictures are left out.
         """
         for number, (time_ns, picture) in enumerate(found):
             if isinstance(picture, CodedPicture):
@@ -285,13 +308,13 @@ class TopicSource:
                 )
 
     def _examine(self) -> tuple[NDArray[np.uint8], list[int], list[int]]:
-        """Read the first image, and header stamps and log times of the first `EXAMINED_MESSAGES` images.
+        """Read the first image and the times of the first `EXAMINED_MESSAGES` images.
 
         The source's times are provisionally set to log times since the first image.
 
         Returns:
-            The image (height, width) uint8, the stamps [ns] and the log times [ns]; the times of a video are
-            those of the pictures that decode, in display order.
+            The first image (height, width) uint8; the header stamps [ns] and the log times [ns] of the
+            images. The times of a video are those of the pictures that decode, in display order.
 
         Raises:
             ImportRefused: there are fewer than two images, or video cannot be decoded or has wrong times.
@@ -324,8 +347,8 @@ class TopicSource:
         """Decode the first `count` coded pictures of a video.
 
         Returns:
-            The first image (height, width) uint8, and the pictures' numbers in the file in display order,
-            without those that do not decode.
+            The first image (height, width) uint8; the numbers of the pictures that decode, in display order
+            (a number is the picture's place in the file, from 0).
 
         Raises:
             ImportRefused: less than `MIN_DECODED_FRACTION` of the pictures decode, or decoding fails.
@@ -349,7 +372,7 @@ class TopicSource:
         return first, shown
 
     def _note_skipped_start(self, log_ns: int) -> None:
-        """Add a remark if pictures come before the first that can be decoded.
+        """Add a remark if a video's first pictures are left out because no key picture begins them.
 
         Args:
             log_ns: log time of the first picture that can be decoded [ns].
@@ -370,7 +393,7 @@ class TopicSource:
 
 
 def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> LoggedTopic:
-    """Topic of readable images with the given name, or the only one if `name` is None.
+    """Topic with readable images that the user means: the one called `name`, or the only one if None.
 
     Raises:
         ImportRefused: there is no such topic, or `name` is None and there are several.
@@ -409,10 +432,10 @@ def _is_increasing(times: list[int]) -> bool:
 
 
 def _time_sd_ns(times: list[int]) -> int:
-    """Standard deviation of a time stamp [ns], from the second differences of the frames' times [ns].
+    """Standard deviation of a frame's time [ns], from the second differences of the frames' times [ns].
 
-    It is 1.4826 times their median absolute value over sqrt(6), so that lost frames hardly affect it, and at
-    least `MIN_TIME_SD_NS`.
+    It is 1.4826 times the median absolute second difference over sqrt(6), so that lost frames hardly affect
+    it, and at least `MIN_TIME_SD_NS`.
     """
     second: Array = np.diff(np.array(times, dtype=np.int64), 2).astype(np.float64)
     if len(second) == 0:

@@ -1,4 +1,4 @@
-"""Image source: a video file, with grey values, times, and for some codecs the pictures as coded.
+"""Image source: a video file, with grey values, times, and for some codecs the compressed pictures.
 
 Any codec that FFmpeg reads is accepted. Images are in the sensor's orientation: a file's rotation tag is
 ignored, as in a calibration's images, since the lens belongs to the sensor, and the camera's orientation is
@@ -96,7 +96,11 @@ class VideoSource:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks for the user: slow motion, rotation, damaged frames, cut short. Complete after reading."""
+        """Remarks for the user on faults of the video; complete once all images were read.
+
+        Faults: slow motion, rotation, damaged frames, end cut short; a changing frame rate only after a call
+        of `check_constant_rate`.
+        """
         return tuple(self._remarks.values())
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
@@ -144,6 +148,7 @@ class VideoSource:
     def coded(self, room: int = 0) -> Iterator[CodedPictures]:
         """Yield the video's pictures still compressed, in decoding order, in groups.
 
+        Each group has the pictures' capture times since the first frame [ns], and which are key pictures.
         Damaged pictures are left out, with a remark.
 
         Args:
@@ -178,10 +183,10 @@ class VideoSource:
         self._note_count(seen, last_ns)
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """Yield the pictures of a PNG or Motion JPEG video as files, with increasing times.
+        """Yield the pictures of a PNG or Motion JPEG video as image files, with increasing times.
 
-        Times are capture times since the first frame. Pictures without a time stamp are left out; damaged
-        ones, and those of other codecs, too, with a remark at the file's end.
+        Times are capture times since the first frame. Pictures without a time stamp are left out. Damaged
+        pictures are left out with a remark at the file's end, as are those of a video of another codec.
 
         Args:
             start_ns: earliest capture time since the first frame [ns], included; None for no limit.
@@ -241,7 +246,10 @@ class VideoSource:
     # --- the file
 
     def _open(self, options: dict[str, str] | None = None) -> InputContainer:
-        """Open the file with FFmpeg.
+        """Open the video file with FFmpeg and return the open file.
+
+        Args:
+            options: FFmpeg's options by name; None for none.
 
         Raises:
             ImportRefused: the file does not exist, is a folder, or is not a readable video.
@@ -263,9 +271,9 @@ class VideoSource:
             raise ImportRefused(f"{self.path}: not a readable video ({error.strerror}){cut}") from None
 
     def _packets(self, container: InputContainer, stream: av.VideoStream) -> Iterator[av.Packet]:
-        """Yield the stream's packets without corrupt ones; at a reading error, end.
+        """Yield the stream's packets (coded pictures), up to the end or an error of reading.
 
-        Either fault adds the remark that the file is cut short.
+        Corrupt packets are left out. These and an error of reading add the remark that the file is cut short.
         """
         packets = container.demux(stream)
         while True:
@@ -284,12 +292,15 @@ class VideoSource:
     def _read_timing(
         self, container: InputContainer, stream: av.VideoStream, capture_hz: float | None
     ) -> FrameTiming:
-        """Determine the timing from the first `EXAMINED_FRAMES` time stamps of the stream.
+        """Determine how time stamps convert to capture times, from the first `EXAMINED_FRAMES` stamps.
 
         Args:
             container: the open file.
             stream: its video stream.
             capture_hz: capture rate that the user states [Hz]; None for the file's.
+
+        Returns:
+            The conversion; the zero of capture times is the first frame.
 
         Raises:
             ImportRefused: there are fewer than two different time stamps.
@@ -314,10 +325,15 @@ class VideoSource:
     def _capture_rate(
         self, container: InputContainer, played: FrameTiming, given_hz: float | None
     ) -> float | None:
-        """Capture rate [Hz] from the user, else from the file; None if neither states one.
+        """Capture rate [Hz] as the user states it, else as the file does for slow motion; otherwise None.
 
-        A rate that the file states counts as slow motion from `MIN_SLOW_FACTOR` times the playing rate on. A
-        remark is added if that rate is used, or if it differs from the user's by this factor.
+        The file's rate counts if it is at least `MIN_SLOW_FACTOR` times the playing rate. A remark is added
+        if it is used, or if it differs from the user's by this factor.
+
+        Args:
+            container: the open file.
+            played: conversion of stamps to playing times, with the playing interval.
+            given_hz: capture rate that the user states [Hz]; None if he states none.
         """
         stated_hz = capture_rate_hz(container)
         if stated_hz is None or stated_hz * played.interval_s < MIN_SLOW_FACTOR:
@@ -335,7 +351,7 @@ class VideoSource:
         return given_hz or stated_hz
 
     def _first_frame(self, container: InputContainer) -> av.VideoFrame:
-        """Decode the first frame of an open file.
+        """First frame of an open file, decoded.
 
         Raises:
             ImportRefused: no frame can be decoded.
@@ -375,7 +391,7 @@ class VideoSource:
             self._remarks["damaged"] = f"{self.name}: {frames} frames cannot be decoded and are left out"
 
     def _note_count(self, frames: int, last_ns: int) -> None:
-        """Add the remark "cut short" if frames or time are missing at the end, by the file's own statement.
+        """Add the remark "cut short" if the file ends before the frame count or duration that it states.
 
         Args:
             frames: number of frames that were read.
@@ -391,7 +407,7 @@ class VideoSource:
 
 
 def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:
-    """Yield packets in groups, each ended once it has `GROUP_PICTURES` packets or `GROUP_BYTES` bytes.
+    """Yield packets in lists, each ended once it has `GROUP_PICTURES` packets or `GROUP_BYTES` bytes.
 
     The empty packet with which FFmpeg ends a stream is left out.
     """

@@ -19,7 +19,7 @@ MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
 
 
 def begins_like_mp4(path: Path) -> bool:
-    """True if the file begins with a box (unit) of the MP4 format."""
+    """True if the file begins with one of the boxes (units of data) that begin an MP4 or QuickTime file."""
     with path.open("rb") as file:
         return file.read(8)[4:] in {b"ftyp", b"moov", b"mdat", b"wide", b"free"}
 
@@ -36,7 +36,10 @@ def video_stream(container: InputContainer, path: Path) -> av.VideoStream:
 
 
 def capture_rate_hz(container: InputContainer) -> float | None:
-    """Capture rate that the file states under `CAPTURE_RATE_KEY` [Hz]; None if none, or not 1 to 1e6."""
+    """Capture rate [Hz] that a video file states under `CAPTURE_RATE_KEY` in its metadata.
+
+    None if it states none, or one outside 1 to 1e6.
+    """
     try:
         rate = float(container.metadata.get(CAPTURE_RATE_KEY) or "")
     except ValueError:
@@ -45,10 +48,11 @@ def capture_rate_hz(container: InputContainer) -> float | None:
 
 
 def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
-    """Least capture time [s] since the first frame that the last frame of a complete file has.
+    """Earliest capture time [s] since the first frame at which a complete file may end.
 
-    It is the stated playing duration over `timing.slowed`, less 2.5 frame intervals, or less 1 s if the file
-    has other streams, which may last longer. An earlier last frame shows that the file is cut short.
+    It is the stated playing duration over `timing.slowed` (playing time over capture time), less 2.5 frame
+    intervals, or less 1 s if the file has other streams, which may last longer. A file whose last frame is
+    earlier is cut short.
 
     Returns:
         The time; None if the file states no duration.
@@ -61,9 +65,9 @@ def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None
 
 
 def wall_start_ns(container: InputContainer) -> int | None:
-    """Time of recording that the file states, to the second [ns since 1970]; None if none or implausible.
+    """Wall-clock time of the recording that a video file states, to the second [ns since 1970].
 
-    Implausible is a time up to 1970, as of a camera whose clock is not set.
+    None if it states none, or a time up to 1970, as a camera whose clock is not set does.
     """
     try:
         stated = datetime.fromisoformat(str(container.metadata.get("creation_time", "")))

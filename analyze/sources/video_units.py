@@ -1,4 +1,4 @@
-"""Assembles whole coded pictures from video messages.
+"""Assembles whole coded pictures from the messages of a video topic.
 
 foxglove.CompressedVideo requires one whole picture per message, but some programs split pictures.
 """
@@ -20,10 +20,10 @@ the message that contains its first part"""
 
 
 def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
-    """Yield whole coded pictures with their messages, from the first key picture with parameter sets on.
+    """Yield whole coded pictures with their messages, from the first one where a decoder can begin.
 
-    A decoder can begin at that picture; earlier ones are left out. A picture that was split comes with the
-    message of its first part.
+    That is the first key picture with parameter sets; earlier ones are left out. A picture that was split
+    over messages comes with the message of its first part.
 
     Args:
         messages: messages in the order in which they were written, each with a picture or a part of one.
@@ -43,9 +43,9 @@ def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
 def _assembled(messages: Iterable[Unit]) -> Iterator[Unit]:
     """Yield whole coded pictures, assembled from messages that contain parts of them.
 
-    Messages without a slice (parameter sets) are put before the next picture; slices that begin no picture
-    are appended to the previous picture, and left out before the first. A picture comes with the message of
-    its first slice.
+    Messages without a slice (part of the image), which hold parameter sets, are put before the next picture.
+    Slices that begin no picture are appended to the previous picture; before the first they are left out.
+    A picture comes with the message of its first slice.
 
     Raises:
         ContainerError: a message does not begin with a start code, contains several pictures, or is of an
