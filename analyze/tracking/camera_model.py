@@ -4,9 +4,10 @@ Integer pixel coordinates are pixel centres. Ideal pixels are those of a pinhole
 and no distortion: straight edges are straight in them. Only `undistort` and `distort` depend on the lens; all
 other code works on ideal pixels.
 
-A fisheye (Kannala and Brandt 2006, as in OpenCV) images a ray at theta off the optical axis at a distance of
-theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels
-grow with tan(theta): beyond `MAX_FISHEYE_ANGLE_RAD` there are none (NaN).
+A fisheye (Kannala and Brandt 2006, as in OpenCV) images a ray at the angle theta off the optical axis at a
+distance of theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) focal lengths from the middle, with
+k1 to k4 the lens's distortion coefficients. Its ideal pixels grow with tan(theta): beyond
+`MAX_FISHEYE_ANGLE_RAD` there are none (NaN).
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ cannot be fitted"""
 
 
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
-    """Camera model (size, matrix, lens, pose in the world frame W, line time) of a stored calibration."""
+    """Camera model (size, matrix, lens, pose in the world frame W, line time) of a stored calibration.
+
+    The line time is the delay [s] from one image row to the next.
+    """
     return CameraModel(
         width=spec.width,
         height=spec.height,
@@ -70,7 +74,7 @@ def undistort(camera: CameraModel, points_px: Array) -> Array:
 
 
 def fisheye_coefficients(distortion: Array) -> Array:
-    """Coefficients (4,) k1, k2, k3, k4 of a fisheye; zeros if `distortion` has another length than 4."""
+    """Distortion coefficients (4,) k1 to k4 of a fisheye; zeros if `distortion` has another length than 4."""
     return (
         np.asarray(distortion, dtype=float)
         if len(distortion) == FISHEYE_COEFFICIENTS
@@ -81,9 +85,9 @@ def fisheye_coefficients(distortion: Array) -> Array:
 def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
     """Ideal (distortion-free) pixels (..., 2) of raw points (..., 2) of a fisheye, by Newton's method.
 
-    It solves for the angle theta off the axis; NaN where there is no solution below `MAX_FISHEYE_ANGLE_RAD`.
-    Not by cv2.fisheye.undistortPoints, which stops at the first stationary point of the polynomial and
-    returns -1000000.
+    The method solves for theta, the angle between a point's ray and the optical axis. The result is NaN where
+    there is no theta below `MAX_FISHEYE_ANGLE_RAD` (80 deg). OpenCV's cv2.fisheye.undistortPoints is not
+    used: it stops at the first stationary point of the lens's polynomial and returns -1000000.
     """
     k = fisheye_coefficients(camera.distortion)
     drawn = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
@@ -137,8 +141,9 @@ def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
 def project(camera: CameraModel, points_camera: Array) -> Array:
     """Raw image points (..., 2) [px] of points (..., 3) in the camera frame [m], in front of the camera.
 
-    Far outside the image the points are those of a pinhole, because the lens's polynomial may fold back
-    there.
+    Points far outside the image are projected as by a pinhole, because the lens's polynomial may fold back
+    there: those farther from the principal point than the image's diagonal, or more than about 80 deg off the
+    axis of a fisheye.
     """
     ideal = project_ideal(camera, points_camera)
     reach = math.hypot(camera.width, camera.height)
@@ -151,7 +156,7 @@ def project(camera: CameraModel, points_camera: Array) -> Array:
 
 
 def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
-    """Derivative (..., 2, 3) [px/m] of the ideal pixel by the point (..., 3) in the camera frame [m]."""
+    """Derivative (..., 2, 3) [px/m] of ideal pixels by the points' positions (..., 3) in the camera frame."""
     K = camera.K
     X, Y, Z = points_camera[..., 0], points_camera[..., 1], points_camera[..., 2]
     zero = np.zeros_like(Z)
@@ -178,7 +183,11 @@ class PixelMap:
 
 @lru_cache(maxsize=4)
 def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: LensModel) -> PixelMap:
-    """Pixel map of a camera with these values, cached by them; K and distortion as bytes of floats."""
+    """Table of the ideal (distortion-free) coordinates of all pixels of a camera, cached by these values.
+
+    `K`, the (3, 3) camera matrix [px], and `distortion` are the bytes of float arrays, because arrays cannot
+    be keys of a cache.
+    """
     return PixelMap(
         CameraModel(
             width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4), model

@@ -1,16 +1,17 @@
 """Sub-pixel corners of a black square in an image, by fits of its edges to the grey values.
 
-One file, because band, model and fit share a layout tuned for speed.
+All is in one file, because the band of pixels along the edges, their model and its fit share a layout tuned
+for speed.
 
 Each edge is fitted to the grey values of the pixels along it; corners are accurate to a few hundredths of a
 pixel.
 
-Model of one edge: I = black + (white - black) * Phi(d / s), with d the signed distance of a pixel's centre
-from the edge line in ideal (distortion-free) coordinates, Phi the normal distribution function, s the blur of
-lens and pixel. Five numbers per edge (position, direction, black, white, s) are fitted by Gauss-Newton to the
-raw pixels: without interpolation there is no bias towards pixel centres, and the noise of neighbouring
-samples stays independent, which makes the covariance correct. Corners are intersections of neighbouring
-edges.
+Model of one edge: I = black + (white - black) * Phi(d / s), with I the grey value of a pixel, black and white
+the grey levels inside and outside, d the signed distance of a pixel's centre from the edge line in ideal
+(distortion-free) coordinates, Phi the normal distribution function, s the blur of lens and pixel. Five
+numbers per edge (position, direction, black, white, s) are fitted by Gauss-Newton to the raw pixels: without
+interpolation there is no bias towards pixel centres, and the noise of neighbouring samples stays independent,
+which makes the covariance correct. Corners are intersections of neighbouring edges.
 
 A pixel integrates over its square. With a lens that blurs by half a pixel that is equivalent to a little more
 blur. An edge that is sharper (sharpened by a phone, or drawn) is fitted with Phi averaged over the pixel's
@@ -90,7 +91,7 @@ _DENSITY = np.exp(-0.5 * _Z * _Z) / math.sqrt(2.0 * math.pi)
 
 @dataclass(frozen=True)
 class Square:
-    """Fitted corners of a square, with covariance and blur."""
+    """Corners of a black square, fitted to its edges in an image, with covariance and the image's blur."""
 
     corners: Array
     """(4, 2) ideal px, in the order given"""
@@ -104,7 +105,7 @@ class Square:
 
 @dataclass(frozen=True)
 class _Band:
-    """Pixels along a square's four edges, with their coordinates; s pixels per edge."""
+    """Pixels along a square's four edges, s per edge, with their coordinates along and across the edge."""
 
     corners_ideal: Array
     """(4, 2) corners of the square around which the band lies [ideal px]"""
@@ -132,7 +133,7 @@ class _Band:
 
 @dataclass(frozen=True)
 class _EdgeFits:
-    """Fitted lines, blur and contrast of a square's four edges, and the equations of the fit."""
+    """Fitted lines, blur and contrast of a square's four edges, with the fit's normal equations."""
 
     shape: Array
     """(4, 3) offset a, tilt b and blur s of each edge [px]; s is that of lens and pixel together"""
@@ -148,7 +149,10 @@ class _EdgeFits:
 
 @dataclass(frozen=True)
 class SquareFit:
-    """Fitted square, with the band of pixels and the shape from which the next image's fit starts."""
+    """Fitted square, with the pixels used along its edges and each edge's line and blur.
+
+    The fit in the next image starts from these pixels, lines and blurs.
+    """
 
     square: Square
     """the fitted square"""
@@ -163,8 +167,9 @@ def fit_square(
 ) -> Square | None:
     """Square with corners refined to its edges in an image; None if no square is there.
 
-    It is the square that `find_square` gives, without the pixels along its edges. None if an edge leaves the
-    image, is too short or too long, or does not look like one.
+    The result is that of `find_square` without the pixels along the edges; its corners are in the order
+    given. None if an edge leaves the image, is too short or too long, or the fit of an edge fails or shows a
+    contrast, from dark inside to light outside, of less than 12 grey levels.
 
     Args:
         image: (height, width) grey values.
@@ -179,7 +184,7 @@ def fit_square(
 def find_square(
     image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
 ) -> SquareFit | None:
-    """Fit the edges of a dark square near first corners, and intersect them.
+    """Find a dark square near first corners: fit its edges to the grey values, and intersect them.
 
     Args:
         image: (height, width) grey values.
@@ -189,8 +194,9 @@ def find_square(
         corners_raw: (4, 2) these corners in the image [raw px].
 
     Returns:
-        The square with the pixels along its edges, or None if an edge leaves the image, is too short or too
-        long, or does not look like one.
+        The square, its corners in the order given, with the pixels along its edges. None if an edge leaves
+        the image, is too short or too long, or the fit of an edge fails or shows a contrast, from dark inside
+        to light outside, of less than 12 grey levels.
     """
     band = _band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
     found = None if band is None else _fit(image, band, _START_SHAPE)
@@ -206,19 +212,19 @@ def find_square(
 
 
 def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
-    """Fit a square on the band of the previous image, at a third of the cost of `find_square`.
+    """Fit a square again in the next image, on the pixels that were used in the previous image.
 
-    The band is the set of pixels along the edges. Only a square that has moved so little that the same pixels
-    show its edges can be fitted so.
+    This costs a third of `find_square`. It works only for a square that has moved so little (0.4 px) that the
+    same pixels still show its edges.
 
     Args:
-        image: grey values, of the same size as the previous image.
-        before: the square in the previous image.
+        image: (height, width) grey values, of the same size as the previous image.
+        before: the square as fitted in the previous image, with the pixels used.
         expected_ideal: (4, 2) expected corners [ideal px].
 
     Returns:
-        The square, or None if it has moved too far, its blur has changed, or it is not there; then
-        `find_square` may find it.
+        The fitted square; None if it has moved too far, its blur has changed, or it is not there.
+        `find_square` may still find it then.
     """
     if float(np.abs(expected_ideal - before.band.corners_ideal).max()) > _SAME_BAND_PX:
         return None
@@ -232,7 +238,9 @@ def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Ar
 def _band(
     shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float
 ) -> _Band | None:
-    """Pixels near each edge of a square; None if an edge is too short, too long, or too far outside.
+    """Pixels near each edge of a square; None if an edge is too short, too long, or outside the image.
+
+    The limits are lengths of 6 px and 2000 px, and a tenth of an edge's pixels outside the image.
 
     Args:
         shape: height and width of the image [px].
@@ -267,9 +275,11 @@ def _band(
 
 
 def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | None:
-    """Fit of a square's edges by Gauss-Newton; None if it does not look like a square.
+    """Square fitted to the grey values along its edges by Gauss-Newton; None if an edge does not fit.
 
-    Sharp edges are fitted again with the breadth of a pixel.
+    An edge does not fit if the iteration has not settled, its line has left the band, or its contrast is
+    below 12 grey levels. If the mean blur is below 0.5 px, the fit is repeated with a model that averages
+    over the breadth of a pixel.
 
     Args:
         image: (height, width) grey values.
@@ -277,7 +287,7 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
         start: (4, 3) first offset, tilt and blur of each edge [px].
 
     Returns:
-        The square, with the band and the fitted shape.
+        The square, with the band and the fitted offset, tilt and blur of each edge.
     """
     grey = image.reshape(-1).take(band.index).astype(float)
     level = _descend(grey, band, start, None)
@@ -306,7 +316,9 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
 
 
 def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _EdgeFits | None:
-    """Fit lines, blur and contrast of the four edges by Gauss-Newton; None if there is no edge.
+    """Lines, blur and contrast of a square's four edges, fitted by Gauss-Newton; None if an edge is lost.
+
+    An edge is lost if its contrast falls to 1 grey level or less, or its equations become singular.
 
     Args:
         grey: (4, s) grey values of the band's pixels.
@@ -354,10 +366,10 @@ def _breadth(band: _Band) -> Array:
 
 
 def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
-    """Sums of products (4, 6, 6) over the pixels of each edge, and the number of pixels (4,).
+    """Sums over an edge's pixels of the products of six columns, (4, 6, 6), and the pixel counts (4,).
 
-    Columns: minus the derivative of the edge's profile (0 inside, 1 outside) by offset a, tilt b and blur s;
-    1 - profile; profile; grey.
+    They are the normal equations of the fit of four edges. Columns: minus the derivative of the edge's
+    profile (0 inside the square, 1 outside) by offset a, tilt b and blur s; 1 - profile; profile; grey value.
 
     Args:
         shape: (4, 3) a, b, s of each edge [px].
@@ -409,7 +421,7 @@ def _normal(z: Array) -> tuple[Array, Array]:
 
 
 def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
-    """Index (4, s) and validity (4, s) of the raw pixels in a band along each edge.
+    """Pixels in a band along each edge: index (4, s) in the image, row by row, and True (4, s) if used.
 
     None if an edge is shorter than 6 px or longer than 2000 px, or more than a tenth of an edge's band lies
     outside the image.
@@ -456,14 +468,16 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
 def _within(
     along: IntArray, middle: IntArray, used: NDArray[np.bool_], length: IntArray, breadth: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Clip the bands to the image, and clear `used` for pixels beyond it.
+    """Clip the pixels of four edges' bands to the image, and clear `used` for those beyond it.
+
+    An edge's main direction is along the rows or along the columns, whichever is nearer to it.
 
     Args:
-        along: (4, n) pixel along each edge.
-        middle: (4, n) pixel across it.
+        along: (4, n) coordinate in the main direction of the band's middle pixels [px].
+        middle: (4, n) coordinate of these pixels across it [px].
         used: (4, n * band) True for a pixel that is used, changed in place.
-        length: (4,) size of the image along each edge [px].
-        breadth: (4,) size across it [px].
+        length: (4,) size of the image in the main direction of each edge [px].
+        breadth: (4,) size of the image across it [px].
 
     Returns:
         `along` and `middle` (4, n), clipped.
@@ -481,7 +495,9 @@ def _within(
 
 
 def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Array]:
-    """Corners (4, 2) [ideal px], corner i of edges i - 1 and i, and their covariance (4, 2, 2) [px^2].
+    """Corners (4, 2) [ideal px] of a square from its fitted edges, and their covariance (4, 2, 2) [px^2].
+
+    Corner i is the intersection of edges i - 1 and i.
 
     Args:
         band: the pixels, with middle, direction and length of each edge.

@@ -44,7 +44,7 @@ class Sighting:
 
 
 def families_of(names: Iterable[int | str]) -> tuple[TagFamily, ...]:
-    """Families (code dictionaries) of the named markers, sorted; the usual one if no marker is named."""
+    """Families (code dictionaries) of the named markers, sorted; the usual 36h11 if no marker is named."""
     return tuple(sorted({family_and_id(name)[0] for name in names})) or (USUAL_FAMILY,)
 
 
@@ -76,7 +76,7 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
 
 @dataclass(frozen=True)
 class _CodePattern:
-    """Cells of one marker, prepared for the verification of its code in an image."""
+    """Cells (black and white fields) of one marker, prepared for the verification of its code in an image."""
 
     code: NDArray[np.bool_]
     """(n,) True for a white cell"""
@@ -90,7 +90,7 @@ class _CodePattern:
 
 @cache
 def _code_pattern(name: int | str) -> _CodePattern:
-    """Cells of the marker of this name, prepared for the verification of its code; cached."""
+    """Cells (black and white fields) of the marker of this name, prepared to verify its code; cached."""
     family, tag_id = family_and_id(name)
     dictionary = _dictionary(family)
     across = dictionary.markerSize + 2  # with the black border
@@ -104,10 +104,10 @@ def _code_pattern(name: int | str) -> _CodePattern:
 
 @cache
 def wrong_cells(family: TagFamily) -> int:
-    """Number of cells that may be misread where a known tag is expected.
+    """Number of cells (black or white fields) of a known tag that may be misread, for its family; cached.
 
-    It is half the family's code distance (least number of cells in which two tags, or a tag and itself
-    turned, differ), rounded up; cached.
+    It is half the family's code distance, rounded up. The code distance is the least number of cells in which
+    two tags, or a tag and itself turned, differ.
     """
     codes = np.asarray(_dictionary(family).bytesList, dtype=np.uint8)
     many = len(codes)

@@ -2,8 +2,8 @@
 
 The first guess is infinitesimal plane-based pose estimation (Collins and Bartoli 2014, "Infinitesimal
 Plane-Based Pose Estimation"), OpenCV's SOLVEPNP_IPPE_SQUARE; both solutions are refined on the reprojection
-error. One image of a small tag does not determine which is true; a body moves smoothly, so that the path of
-least cost through all frames does (Viterbi).
+error. One image of a small tag does not determine which of them is true. As a body moves smoothly, the
+sequence through all frames with the least cost (misfit and turn from frame to frame) is taken (Viterbi).
 """
 
 # scipy is only partly typed.
@@ -32,7 +32,7 @@ _POSE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class PosePair:
-    """Both pose solutions of one view of a square marker, the one that fits the corners better first."""
+    """Both poses (marker frame M to camera frame C) that fit a view of a square marker, the better first."""
 
     R_camera_marker: Array
     """(2, 3, 3) rotations from M to C"""
@@ -102,8 +102,8 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
 def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | None]:
     """Both poses of a square marker in each of n views, refined; None where there is no pose in front.
 
-    It takes a fifth of the time of `solve_pose` for every view and gives the same: poses in the camera frame
-    [m], the one that fits better first. Only a second pose that fits badly may be refined less far.
+    The poses are those of `solve_pose` in a fifth of the time; only a second pose that fits badly may be
+    refined less far.
 
     Args:
         corners_ideal: (n, 4, 2) distortion-free corners [ideal px]: top-left, top-right, bottom-right,
@@ -112,7 +112,9 @@ def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | 
         K: (3, 3) camera matrix [px].
 
     Returns:
-        n entries, None where the corners give no finite pose in front of the camera, as when collinear.
+        n entries: rotations from the marker frame to the camera frame C, centres in C [m] and rms
+        reprojection errors [px] of both poses, the better first; None where the corners give no finite pose
+        in front of the camera, as when collinear.
     """
     points = marker_corners(size)
     starts = [
@@ -157,10 +159,10 @@ def _reprojected(R: Array, p: Array, points: Array, K: Array) -> tuple[Array, Ar
 
 
 def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tuple[Array, Array]:
-    """Rotations (m, 3, 3) and positions (m, 3) [m] at the nearest minimum of the reprojection error.
+    """Marker poses refined on the reprojection error: rotations (m, 3, 3) and positions (m, 3) [m].
 
-    The minimum is found by Levenberg-Marquardt. Rotation and position map the marker frame M to the camera
-    frame C.
+    The nearest minimum is found by Levenberg-Marquardt. Rotation and position map the marker frame M to the
+    camera frame C.
 
     Args:
         R: (m, 3, 3) first rotations.
@@ -200,9 +202,10 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
 
 
 def _by_pose(seen: Array, in_camera: Array, p: Array, K: Array) -> Array:
-    """Derivatives (m, 8, 6) of the ideal pixels by turns about the axes of camera frame C and shifts in C.
+    """Derivatives (m, 8, 6) of the four corners' ideal pixels by turns and shifts of a marker's pose.
 
-    They are in px/rad and px/m; a turn is about the marker's centre.
+    Turns are about the axes of the camera frame C through the marker's centre [px/rad], shifts along these
+    axes [px/m].
 
     Args:
         seen: (m, 4, 2) ideal pixels of the corners.
@@ -218,7 +221,7 @@ def _by_pose(seen: Array, in_camera: Array, p: Array, K: Array) -> Array:
 
 
 def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K: Array) -> Array:
-    """Covariance (m, 3, 3) [m^2] of marker positions in the camera frame C by the noise of the corners.
+    """Covariance (m, 3, 3) [m^2] of marker positions in the camera frame C, caused by corner noise.
 
     Args:
         R: (m, 3, 3) rotations from the marker frame to C.

@@ -91,9 +91,10 @@ class _CornerPaths:
 
 
 def _divided_differences(nodes: Array, values: Array) -> Array:
-    """Divided differences (m, w, 4, 2) of values (m, w, 4, 2) at nodes (m, w, 4), for Newton's polynomial.
+    """Divided differences (m, w, 4, 2) of corners (m, w, 4, 2) [px] at times (m, w, 4) [s].
 
-    Entry i of the second axis is the difference of order i of the first i + 1 values.
+    They are the coefficients of Newton's polynomial through w frames, for m stretches of frames: entry i of
+    the second axis is the difference of order i of the first i + 1 values.
     """
     terms = values.copy()
     width = nodes.shape[1]
@@ -104,7 +105,10 @@ def _divided_differences(nodes: Array, values: Array) -> Array:
 
 
 def _starts(cubic: Array, seen_s: Array, n: int, sd: float) -> IntArray:
-    """First frame (n,) of the four-frame stretch chosen for each frame: the one with least cubic term.
+    """Index (n,) of the first frame of the four-frame stretch chosen for each of n frames.
+
+    Chosen is the stretch that includes the frame and has the least cubic term, which counts double unless the
+    frame is one of the two in its middle.
 
     Args:
         cubic: (m, 4, 2) cubic term of each stretch [px/s^3]; stretch i begins at frame i.

@@ -42,7 +42,7 @@ _MAX_READ_OUT_SHARE = 1.05
 
 @dataclass(frozen=True)
 class TrackingReport:
-    """Tracks of all markers of an object, with unknown markers."""
+    """Tracks of an object's markers in the frames of a strike, unknown markers, and the frames' times."""
 
     tracks: tuple[MarkerTrack, ...]
     """tracks of the object's markers that were found"""
@@ -103,8 +103,8 @@ class _Path:
     def predict(self, time_ns: int) -> tuple[Array, Array, float]:
         """Expected corners (4, 2) [raw px] and (4, 2) [ideal px], and their uncertainty [px].
 
-        The corners move on at the velocity of the last two observations. With a single observation they are
-        its own, with 4 px. The marker must have been found at least once.
+        They move on at the velocity of the last two observations. After a single observation they stay in its
+        place, with an uncertainty of 4 px. The marker must have been found at least once.
 
         Args:
             time_ns: log time of the frame for which the corners are expected [ns].
@@ -125,8 +125,8 @@ class MarkerFollower:
     Args:
         camera: camera that took the frames.
         markers: all markers of the object.
-        expected: ids of the markers expected in view; once one of them is found, markers that are not
-            expected are no longer followed, because each costs milliseconds.
+        expected: ids of the markers expected in view. Once one of them is found, all markers that are not
+            expected are dropped, with their earlier observations, because each costs milliseconds per frame.
         rescan_every: frames between full searches while a marker is missing.
     """
 
@@ -198,9 +198,12 @@ class MarkerFollower:
         return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
-        """Tracks of all markers that were found, with poses in the camera frame, and unknown markers.
+        """Tracks of the followed markers that were found, unknown markers, and the times of all frames.
 
-        Both are empty if no marker was seen at all.
+        Tracks have poses in the camera frame. Once an expected marker is found, the markers that are not
+        expected have no track, even if they were seen before. Unknown markers are those of the object's
+        families that it does not carry, seen in two full searches (in one, if there was only one frame). Both
+        are empty if no marker was seen. Times are log times [ns].
 
         Raises:
             TrackingError: only markers that the object does not carry were seen, or the line time (delay from
@@ -236,7 +239,7 @@ class MarkerFollower:
         return TrackingReport(tracks, unknown, np.array(self._image_times_ns, dtype=np.int64))
 
     def _follow(self, frame: ImageFrame, path: _Path) -> _FoundMarker | None:
-        """Find a marker near its expected position; None if it is not there.
+        """Find a marker near its expected position, and return its fitted square; None if it is not there.
 
         Tried are the edges at the expected corners, if it was found in the last frame, and then a search of
         the region around them, unless the marker has been missing for `_MAX_LOCAL_SEARCHES` frames.
@@ -276,7 +279,7 @@ class MarkerFollower:
         return None if fit is None else self._with_raw_corners(fit)
 
     def _with_raw_corners(self, fit: SquareFit) -> _FoundMarker:
-        """Found marker of a fitted square, with its corners in raw pixels added."""
+        """Found marker: a fitted square, with its corners converted to raw pixels (with lens distortion)."""
         return _FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
@@ -286,7 +289,7 @@ class MarkerFollower:
             frame: the image.
 
         Returns:
-            The followed markers that the detector found, with its unrefined corners.
+            The followed markers in the frame, with corners accurate to about half a pixel.
 
         Raises:
             TrackingError: a marker of the object is in the image twice.
@@ -358,7 +361,7 @@ class MarkerFollower:
     def _track(self, path: _Path, delays_s: dict[int, float]) -> MarkerTrack | None:
         """Track of one marker with poses, corrected for a rolling shutter; None if it was never found.
 
-        None also if its corners are the view of a square in no frame; single such frames are left out.
+        Frames in which its corners are no view of a square are left out; None also if no frame remains.
 
         Args:
             path: observations of the marker.
@@ -415,11 +418,13 @@ def track_markers(
         frames: images in order of time.
         camera: camera that took them.
         markers: all markers of the object.
-        expected: ids of the markers expected in view; once one of them is found, the other markers are no
-            longer followed.
+        expected: ids of the markers expected in view. Once one of them is found, all markers that are not
+            expected are dropped, with their earlier observations.
 
     Returns:
-        Tracks of the markers that were found, with unknown markers; both are empty if none was seen.
+        Tracks of the followed markers that were found, with poses in the camera frame; unknown markers (in
+        view, but not on the object); and the log times [ns] of all frames. Tracks and unknown markers are
+        empty if no marker was seen.
 
     Raises:
         TrackingError: a marker of the object is in view twice, only markers that it does not carry are in
