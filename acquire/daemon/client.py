@@ -21,15 +21,17 @@ them"""
 
 
 class DaemonClient:
-    """A client of the daemon; a context manager. One request at a time: use one client per thread.
+    """Client of the daemon's local API; as a context manager it closes itself.
+
+    It sends one request at a time: use one client per thread.
 
     Args:
         path: path of the daemon's socket.
-        patience_s: greatest silence of the daemon [s]. An answer may take any time while the daemon reports
-            that it is busy.
+        patience_s: longest wait [s] for the next line from the daemon. An answer may take longer, because
+            the daemon reports once a second that it is busy.
 
     Raises:
-        DaemonNotRunning: no daemon listens, or it went away.
+        DaemonNotRunning: no daemon listens at `path`, or it went away.
         DaemonSilent: the daemon does not answer. The client cannot be used any more.
         DaemonError: the socket belongs to another user, or its answer is invalid.
         AcquireError: from `call`, the error that the daemon raised, as the same class; DaemonError if this
@@ -77,10 +79,11 @@ class DaemonClient:
             `result` of the daemon's answer, a JSON value.
 
         Raises:
-            DaemonSilent: no answer came in time.
+            DaemonSilent: neither an answer nor a report that the daemon is busy came in time.
             DaemonNotRunning: the daemon went away.
             DaemonError: the answer is invalid.
-            AcquireError: the daemon refused; the class is the daemon's own (e.g. StrikerRefused).
+            AcquireError: the daemon refused the request; the same class as raised there (e.g.
+                StrikerRefused).
         """
         request_id, self._next_id = self._next_id, self._next_id + 1
         request = {"id": request_id, "method": method, "params": params}
@@ -109,7 +112,7 @@ class DaemonClient:
         raise errors.by_name(name, DaemonError)(message)
 
     def events(self) -> Iterator[dict[str, Any]]:
-        """Subscribe, and yield events until the daemon or `close` ends the connection, or a line is no JSON.
+        """Subscribe to the daemon's events, and yield them until the connection ends or a line is no JSON.
 
         The client cannot make another call afterwards.
 
@@ -126,12 +129,13 @@ class DaemonClient:
                 yield json.loads(line)
 
     def another(self) -> DaemonClient:
-        """Connect a new client to the same daemon, with the same patience.
+        """Connect to this client's daemon again, and return the new client.
 
-        After an interrupted call this client may still receive the answer to it.
+        Use the new client after an interrupted call, whose answer this one may still receive.
 
         Raises:
-            DaemonError: the daemon does not listen or takes no connections.
+            DaemonError: the daemon does not listen or takes no connections, or its socket belongs to
+                another user.
         """
         return DaemonClient(self._path, self._patience_s)
 
@@ -169,15 +173,15 @@ class DaemonClient:
 
 
 def wait_for_socket(path: Path, alive: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    """Wait until a daemon takes connections at `path`.
+    """Wait until a daemon that was just started takes connections at `path`.
 
     Args:
         path: path of the socket.
-        alive: checked meanwhile; True while the starting daemon runs.
+        alive: function that returns True while the starting daemon's process runs; checked meanwhile.
         timeout_s: longest wait [s].
 
     Raises:
-        DaemonBusy: no daemon listens after `timeout_s`, or `alive()` became false before.
+        DaemonBusy: no daemon listens after `timeout_s`, or `alive` returned False before.
         DaemonError: the socket belongs to another user, or its daemon hangs.
     """
     end = time.monotonic() + timeout_s

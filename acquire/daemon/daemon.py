@@ -42,7 +42,7 @@ CAPTURE_RETRY_S = 1.0
 
 
 class Daemon:
-    """Daemon of one rig. `run` blocks until a signal or a client stops it, then releases everything.
+    """Daemon of one rig (camera and striker), which serves clients until a signal or a client stops it.
 
     Args:
         config: the rig.
@@ -67,7 +67,7 @@ class Daemon:
         self._reviver: threading.Thread | None = None
 
     def run(self, on_ready: Any = None, goes_on: Callable[[], bool] = lambda: True) -> None:
-        """Start everything, serve until a stop request, release everything.
+        """Open the devices and serve clients until a stop request; then release everything.
 
         Stop requests are the signals SIGTERM, SIGINT and SIGHUP, for which handlers are installed, and a
         client's `shutdown`.
@@ -75,7 +75,8 @@ class Daemon:
         Args:
             on_ready: called once with the answer to `status` (a JSON object), when clients are served and all
                 devices are open.
-            goes_on: checked ten times a second; False ends the daemon as a stop request does.
+            goes_on: function called ten times a second; when it returns False, the daemon ends as after a
+                stop request.
 
         Raises:
             AcquireError: a device or the socket is not available; everything is released.
@@ -145,12 +146,15 @@ class Daemon:
         }
 
     def _for_owner(self, handler: Callable[[Connection, dict[str, Any]], dict[str, Any]]) -> Any:
-        """Restrict a handler of requests to the client that opened the recording, while one is open.
+        """Restrict a request to the client that opened the recording, while a recording is open.
 
-        Other clients may look, stop the arm, and end the recording.
+        Other clients may make only the unrestricted requests: look, stop the arm, end the recording.
+
+        Args:
+            handler: function that carries out the request, given connection and parameters.
 
         Returns:
-            The handler; it raises SessionError for other clients.
+            Function that calls `handler`, or raises SessionError for other clients.
         """
 
         def call(connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
@@ -178,9 +182,9 @@ class Daemon:
                 self._recording.close()
 
     def _owner_left(self, connection: Connection) -> None:
-        """Stop the striker and close the recording: the client that opened it is gone.
+        """Stop the striker and close the recording when the client that opened it has gone.
 
-        Does nothing if `connection` does not own the open recording.
+        Does nothing if that client is not the one of `connection`, or no recording is open.
         """
         if self._recording.owner is connection:
             self._control.striker.stop()
@@ -287,7 +291,7 @@ class Daemon:
             self._reviver.join()
 
     def _complain(self, text: str) -> None:
-        """Report a problem in the recording's log, to subscribers and on standard error."""
+        """Report the problem `text` in the recording's log, to subscribers and on standard error."""
         self._recording.log(text, Log.Level.WARNING)
         self._publish("trouble", {"text": text})
         with contextlib.suppress(OSError):

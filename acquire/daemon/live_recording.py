@@ -53,8 +53,8 @@ class LiveRecording:
         rig_toml: text of the rig file.
         capture: capture process.
         clock: host clock.
-        on_watch: called with each event of `analyze watch`.
-        complain: reports a problem to people; calls `log` itself.
+        on_watch: called with each observation of the newest image by the child process `analyze watch`.
+        complain: function that reports a problem (text) to people; it also calls `log`.
 
     Raises:
         SessionError: from a method that needs an open recording, if none is open.
@@ -88,7 +88,8 @@ class LiveRecording:
 
         Args:
             owner: client that opens it.
-            params: parameters of the request `recording.open`: path, texts of object and plan, shape.
+            params: parameters of the request `recording.open`: path of the recording, texts of object and
+                plan, content of the object's shape file.
             camera: identity of the camera.
 
         Raises:
@@ -123,12 +124,12 @@ class LiveRecording:
 
     @property
     def anchor_ns(self) -> int | None:
-        """Log time minus host monotonic time [ns]; None if no recording is open."""
+        """Log time (Unix time in the recording) minus host monotonic time [ns]; None if none is open."""
         opened = self._open
         return opened.manifest.wall_anchor_ns if opened is not None else None
 
     def close(self) -> dict[str, Any]:
-        """Close the recording, after the recovery of files that were cut short.
+        """Close the recording, once its files that were cut short by an interruption are recovered.
 
         Returns:
             `path` (the last file, or the first of the series if the recording was interrupted), `files`, the
@@ -198,18 +199,20 @@ class LiveRecording:
         self._capture.write(topic.name, *entry[1:])
 
     def log(self, text: str, level: Any = Log.Level.INFO) -> None:
-        """Record a line of text with a level of foxglove.Log, if a recording is open."""
+        """Record a line of text with a level of foxglove.Log; does nothing if no recording is open."""
         now = self._clock.monotonic_ns()
         message = Log(level=level, message=text, name="acquire")
         message.timestamp.FromNanoseconds((self.anchor_ns or 0) + now)
         self.write(topics.LOG, message, now)
 
     def wait_until_recording(self) -> None:
-        """Wait while the recording is interrupted, at most CONTINUE_TIMEOUT_S.
+        """Wait until the recording continues after an interruption, at most CONTINUE_TIMEOUT_S.
+
+        Returns at once if the recording is not interrupted.
 
         Raises:
             SessionError: no recording is open.
-            RecorderError: the recording did not continue.
+            RecorderError: the recording did not continue in that time.
         """
         self._uninterrupted()
 
@@ -217,8 +220,8 @@ class LiveRecording:
         """Record a strike (a StrikeRecord message); on return the capture process has it.
 
         Raises:
-            RecordingBroken: its images are in a file that was cut short, or the capture process died with the
-                message.
+            RecordingBroken: the strike's images are in a file that was cut short, or the capture process
+                died with the message.
             SessionError: no recording is open.
             RecorderError: the recording could not continue.
         """
@@ -231,7 +234,7 @@ class LiveRecording:
             raise RecordingBroken(str(error)) from None
 
     def require_space(self) -> None:
-        """Raise RecorderError if a recording is open and the disk has no room for a window of images.
+        """Raise RecorderError if the disk has no room for the images of a window (time span of a strike).
 
         Does nothing if no recording is open.
 
@@ -288,7 +291,7 @@ class LiveRecording:
     # --- death of the capture process ---
 
     def interrupt(self, reason: str) -> None:
-        """Note and report that the death of the capture process interrupted the recording.
+        """Mark the recording as interrupted by the death of the capture process, and report it.
 
         Does nothing if no recording is open, or it is interrupted already.
 
@@ -304,11 +307,11 @@ class LiveRecording:
         self._complain(f"the recording was interrupted: the capture process {reason}")
 
     def resume(self) -> None:
-        """Begin the next file after an interruption, because the capture process runs again; report it.
+        """Continue an interrupted recording in the next file, now that the capture process runs; report it.
 
-        The files of the dead process are recovered meanwhile. If the next file cannot be begun, the recording
-        ends, and later requests raise RecorderError with the reason. Does nothing if no recording is open, or
-        it is not interrupted.
+        The files of the dead capture process are recovered meanwhile. If the next file cannot be begun, the
+        recording ends, and later requests raise RecorderError with the reason. Does nothing if no recording
+        is open, or it is not interrupted.
         """
         with self._changed:
             opened = self._open
@@ -337,12 +340,13 @@ class LiveRecording:
     def _salvage_parts(
         self, opened: RecordingState, first: int, next_frame_ns: Callable[[], int | None]
     ) -> None:
-        """Start to rebuild the files of a dead capture process: from `first` to the one before the current.
+        """Start to rebuild the files of a dead capture process, from number `first` to the last but current.
 
         Args:
-            opened: state of the recording, to which the recovery is added.
+            opened: state of the recording, to which the recovery is added; `part` is the current file.
             first: number of the first file that the dead process wrote.
-            next_frame_ns: waits for the next file's first frame and returns its log time [ns], or None.
+            next_frame_ns: function that waits for the current file's first frame and returns its log time
+                [ns]; None if there is none.
         """
         camera = self._config.camera
         files = [part_path(opened.path, number) for number in range(first, opened.part)]
@@ -357,10 +361,11 @@ class LiveRecording:
         )
 
     def _wait_for_first_frame(self, file: Path) -> int | None:
-        """Log time of the first frame in the current file [ns]; waits for it up to FIRST_FRAME_TIMEOUT_S.
+        """Wait for the first frame of the recording that continues in `file`, up to FIRST_FRAME_TIMEOUT_S.
 
         Returns:
-            The time; None if no frame comes in that time, or another file than `file` is recorded.
+            Log time of that frame [ns]; None if none comes in that time, or another file than `file` is
+            being recorded.
         """
         end = time.monotonic() + FIRST_FRAME_TIMEOUT_S
         while time.monotonic() < end:
@@ -382,7 +387,10 @@ class LiveRecording:
         return opened.watch.watcher if opened is not None else None
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare the object's placement with the strike `plan_strike_id` of the plan from now on.
+        """Make `analyze watch` check from now on that the object stands as a strike of the plan needs it.
+
+        Args:
+            plan_strike_id: id of the strike in the plan.
 
         Raises:
             SessionError: no recording is open.
@@ -392,7 +400,7 @@ class LiveRecording:
         opened.watch.expect(plan_strike_id)
 
     def revive_watcher(self) -> None:
-        """Restart an `analyze watch` that ended, a limited number of times, and report it.
+        """Restart the child process `analyze watch` if it ended, a limited number of times; report it.
 
         Does nothing while another thread opens, closes or resumes the recording.
         """
@@ -409,12 +417,15 @@ class LiveRecording:
     # --- under the lock ---
 
     def _begin(self, opened: RecordingState) -> None:
-        """Begin the file number `opened.part` in the capture process, and watch it with `analyze watch`.
+        """Make the capture process begin the recording's current file, and start `analyze watch` on it.
 
-        The first messages are the camera's calibration and those that waited for the file.
+        The file's first messages are the camera's calibration and those that waited for this file.
+
+        Args:
+            opened: state of the recording; `part` is the number of the current file.
 
         Raises:
-            AcquireError: the capture process cannot begin it.
+            AcquireError: the capture process cannot begin the file.
         """
         now = self._clock.monotonic_ns()
         anchor = opened.manifest.wall_anchor_ns
@@ -440,7 +451,7 @@ class LiveRecording:
         return RecorderError(self._ended_by) if self._ended_by else SessionError("no recording is open")
 
     def _uninterrupted(self) -> RecordingState:
-        """State of the open recording, as soon as it is not interrupted.
+        """State of the open recording; waits while the recording is interrupted.
 
         Raises:
             SessionError: no recording is open.
@@ -461,11 +472,10 @@ class LiveRecording:
             return opened
 
     def _ask(self, ask: Callable[[], T]) -> T:
-        """Result of a request about the recording, made as soon as the recording is not interrupted.
+        """Make a request to the capture process once the recording is not interrupted; return the result.
 
         Args:
-            ask: sends the request to the capture process and returns the result; called again if that process
-                died.
+            ask: function that sends the request and returns the result; called again if the process died.
 
         Raises:
             SessionError: no recording is open.
@@ -480,10 +490,11 @@ class LiveRecording:
         return self._retry(attempt)
 
     def _retry(self, ask: Callable[[], T]) -> T:
-        """Result of a request to the capture process, repeated with the next process if that one died.
+        """Make a request to the capture process, again with the next one if it died; return the result.
 
         Args:
-            ask: sends the request and returns the result; it raises CaptureGone if the process died.
+            ask: function that sends the request and returns the result; raises CaptureGone if the process
+                died.
 
         Raises:
             CaptureGone: there is no running process after CONTINUE_TIMEOUT_S.

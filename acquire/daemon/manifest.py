@@ -39,7 +39,7 @@ ARRIVAL_SD_NS = 500_000
 
 @dataclass(frozen=True)
 class OpenCamera:
-    """Identity of the open camera, and whether its clock can be read."""
+    """Identity of the open camera, and whether frame times come from the camera's own clock."""
 
     info: CameraInfo
     clock_latched: bool
@@ -61,7 +61,7 @@ class SessionFiles:
 
     @property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of the attached files, hexadecimal, by name."""
+        """SHA-256 (hexadecimal) of the content of each attached file, by its name."""
         return {name: hashlib.sha256(content).hexdigest() for name, _, content in self.attachments}
 
 
@@ -74,7 +74,8 @@ def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
         rig_toml: text of the rig file.
 
     Returns:
-        Object, hashes and attachments: object, plan, rig and, if there is one, the shape.
+        Content of the object file, hashes of object and plan, and the files to attach to the recording:
+        object, plan, rig and, if there is one, shape.
 
     Raises:
         SessionError: object or plan cannot be used, or the plan was made for another object.
@@ -104,11 +105,11 @@ def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
 def session_manifest(
     config: RigConfig, camera: OpenCamera, files: SessionFiles, anchor_ns: int
 ) -> SessionManifest:
-    """Manifest of a session that begins now, with a new random recording id.
+    """Manifest (description) of a session that begins now, with a new random recording id.
 
     Args:
-        config: the rig.
-        camera: identity of the camera, and whether its clock can be read.
+        config: the rig: camera, striker, gravity.
+        camera: identity of the camera, and whether frame times come from its own clock.
         files: object, plan and attachments.
         anchor_ns: wall clock (Unix time) minus host monotonic time [ns].
     """
@@ -144,9 +145,10 @@ def session_manifest(
 
 
 def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
-    """Intrinsics of a camera as Foxglove's message, for viewers that draw over the images.
+    """Intrinsics of a camera as a foxglove.CameraCalibration message, for viewers that draw over images.
 
-    K is the camera matrix [px], D the distortion, P is K with a column of zeros, and R the identity.
+    In the message, K is the camera matrix [px] (row by row), D the distortion coefficients, P (projection) is
+    K with a column of zeros, and R (rectification) is the identity.
     """
     message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
     message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"

@@ -10,7 +10,7 @@ _CREDENTIALS = struct.Struct("3i")
 
 
 class Peer(NamedTuple):
-    """Process, user and group id of a process, from the kernel (unix(7), SO_PEERCRED)."""
+    """Process, user and group id of the process at a socket's other end, from the kernel (SO_PEERCRED)."""
 
     pid: int
     uid: int
@@ -18,7 +18,7 @@ class Peer(NamedTuple):
 
 
 def read_peer(sock: socket.socket) -> Peer:
-    """Ids of the process that is connected to the unix socket `sock`."""
+    """Process, user and group id of the process at the other end of the connected unix socket `sock`."""
     return Peer(
         *_CREDENTIALS.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
     )

@@ -15,7 +15,7 @@ class Prompts:
     """Open questions to the person at the rig, by number.
 
     Args:
-        publish: sends an event (name, data) to all subscribers.
+        publish: function that sends an event (name, data) to all clients that subscribed to events.
     """
 
     def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
@@ -27,14 +27,14 @@ class Prompts:
         self._closed = False
 
     def ask(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        """Publish a question as the event "prompt" and wait for its answer.
+        """Publish a question as the event "prompt", wait for its answer and return that.
 
         Args:
             connection: client that asks.
-            params: content of the question; `prompt_id` is added in the event.
+            params: content of the question; its number is added to the event as `prompt_id`.
 
         Returns:
-            `{"ok": bool, "text": str}`, as passed to `answer`.
+            The answer: `{"ok": bool, "text": str}`.
 
         Raises:
             SessionError: the daemon stops, or the asking client leaves, before an answer.
@@ -65,7 +65,8 @@ class Prompts:
             An empty JSON object.
 
         Raises:
-            SessionError: the question is not open: it was answered already, or never asked.
+            SessionError: the question is not open: it was answered already, never asked, or withdrawn because
+                the client that asked has left or the daemon stops.
         """
         number = int(params["prompt_id"])
         with self._changed:
@@ -76,14 +77,14 @@ class Prompts:
         return {}
 
     def stop(self) -> None:
-        """Answer every open question that has no answer yet with `ok` false, on a stop request."""
+        """Answer every question that is still open with `ok` False and the text "stopped on request"."""
         with self._changed:
             for number, answer in self._answers.items():
                 self._answers[number] = answer or {"ok": False, "text": "stopped on request"}
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End all waiting for answers: each `ask` that waits raises SessionError."""
+        """Withdraw all open questions, now and later: `ask` raises SessionError instead of waiting."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""Files, owner and interruption of the daemon's open recording."""
+"""State of the daemon's open recording: its files, its owner and its interruption."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from schemas.session_manifest import SessionManifest
 
 @dataclass
 class RecordingState:
-    """Files, owner and interruption of the daemon's open recording."""
+    """State of the daemon's open recording: files, the client that owns it, and any interruption."""
 
     path: Path
     """first file of the recording"""
@@ -42,9 +42,10 @@ class RecordingState:
     """recoveries of files that were cut short, in order"""
 
     def start_watching(self) -> None:
-        """Start `analyze watch` on the current file; it continues with the later files of the series.
+        """Start the child process `analyze watch` on the recording's current file.
 
-        It is a child process that reports what the newest image shows and judges strikes.
+        The child follows that file and the later ones of the recording. It reports what the newest image
+        shows, and judges strikes.
         """
         self.watch.follow(self._watched_file())
 
@@ -52,12 +53,12 @@ class RecordingState:
         """Restart the child process `analyze watch` if it ended, unless it has ended too often.
 
         Returns:
-            A report for people: restarted, or given up; empty if nothing happened.
+            A report for people: it was restarted, or given up; an empty text if nothing was done.
         """
         return self.watch.restart_if_ended(self._watched_file)
 
     def refuse_earlier_file(self, window_start_ns: int) -> None:
-        """Raise RecordingBroken if a window (time span of a strike) lies in a file that was cut short.
+        """Raise RecordingBroken if a window (time span of a strike) began in an earlier file, cut short.
 
         Args:
             window_start_ns: log time of the window's start [ns]; 0 if there was no window.

@@ -22,7 +22,7 @@ _NICENESS = 10
 
 @dataclass(frozen=True)
 class Salvaged:
-    """Result of recovering the files of a dead capture process."""
+    """Files recovered after the death of a capture process, with the numbers of frames saved and lost."""
 
     files: tuple[Path, ...]
     """complete files; the `.part` file where one could not be rebuilt"""
@@ -35,14 +35,17 @@ class Salvaged:
 
 
 class Salvage:
-    """Recovery of the `.part` files of a dead capture process, in a process and a thread of its own.
+    """Recovery of the `.part` (unfinished) files of a dead capture process, begun on construction.
+
+    It runs in a thread and a child process of its own.
 
     Args:
-        files: final paths of that process's files, in order; frames of complete ones are only counted.
-        camera: camera whose frames are counted.
-        frame_rate_hz: frame rate, to convert a gap into a number of frames.
-        next_frame_ns: waits for the next file's first frame and returns its log time [ns]; None if there is
-            none.
+        files: final paths of the files that the dead process wrote, in order. Of files that are complete
+            already only the frames are counted.
+        camera: name of the camera whose frames are counted.
+        frame_rate_hz: frame rate, to convert the gap before the next file into a number of lost frames.
+        next_frame_ns: function that waits for the first frame of the file after these, and returns its log
+            time [ns]; None if there is none.
         on_end: called with the result, in the thread of the recovery.
     """
 
@@ -64,7 +67,7 @@ class Salvage:
         self._thread.start()
 
     def result(self) -> Salvaged:
-        """Wait until the recovery has ended, and return its result."""
+        """Wait until the recovery has ended; return the recovered files and the numbers of frames."""
         self._thread.join()
         return self._found
 
@@ -106,7 +109,7 @@ class Salvage:
             whole: path of the complete file.
 
         Returns:
-            Text about damaged bytes; empty if the file only ends early.
+            Text about damaged bytes, because of which `part` is kept; empty if the file only ends early.
 
         Raises:
             RecorderError: nothing could be recovered.

@@ -40,7 +40,7 @@ Handler = Callable[["Connection", dict[str, Any]], object]
 
 
 class Connection:
-    """One client of the daemon. The `on_close` callbacks run when the connection ends, however it ends.
+    """Connection of one client to the daemon; its `on_close` callbacks run when it ends, however it ends.
 
     Args:
         sock: connected socket.
@@ -57,7 +57,7 @@ class Connection:
 
     @property
     def gone(self) -> bool:
-        """True if the client has hung up; handlers that wait check it."""
+        """True if the client has hung up; requests that wait for something check it."""
         try:
             return self._socket.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT) == b""
         except BlockingIOError:
@@ -66,7 +66,7 @@ class Connection:
             return True
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Send one message as a line of JSON; waits while the client does not read.
+        """Send the client one message as a line of JSON; waits while the client does not read.
 
         Raises:
             OSError: the client has hung up.
@@ -78,7 +78,7 @@ class Connection:
 
     @contextlib.contextmanager
     def in_progress(self, request_id: object) -> Iterator[None]:
-        """Context in which `report_busy` reports the request `request_id` as in progress."""
+        """Context manager; while it is open, `report_busy` reports `request_id` as in progress."""
         self._in_progress = (request_id, time.monotonic())
         try:
             yield
@@ -87,7 +87,7 @@ class Connection:
                 self._in_progress = None
 
     def report_busy(self) -> None:
-        """Send the client a busy line with the request in progress and its duration [s].
+        """Send the client a "busy" line: id of the request in progress, and time since it began [s].
 
         Nothing is sent if no request is in progress, an answer is being sent, or the client does not read.
         """
@@ -103,7 +103,7 @@ class Connection:
             self._send_lock.release()
 
     def close(self) -> None:
-        """Shut the socket down in both directions and end the events; the client's thread then ends."""
+        """Shut the socket down in both directions; the server's thread for this client then ends."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         if self.events is not None:
@@ -111,17 +111,18 @@ class Connection:
 
 
 class ApiServer:
-    """Server that runs the requests of each client in order, in a thread per client.
+    """Server of the daemon's local API; it runs the requests of each client in order, in a thread per client.
 
     Therefore the request `striker.stop` never waits for the `striker.strike` of another client.
 
     Args:
-        path: path of the socket.
-        handlers: function of each method; it gets the connection and the parameters, and returns the result.
-        served_uid: user whose processes are served; this process's user if None.
+        path: path of the unix socket.
+        handlers: function that carries out each request, by the request's method; it gets the connection and
+            the parameters, and returns the result.
+        served_uid: id of the user whose processes are served; None: the user of this process.
 
     Raises:
-        DaemonBusy: a daemon listens there already.
+        DaemonBusy: a daemon listens at `path` already.
         DaemonError: the socket cannot be made, or its folder is open to others.
     """
 
@@ -141,7 +142,7 @@ class ApiServer:
         self._busy_reporter.start()
 
     def publish(self, event: str, data: Mapping[str, Any]) -> None:
-        """Queue an event for every subscriber, without waiting; the queues are unbounded.
+        """Queue an event for every client that subscribed to events, without waiting; queues are unbounded.
 
         Args:
             event: name of the event.
@@ -223,9 +224,13 @@ class ApiServer:
                 return
 
     def _answer(self, connection: Connection, line: bytes) -> tuple[object, dict[str, Any]]:
-        """Run the request in `line`, and return its id and its answer or error as a JSON object.
+        """Carry out the request in `line`, a line of JSON.
 
-        The id is None if the line holds no valid one. No error of a handler is raised: each is answered.
+        An error of the request is not raised: it is the answer.
+
+        Returns:
+            Id of the request, None if the line holds no valid one; and the answer, a JSON object with
+            `result` or `error`.
         """
         request_id: object = None
         try:
@@ -256,10 +261,12 @@ def _error(kind: str, message: str) -> dict[str, Any]:
 
 
 def _listen(path: Path) -> socket.socket:
-    """Socket that listens at `path`, with mode 0600 in a private folder; replaces that of a killed daemon.
+    """Open and return a socket that listens at `path`, with mode 0600 in a private folder.
+
+    The socket that a killed daemon left at `path` is replaced.
 
     Raises:
-        DaemonBusy: a daemon listens there already.
+        DaemonBusy: a daemon listens at `path` already.
         DaemonError: the path is too long or taken, its folder is not private, or the socket cannot be made.
     """
     if len(str(path).encode()) > 100:
@@ -285,10 +292,11 @@ def _listen(path: Path) -> socket.socket:
 
 
 def _require_private_folder(folder: Path) -> None:
-    """Create the socket's folder if it is missing; refuse one that is not private.
+    """Create the socket's folder if it is missing; raise DaemonError if the folder is not private.
 
     Raises:
-        DaemonError: it cannot be made, is a symbolic link, belongs to another user, or others may access it.
+        DaemonError: the folder cannot be made, is a symbolic link, belongs to another user, or others may
+            access it.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -313,7 +321,7 @@ def _remove_stale_socket(path: Path) -> None:
     """Remove the socket that a killed daemon left at `path`, if there is one; never anything else.
 
     Raises:
-        DaemonBusy: a daemon listens there.
+        DaemonBusy: a daemon listens at `path`.
         DaemonError: something else is at `path`, the socket belongs to another user, or the daemon there
             hangs.
     """

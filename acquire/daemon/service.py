@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping
 
 
 class ServiceManager:
-    """Service manager that started this process.
+    """Service manager (systemd) that started this process, to which notifications are sent.
 
     Args:
-        environment: NOTIFY_SOCKET, its address; WATCHDOG_USEC and WATCHDOG_PID, its watchdog time [us] and
-            the process that it watches. Each may be missing.
+        environment: NOTIFY_SOCKET, the service manager's address; WATCHDOG_USEC and WATCHDOG_PID, its
+            watchdog time [us] and the process that it watches. Each may be missing.
         pid: id of this process.
         monotonic_ns: function that returns the host monotonic time [ns].
     """
@@ -33,9 +33,10 @@ class ServiceManager:
 
     @classmethod
     def from_environment(cls, environment: MutableMapping[str, str] = os.environ) -> ServiceManager:
-        """Service manager of this process; its three variables are removed from `environment`.
+        """Service manager of this process, from the environment variables that it set.
 
-        Therefore child processes send no notifications for the daemon.
+        These (NOTIFY_SOCKET, WATCHDOG_USEC, WATCHDOG_PID) are removed from `environment`, so that child
+        processes send no notifications for the daemon.
         """
         manager = cls(environment, os.getpid(), time.monotonic_ns)
         for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"):
@@ -44,13 +45,13 @@ class ServiceManager:
 
     @contextlib.contextmanager
     def running(self, status: str) -> Iterator[Callable[[], None]]:
-        """Notify the service manager READY on entry and STOPPING on exit.
+        """Context manager that notifies the service manager READY on entry and STOPPING on exit.
 
         Args:
             status: line that the service manager shows while the process runs.
 
         Yields:
-            A keep-alive callable; call it periodically, at any rate, while the process is healthy.
+            Function that notifies the watchdog that the process is alive; call it often while it is healthy.
         """
         self._send(f"READY=1\nSTATUS={status}")
         try:

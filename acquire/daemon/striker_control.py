@@ -12,14 +12,14 @@ from acquire.striker.base import Striker
 
 
 class StrikerControl:
-    """Interlock between the daemon's clients and the striker; `stop` never waits for another order.
+    """Interlock between the daemon's clients and the striker, the arm that strikes the object.
 
-    After a stop request nothing moves until a person starts again. Each order returns `{"state": name}`, the
-    striker's state afterwards, unless stated otherwise.
+    After a stop request nothing moves until a person starts again. `stop` never waits for another order. Each
+    order returns `{"state": name}`, the striker's state afterwards, unless stated otherwise.
 
     Args:
-        striker: the striker.
-        require_space: raises RecorderError if there is no room to record a strike.
+        striker: the striker that carries out the orders.
+        require_space: function that raises RecorderError if the disk has no room to record a strike.
 
     Raises:
         StrikerStopped: from an order to move, after a stop request.
@@ -49,26 +49,27 @@ class StrikerControl:
         self._fault = reason
 
     def clear_stops(self, stops: int) -> None:
-        """Permit motion after the first `stops` stop requests, because a person started again.
+        """Permit motion again after the first `stops` stop requests, because a person started again.
 
-        Later stop requests still forbid it.
+        Stop requests after those still forbid motion.
         """
         self._stops_cleared = max(stops, self._stops_cleared)
 
     def home(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Home the arm and permit motion again after a stop.
+        """Home the arm (move it slowly to its raised angle) and permit motion again after a stop.
 
         Args:
-            params: `after_stop`: True (default) if a person decided it; a program that continues by itself
-                passes False, and is refused after a stop. `stops_seen`: number of stops in `status` before
-                that person was asked; a later stop refuses the motion that the person agreed to.
+            params: `after_stop`: True (default) if a person decided to home; a program that continues by
+                itself passes False, and is refused after a stop. `stops_seen`: number of stop requests, as
+                in the answer to `status`, before that person was asked; if there was one since, the arm is
+                not homed. Without it, stop requests up to now do not count.
 
         Returns:
             `{"state": name}`, the striker's state.
 
         Raises:
-            StrikerStopped: there was a stop after `stops_seen`, or, without `after_stop`, one after which no
-                person started again.
+            StrikerStopped: a stop was requested after the first `stops_seen`; or, with `after_stop` False,
+                one after which no person started again.
             StrikerRefused: the daemon is stopping.
             StrikerError: the striker failed.
         """
@@ -118,13 +119,14 @@ class StrikerControl:
         return self._state()
 
     def strike(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Strike once.
+        """Strike once with the armed striker.
 
         Args:
-            params: `strike_id`, and `tip_speed_m_s`, the speed of the arm's tip to command [m/s].
+            params: `strike_id`, and `tip_speed_m_s`, the commanded speed of the arm's tip [m/s].
 
         Returns:
-            Fields of StrikeOutcome: contact time, tip speed and impulse with standard deviations, contacts.
+            Fields of StrikeOutcome: contact time [ns], speed of the arm's tip [m/s] and impulse [N s], each
+            with 1 sigma; number of contacts; time at which the swing began [ns]. Times are host monotonic.
 
         Raises:
             StrikerStopped: a stop was requested.
@@ -153,7 +155,7 @@ class StrikerControl:
     def release(self) -> None:
         """Stop the striker, switch its torque off, and refuse all further orders that move it.
 
-        Waits until an order being carried out has ended.
+        An order that is being carried out is stopped, and waited for.
         """
         self._released = True
         while not self._lock.acquire(timeout=0.02):

@@ -16,7 +16,8 @@ class WatchSupervisor:
     """Supervisor of `analyze watch`: runs it on the files of one recording, restarts it if it ends.
 
     Args:
-        on_event: called with each observation that the child reports, in a thread of its own.
+        on_event: called with each observation of the newest image that the child process reports, in a
+            thread of its own.
     """
 
     def __init__(self, on_event: Callable[[WatchEvent], None]) -> None:
@@ -27,13 +28,18 @@ class WatchSupervisor:
         """current child process; None if there is none"""
 
     def follow(self, file: Path) -> None:
-        """Start a child on a growing recording; a child that runs already must have been stopped."""
+        """Start the child process `analyze watch` on the growing recording `file`.
+
+        An earlier child must have been stopped.
+        """
         self.watcher = Watcher(file, self._on_event)
         if self._expected_strike:
             self.watcher.expect(self._expected_strike)
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare the object's placement with a strike of the plan from now on, also after a restart.
+        """Make `analyze watch` compare the object's placement with a strike of the plan from now on.
+
+        The comparison continues in a child process that is started later.
 
         Args:
             plan_strike_id: id of the strike in the plan.
@@ -43,13 +49,14 @@ class WatchSupervisor:
             watcher.expect(plan_strike_id)
 
     def restart_if_ended(self, file: Callable[[], Path]) -> str:
-        """Restart a child that ended, unless it ended for the WATCHER_LIVES-th time.
+        """Restart the child process `analyze watch` if it ended; at its WATCHER_LIVES-th end give it up.
 
         Args:
-            file: function that returns the recording to follow; called only for a restart.
+            file: function that returns the path of the recording to follow; called only for a restart.
 
         Returns:
-            Text of a report; empty if the child runs, was never started, or was given up before.
+            Report for people that the child was restarted or given up; empty if it runs, was never started,
+            or was given up before.
         """
         if (watcher := self.watcher) is None or watcher.alive or self._lives == 0:
             return ""
@@ -61,7 +68,7 @@ class WatchSupervisor:
         return "analyze watch ended and was started again"
 
     def stop(self) -> None:
-        """End the child process; does nothing if there is none."""
+        """End the child process `analyze watch`; does nothing if there is none."""
         watcher, self.watcher = self.watcher, None
         if watcher is not None:
             watcher.close()

@@ -1,6 +1,6 @@
-"""The daemon's side of `analyze watch`, a child process that follows a growing recording.
+"""Handle of `analyze watch`, a child process of the daemon that follows a growing recording.
 
-Recording continues without it.
+If the child ends, the recording continues.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 
 class Watcher:
-    """Child process `analyze watch FILE`: reports observations of the newest image, judges strikes.
+    """Child process `analyze watch FILE`: it reports what the newest image shows, and judges strikes.
 
     Args:
         recording: growing file; the child continues with the later files of its series.
-        on_event: called with each observation, in a thread of its own.
+        on_event: called with each observation of the newest image, in a thread of its own.
     """
 
     def __init__(self, recording: Path, on_event: Callable[[WatchEvent], None]) -> None:
@@ -49,11 +49,11 @@ class Watcher:
 
     @property
     def latest(self) -> WatchEvent | None:
-        """Newest observation that the child reported; None before the first."""
+        """Observation of the newest image that the child process reported last; None before the first."""
         return self._latest
 
     def expect(self, plan_strike_id: str) -> None:
-        """Compare the object's placement with a strike of the plan from now on.
+        """Make the child compare the object's placement with a strike of the plan from now on.
 
         Args:
             plan_strike_id: id of the strike in the plan.
@@ -61,10 +61,14 @@ class Watcher:
         self._send(JudgeRequest(kind="expect", plan_strike_id=plan_strike_id))
 
     def judge(self, request: JudgeRequest, timeout_s: float) -> StrikeVerdict | None:
-        """Request the verdict on a strike from the child, and wait for it at most `timeout_s` seconds.
+        """Make the child judge a strike from its images, and wait for the verdict.
+
+        Args:
+            request: ids of the strike, and the time span of its images.
+            timeout_s: longest wait [s].
 
         Returns:
-            The verdict; None if the child is dead or does not answer in time.
+            The verdict; None if the child process ended or does not answer in time.
         """
         self._send(request)
         end = time.monotonic() + timeout_s
@@ -77,7 +81,7 @@ class Watcher:
             return self._verdicts[request.strike_id]
 
     def close(self) -> None:
-        """Terminate the child process, which has nothing to save, and end the thread that reads it."""
+        """Terminate the child process, which has nothing to save, and end the thread that reads from it."""
         self._process.terminate()
         with contextlib.suppress(OSError):
             if self._process.stdin is not None:
