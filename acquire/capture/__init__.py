@@ -1,1 +1,1 @@
-"""The capture process: reads the camera and writes the recording, nothing else."""
+"""The capture process: a child of the daemon that reads the camera and writes the recording."""

@@ -1,8 +1,8 @@
 """Heartbeat of the capture process: a byte every quarter second, while its essential threads run.
 
-A process that was stopped, that is blocked, or whose interpreter is held by a library sends none. The
-listener in the daemon counts only time during which it ran itself: a computer that slept, or stood still as a
-whole, is no reason to kill a process.
+A process that was stopped, that is blocked, or whose interpreter is held by a library sends no heartbeat. The
+listener in the daemon counts only time during which it ran itself, so that no process is killed because the
+whole computer slept or stood still.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ _POLL_S: Final = 0.1
 
 
 class Heartbeat:
-    """Sender of a byte on a pipe every BEAT_S while the process is healthy, from creation until `stop`.
+    """Sender of heartbeats: a byte on a pipe every BEAT_S while this process is healthy, until `stop`.
 
     Args:
         fd: writing end of the pipe; closed by `stop`.
-        is_healthy: True if this process works; called before each byte, in a thread of its own.
+        is_healthy: function that returns True if this process works; called before each byte, in a thread of
+            its own.
     """
 
     def __init__(self, fd: int, is_healthy: Callable[[], bool]) -> None:
@@ -53,7 +54,7 @@ class Heartbeat:
 
 
 class HeartbeatListener:
-    """Receiver of heartbeats from a pipe, until the sender closes it.
+    """Receiver of a process's heartbeats (bytes on a pipe), until the sender closes the pipe.
 
     Args:
         fd: reading end of the pipe; closed when the sender has closed the other end.

@@ -1,4 +1,4 @@
-"""The daemon's handle of the capture process: starts it, sends commands, notices its end."""
+"""The daemon's handle of the capture process: it starts the process, sends commands, notices its end."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FINISH_TIMEOUT_S: Final = 90.0
 
 @dataclass(frozen=True)
 class CaptureStatus:
-    """Camera and recorder health: rates, losses, queue depth."""
+    """Health of camera and recorder in the capture process: frame rate, losses, bytes that wait."""
 
     frames: int
     """frames since the capture process started"""
@@ -71,7 +71,7 @@ class CaptureStatus:
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """Path, frame counts and content id of a finished recording."""
+    """Path, frame counts and content id (hash of the messages) of a finished recording."""
 
     path: Path
     """path of the last file"""
@@ -86,17 +86,17 @@ class RecordingReport:
 class CaptureProcess:
     """The daemon's handle of the capture process, which reads the camera and writes the recording.
 
-    Methods may be called from any thread; all but `write` wait for the answer. A process without heartbeat is
-    killed, even while a method waits for it.
+    Methods may be called from any thread; all but `write` wait for the process's answer. A process that sends
+    no heartbeat (regular sign of life) for SILENCE_S is killed, even while a method waits for it.
 
     Args:
         rig: camera and recorder configuration.
-        command: command line of the process, without its descriptors.
+        command: command line of the process, to which its file descriptors are added.
 
     Raises:
-        CaptureGone: the process is not running, or ended during the call.
-        RecorderError: the process does not answer in time.
-        AcquireError: the same subclass and text as raised in the process.
+        CaptureGone: from a method, if the process is not running, or ended during the call.
+        RecorderError: from a method, if the process does not answer in time.
+        AcquireError: from a method, the error raised in the process, with the same class and text.
     """
 
     def __init__(
@@ -127,9 +127,9 @@ class CaptureProcess:
 
     @property
     def end(self) -> str:
-        """Reason why the process ended, as a predicate of "the capture process".
+        """Reason why the process ended, as the end of a sentence that begins with "the capture process".
 
-        Waits up to 1 s for its exit code; the text has "None" for it while the process runs.
+        Waits up to 1 s for the exit code. While the process runs, the text says "ended (exit code None)".
         """
         if self._hung:
             return f"gave no sign of life for {SILENCE_S:g} s and was ended"
@@ -140,7 +140,7 @@ class CaptureProcess:
         return f"ended (exit code {code})"
 
     def start(self) -> CameraInfo:
-        """Start the process, open the camera and stream.
+        """Start the process; in it open the camera and start the stream of frames.
 
         Returns:
             Identity of the camera.
@@ -188,9 +188,9 @@ class CaptureProcess:
         """Begin a recording.
 
         Args:
-            path: first file of the recording.
-            manifest: written at the head of every file.
-            attachments: (name, media type, content) of the files attached to it.
+            path: final path of the recording's first file.
+            manifest: description of the session, written at the head of every file of the recording.
+            attachments: (name, media type, content) of the files attached to the recording.
 
         Raises:
             RecorderError: a recording is open, `path` is taken, the disk refuses or has no room, or the
@@ -206,10 +206,10 @@ class CaptureProcess:
         self._call(header, b"".join(data for _, _, data in attachments))
 
     def require_space(self) -> None:
-        """Raise RecorderError unless the disk has room for a window; called before the striker is armed.
+        """Raise RecorderError if the disk has no room for a window (time span of a strike).
 
-        A window is the time span of a strike, here of the greatest length. The error is raised as well if no
-        recording is open, or the process does not run (CaptureGone) or answer.
+        The window is taken at its greatest length. Called before the striker is armed. The error is raised as
+        well if no recording is open, or the process does not run (CaptureGone) or answer.
         """
         self._call({"op": "require_space"})
 
@@ -249,7 +249,7 @@ class CaptureProcess:
         in `dropped_messages` if the process does not run, or more than BATCH_LIMIT_BYTES wait for it.
 
         Args:
-            topic_name: name of a small topic (any topic but the camera's images and their meta).
+            topic_name: name of a small topic (any topic but the camera's images and frame metadata).
             log_time_ns: log time [ns].
             data: serialised message.
 
@@ -266,7 +266,10 @@ class CaptureProcess:
             self._batch += wire.pack_message(number, log_time_ns, data)
 
     def status(self) -> CaptureStatus:
-        """Ask the process for the health of camera and recorder.
+        """Ask the process for the health of camera and recorder, and return it.
+
+        Returns:
+            Frame rate, losses, bytes that wait for the disk, state of the recording, most recent problem.
 
         Raises:
             CameraError: the camera was not started.
@@ -279,7 +282,7 @@ class CaptureProcess:
         return CaptureStatus(**reply)
 
     def close_recording(self) -> RecordingReport:
-        """Finish the recording; its file is called `<path>.part` until then.
+        """Finish the recording; its last file is called `<path>.part` until then.
 
         Returns:
             Path of the last file, its content id (hash of its messages), and frame counts of all files.

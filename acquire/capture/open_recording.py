@@ -33,9 +33,9 @@ def frame_format(rig: RigConfig) -> FrameFormat:
 
 
 def borrowable_frames(rig: RigConfig) -> int:
-    """Number of camera buffers that a recording may borrow at a time.
+    """Number of camera buffers that a recording may borrow (keep until they are on the disk) at a time.
 
-    0 unless the mode is "continuous" with raw images of at least a page.
+    0 unless the recorder's mode is "continuous", with raw images of at least a page (4096 bytes).
     """
     recorder = rig.recorder
     if recorder.mode != "continuous" or recorder.image_format != "raw":
@@ -58,8 +58,8 @@ class OpenRecording:
         """Open the first file, write its head, declare the small topics, and start to record frames.
 
         Args:
-            path: first file of the recording.
-            manifest: written to every file, with the file's number.
+            path: final path of the recording's first file.
+            manifest: description of the session, written to every file with the file's number.
             attachments: (name, media type, content) of files attached to every file of the recording.
             log_time_ns: log time of the attachments [ns].
             rig: camera and recorder configuration.
@@ -103,17 +103,17 @@ class OpenRecording:
 
     @property
     def path(self) -> Path:
-        """Final path of the file being written; the file appears there when it is complete."""
+        """Final path of the file being written; the file gets that name when it is complete."""
         return self.files.path
 
     @property
     def waiting_bytes(self) -> int:
-        """Bytes of images in memory that wait for the disk: queued frames, used blocks, borrowed buffers."""
+        """Bytes of images that wait in memory for the disk: in the queue, in copies, in camera buffers."""
         queued = self.frames.waiting * self._format.image_bytes
         return queued + (self._memory.used_bytes if self._memory is not None else 0)
 
     def require_space(self) -> None:
-        """Raise RecorderError unless the disk has room for a window of the greatest length.
+        """Raise RecorderError if the disk has no room for a window of the greatest length.
 
         A window is the time span of a strike, with the pre-trigger time before it.
         """
@@ -122,7 +122,7 @@ class OpenRecording:
         self._disk.require(frames * self._format.image_bytes, "a window")
 
     def write(self, name: str, log_time_ns: int, data: bytes) -> None:
-        """Write one message of a small topic (any topic but the camera's images and their meta).
+        """Write one message of a small topic (any topic but the camera's images and frame metadata).
 
         Args:
             name: name of the topic.
@@ -143,8 +143,8 @@ class OpenRecording:
         """Write the waiting frames and finish the last file.
 
         Returns:
-            `path` and `content_id` of the last file, and over all files the numbers `frames` that arrived and
-            `lost` (lost on the way, or dropped by a slow disk).
+            Of the last file: `path` and `content_id` (hash of its messages). Over all files: `frames`, number
+            of frames that arrived, and `lost`, number lost on the way or dropped because of a slow disk.
 
         Raises:
             RecorderError: a file could not be finished.

@@ -1,8 +1,8 @@
-"""The capture process: reads the camera and writes the recording, nothing else.
+"""The capture process: it reads the camera and writes the recording, nothing else.
 
 The daemon sends commands over a socket pair (link.py is the other end) and receives heartbeats
 (heartbeat.py). The process finishes the recording by itself when it is terminated and when the daemon dies.
-Ctrl-C in a terminal reaches every process of the terminal; this one ignores it: the daemon reacts to it.
+Ctrl-C in a terminal reaches every process of the terminal. The capture process ignores it: the daemon reacts.
 """
 
 from __future__ import annotations
@@ -49,11 +49,12 @@ MakeCamera = Callable[[CameraConfig, Clock, int], Camera]
 class Capture:
     """Server of the daemon's commands in the capture process: owns camera and recording.
 
-    It ends when `connection` closes, when `stop` arrives, or when a signal wakes `wake_fd`.
+    It ends when `connection` closes, when the command `stop` arrives, or when a signal wakes `wake_fd`.
 
     Args:
         connection: socket to the daemon.
-        make_camera: makes the camera from configuration, clock, and number of borrowable frames.
+        make_camera: function that makes the camera from configuration, clock, and number of camera buffers
+            that a recording may borrow.
         clock: host clock.
         wake_fd: descriptor that becomes readable at a signal.
     """
@@ -86,10 +87,10 @@ class Capture:
         }
 
     def run(self) -> None:
-        """Serve commands until the end; then finish an open recording and release the camera.
+        """Serve the daemon's commands until the end; then finish an open recording and release the camera.
 
-        This happens whatever ends the service: the command `stop`, a signal, the end of the daemon, or an
-        error.
+        The service ends with the command `stop`, a signal, the end of the daemon, or an error. Recording and
+        camera are finished in each case.
         """
         try:
             while self._serve_one():
@@ -107,8 +108,8 @@ class Capture:
     def is_healthy(self) -> bool:
         """True while the threads that serve commands and read the camera make progress.
 
-        False if a command takes longer than COMMAND_S, or if the camera counts as connected although it
-        brought no frame for STUCK_S longer than the rig's stall time.
+        False if a command takes longer than COMMAND_S, or if the camera counts as connected although no frame
+        came for STUCK_S longer than the time after which it should count as lost (`stall_s` of the rig).
         """
         now, begun = self._clock.monotonic_ns(), self._begun_ns
         if begun is not None and now - begun > COMMAND_S * 1e9:
@@ -283,8 +284,9 @@ def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
 
     Args:
         fd: socket to the daemon.
-        heartbeat_fd: writing end of the pipe for heartbeats.
-        make_camera: makes the camera from configuration, clock, and number of borrowable frames.
+        heartbeat_fd: writing end of the pipe for heartbeats (regular signs of life).
+        make_camera: function that makes the camera from configuration, clock, and number of camera buffers
+            that a recording may borrow.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
@@ -304,7 +306,7 @@ def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
 
 
 def main() -> None:
-    """Parse the command line and serve the daemon's commands until the end."""
+    """Parse the command line and run the capture process, with a camera read by Aravis, until its end."""
     parser = argparse.ArgumentParser(
         description="Capture process of the daemon; not meant to be started by hand."
     )

@@ -1,6 +1,6 @@
-"""Protocol of daemon and capture process: length-prefixed packets of a JSON header and bytes.
+"""Protocol between daemon and capture process: length-prefixed packets of a JSON header and bytes.
 
-Nothing is pickled.
+Nothing is pickled. A batch is a packet's bytes that hold several messages for the recording.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ _MOST_PACKET_BYTES = 1 << 30
 
 
 class WireClosed(ConnectionError):
-    """The other side closed the connection, or sent invalid data."""
+    """The process at the other end closed the connection, does not read, or sent invalid data."""
 
 
 def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b"") -> None:
     """Send one packet of a JSON header and bytes.
 
     Raises:
-        WireClosed: the other side is gone, or does not read within the connection's timeout.
+        WireClosed: the process at the other end is gone, or does not read within the connection's timeout.
     """
     text = json.dumps(header, separators=(",", ":")).encode()
     try:
@@ -36,13 +36,13 @@ def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b""
 
 
 def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
-    """Wait for one packet.
+    """Wait for one packet and return its content.
 
     Returns:
-        Its JSON header and its bytes.
+        JSON header and bytes of the packet.
 
     Raises:
-        WireClosed: the other side closed, or sent something that is no packet.
+        WireClosed: the process at the other end closed the connection, or sent something that is no packet.
         TimeoutError: nothing arrived within the connection's timeout.
     """
     text_size, payload_size = _PREFIX.unpack(_exactly(connection, _PREFIX.size))
@@ -59,7 +59,7 @@ def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
 
 
 def small_topics(camera: str) -> dict[str, topics.Topic]:
-    """Topics that the daemon may write, by name: all but the images of `camera` and their meta."""
+    """Topics that the daemon may write, by name: all but the images and frame metadata of `camera`."""
     known = (
         topics.camera_calibration(camera),
         topics.STRIKER_SAMPLE,
@@ -73,10 +73,10 @@ def small_topics(camera: str) -> dict[str, topics.Topic]:
 
 
 def pack_message(topic: int, log_time_ns: int, data: bytes) -> bytes:
-    """Bytes of one message in a batch.
+    """Bytes of one message in a batch (several messages in one packet).
 
     Args:
-        topic: index of the topic's name in the list that travels with the batch.
+        topic: index of the topic's name in the list of names in the packet's header.
         log_time_ns: log time [ns].
         data: serialised message.
     """
@@ -84,7 +84,11 @@ def pack_message(topic: int, log_time_ns: int, data: bytes) -> bytes:
 
 
 def unpack_messages(batch: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (index of the topic's name, log time [ns], serialised message) of each message in a batch.
+    """Unpack the messages of a batch (several messages in one packet), in order.
+
+    Yields:
+        Index of the topic's name in the list of names in the packet's header, log time [ns], serialised
+        message.
 
     Raises:
         ValueError: the batch ends inside a message.
