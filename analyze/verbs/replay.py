@@ -106,9 +106,10 @@ def replay(arguments: _ReplayArguments) -> None:
 def _open_target(
     stack: ExitStack, recording: RecordingFile, arguments: _ReplayArguments
 ) -> ToFile | ToViewer:
-    """Open the destination of the replay by the options: a file, else the browser or a window.
+    """Open the destination of the replay that the options choose, and return it.
 
-    It stays open until `stack` is closed. For --screenshot alone the file is temporary.
+    It is a file with --save or --screenshot (a temporary file with --screenshot alone), else rerun's viewer
+    in the browser with --web, else in a window. It stays open until `stack` is closed.
     """
     from analyze.replay.target import to_browser, to_file, to_window
 
@@ -124,10 +125,16 @@ def _open_target(
 
 
 def _replay(recording: RecordingFile, target: ToFile | ToViewer, arguments: _ReplayArguments) -> ReplayResult:
-    """Send the recording to the target, with a progress bar.
+    """Send the recording to `target`, the file or viewer that receives the replay, with a progress bar.
+
+    Returns:
+        Problems of the recording or its estimate, one line each; and the time to show first.
 
     Raises:
-        ViewerClosed: the viewer was closed.
+        RecordingError: nothing of the recording can be read.
+        ReplayError: the target does not accept data, or the options name a strike or page that a complete
+            recording does not have.
+        ViewerClosed: the user closed the viewer before everything was sent.
     """
     # rerun's own log would add lines to the one that names a problem.
     os.environ.setdefault("RUST_LOG", "off")

@@ -92,7 +92,7 @@ def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_jso
 
 @dataclass(frozen=True)
 class _Page:
-    """One report in its three forms, each made by a function when it is needed."""
+    """One report in three forms (HTML page, tables, JSON), each made by a function when it is needed."""
 
     write: Callable[[Path], None]
     """writes the HTML page to a path"""
@@ -103,7 +103,10 @@ class _Page:
 
 
 def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    """Report on the estimate from all recordings together, scored if all are virtual."""
+    """Report on the estimate from all recordings together, as HTML, tables and JSON.
+
+    If all recordings are virtual, it contains the errors against their ground truth.
+    """
     from analyze.report.report import answer_summary, write_report
     from analyze.report.report_document import report_json
     from analyze.report.report_tables import report_tables
@@ -119,7 +122,7 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
 
 
 def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    """Report on a comparison of the sessions, one recording each."""
+    """Report on the agreement of the sessions, one recording each, as HTML, tables and JSON."""
     from analyze.report.comparison_page import comparison_json, comparison_tables, write_comparison
 
     found = compare_files(files, object_file, exclude)

@@ -175,10 +175,10 @@ def measure_drop(options: DropOptions, progress: Progress = no_progress) -> Drop
 
 
 def _camera(options: DropOptions) -> CameraModel:
-    """Lens of the camera file that the options name.
+    """Lens of the camera, from the camera file that the options name.
 
     Raises:
-        CalibrationError: they name none, or it cannot be used.
+        CalibrationError: the options name no camera file, or the file cannot be used.
     """
     if options.camera is None:
         raise CalibrationError(
@@ -230,9 +230,10 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
 
 
 def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
-    """Tag, gravity, mass and shutter to assume; the shutter's line time is None if it is unknown.
+    """Tag size, gravity, mass of the falling body, and shutter, as the fit of a fall assumes them.
 
-    It is unknown if a camera file states none (0), unless a rig's camera or --global-shutter is given.
+    The shutter's line time (delay from one image row to the next) is 0 with --global-shutter. It is None
+    (unknown) if it is stated as 0 and no rig's camera took the images.
     """
     gravity, gravity_sd = footage.gravity if options.gravity is None else (options.gravity, STATED_G_SD)
     stated = footage.camera.line_time_s
@@ -303,7 +304,10 @@ def _first_tag(footage: _Footage) -> int | str:
 
 
 def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[MarkerTrack | None, int]:
-    """Follow the tag through all frames: its track, None if it is never seen, and the number of frames.
+    """Follow the tag through all frames.
+
+    Returns:
+        Track of the tag, None if it is never seen; and the number of frames.
 
     Raises:
         TrackingError: the tag is in view twice, only other tags are in view, or the images are not of the

@@ -58,8 +58,8 @@ def capture_fps(answer: DropAnswer) -> float:
 def capture_fps_sd(answer: DropAnswer) -> float:
     """Standard deviation [Hz] of `capture_fps`, the frame rate to state when videos are imported.
 
-    It is that of the measurement. For a usual rate of cameras, the measurement is combined with the usual
-    accuracy of such rates (`STATED_RATE_SD`, relative), as independent errors.
+    If `capture_fps` is the measured rate, it is the measurement's. If it is a usual rate of cameras, the
+    measurement is combined with the usual accuracy of such rates (`STATED_RATE_SD`, relative).
     """
     measured, rate = answer.true_sd_hz, capture_fps(answer)
     return (

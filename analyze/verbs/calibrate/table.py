@@ -189,7 +189,7 @@ def _with_sd(value: float, sd: float) -> str:
 
 
 def _names(names: tuple[str, ...]) -> str:
-    """Names in one line; of more than `MAX_NAMED` the rest is counted."""
+    """Text of the names, separated by commas; only the number of those after `MAX_NAMED` is given."""
     return (
         ", ".join(names)
         if len(names) <= MAX_NAMED

@@ -200,10 +200,11 @@ def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
 
 
 def level_entries(answer: GravityAnswer) -> dict[str, str]:
-    """Entries of the rig file's table [level], TOML values by key: the tilt, its sd, and how it was read.
+    """Entries for the rig file's table [level], as TOML text by key.
 
-    The tilt towards +y is included only if the strings determine it. That towards +x always is: call
-    `refuse_undetermined` first.
+    They are the tilt [rad], its sd [rad], and `read_by`, the method of measurement (plumb line). The tilt
+    towards y of the world frame W is included only if the strings determine it. The tilt towards x is always
+    included: call `refuse_undetermined` first.
     """
     (x, y), (x_sd, y_sd) = answer.table.lean.tolist(), answer.table.sd.tolist()
     entries = {"towards_x_rad": f"{x:.6f}", "towards_x_sd_rad": f"{x_sd:.6f}"}

@@ -203,7 +203,9 @@ def _clocks(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
-    """Number of samples, median round trip [s], and drift of a device's clock against the host's [ppm].
+    """Number of clock samples, median round trip [s], and drift against the host's clock [ppm].
+
+    A sample is one reading of a device's clock; its round trip is the time that the reading took.
 
     The drift is None if all samples are of one time.
     """
@@ -222,8 +224,9 @@ def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
 
 
 def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
-    """Record of a strike, and the images kept and missing in its window, as JSON values.
+    """JSON values of one strike: ids, attempt, time window, contact, speeds, verdict and image counts.
 
+    `images` and `images_missing` are the numbers of images kept and missing in the window.
     `contact_time_ns` and `verdict` are None if they were not recorded.
     """
     camera = recording.manifest.cameras[0]

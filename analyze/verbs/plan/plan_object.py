@@ -38,7 +38,7 @@ STEPS = 7
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Options of `analyze plan`: rig file, number of strikes or target, earlier results, method."""
+    """Options of `analyze plan`: rig file, number of strikes or accuracy, earlier results, method."""
 
     rig_path: Path | None = None
     """rig file; None for the rig of the latest recording in `given`, else the nominal rig"""
@@ -178,7 +178,7 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
 
 
 def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
-    """Note for the user that speeds are for a striker estimated from `strikes` earlier strikes."""
+    """Note that the plan's speeds are for the striker as estimated from `strikes` earlier strikes."""
     many = "1 strike" if strikes == 1 else f"{strikes} strikes"
     mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
     return (

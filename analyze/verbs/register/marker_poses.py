@@ -201,10 +201,10 @@ def write_table(answer: RegisterAnswer, rig: Path) -> None:
 
 
 def level_note(rig: Path) -> str:
-    """Note that the rig file's level reading must be repeated; empty if it need not be.
+    """End of a message: the rig file's table tilt must be measured again; "" if it need not be.
 
-    The note is the end of a message. A reading by plumb line depends on T_world_camera, the camera's pose,
-    which was just changed; other readings do not.
+    A tilt measured by plumb line depends on T_world_camera, the camera's pose, which was just changed in the
+    rig file; a tilt measured otherwise does not.
 
     Raises:
         CalibrationError, DocumentError: the rig file cannot be used.
@@ -267,7 +267,7 @@ def is_implausible(table: TablePlace) -> bool:
 
 
 def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView], list[LeftOut]]:
-    """Views of the strikes to estimate from, and the other strikes, each with the reason.
+    """Marker corners of the strikes to estimate from, at rest and tipping; and the strikes not used.
 
     A strike is used if it is not excluded, the object was placed as planned and not turned on the table, and
     a marker is seen at rest.
@@ -275,6 +275,10 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
     Args:
         evidence: motions and tracks of all strikes.
         exclude: ids of strikes to leave out.
+
+    Returns:
+        A view (marker corners, planned pose and pivot) per strike used; and id and reason per strike not
+        used.
     """
     markers = unplaced_markers(evidence.spec)
     cameras = [camera_from_spec(head.manifest.cameras[0].calibration) for head in evidence.recordings]

@@ -138,7 +138,7 @@ class _Watcher:
             return
 
     def _take_requests(self) -> bool:
-        """Take the request lines that have arrived: set the expected strike, or queue the request.
+        """Take the request lines that have arrived: set the expected strike, or queue a verdict to give.
 
         Lines that are not requests are ignored.
 
@@ -162,9 +162,11 @@ class _Watcher:
         return False
 
     def _make_observer(self) -> Observer | None:
-        """Make the observer of this recording, and note the topic of its images.
+        """Make the observer of this recording's images, and note the topic of the images.
 
-        None until the recording's manifest (description of the session) and plan have been read.
+        Returns:
+            The observer, which expects the strike that was last requested. None until the recording's
+            manifest (description of the session) and plan have been read.
         """
         recording = self._recording
         if recording.manifest is None or (plan := recording.plan) is None:

@@ -67,7 +67,8 @@ class Observer:
         markers: markers of the object.
         plan: the planned strikes.
         decode: decodes an image message; called only for images that are evaluated.
-        sections: cross-sections of the object's mesh; None if the shape is unknown.
+        sections: outlines and landing angles of a mesh object, for the verdicts; None if the shape is
+            unknown.
     """
 
     def __init__(
@@ -184,10 +185,11 @@ class Observer:
         return verdict_of(motion).model_copy(update=timed)
 
     def _judged_span(self, request: JudgeRequest) -> tuple[int, int]:
-        """Start and end [ns since 1970] of the images for a verdict: rest before and tip after the contact.
+        """Start and end [ns since 1970] of the images from which to judge a strike.
 
-        The contact is that of the request, else the last moment of rest. If neither is known, it is the whole
-        window.
+        They are `REST_BEFORE_NS` before the contact and `TIP_AFTER_NS` after it, or the ends of the request's
+        window where these are nearer. The time of contact is the request's, else that of the last rest; if
+        neither is known, the whole window is returned.
         """
         start, end = request.window_start_ns, request.window_end_ns or self.newest_ns
         contact = request.contact_time_ns or self._last_rest_ns(start, end)
