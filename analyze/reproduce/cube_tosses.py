@@ -286,7 +286,7 @@ def corner_contacts(motions: Sequence[BodyMotion]) -> list[Contact]:
 
 
 def _wider(contact: Contact, by: float) -> Contact:
-    """Contact with its corner where it is on a cube wider by `by` [m]; the motion stays the same."""
+    """Contact of a cube wider by `by` [m]: its corner lies further out; its motion is unchanged."""
     return replace(contact, corner=contact.corner * (1.0 + by / EDGE_M))
 
 

@@ -46,13 +46,13 @@ class _Struck:
 
 
 def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
-    """Results of the paper's method, one per round: first strikes on all axes, second strikes, and so on.
+    """Results of the paper's method (VISAPP 2013), one per round, as in the paper's tables.
 
-    The paper's tables list its results by such rounds. Only strikes that tipped over count; the axis with the
-    fewest sets the number of rounds, and the list is empty without any. The balance angle of a strike is that
-    at the sign change of the angular acceleration. I about the edge follows by VISAPP 2013, eq. 5, with the
-    distance R of the edge from the paper's own centre of mass, with which the region masses are computed as
-    well.
+    Round i consists of the i-th strike on each axis (pivot edge). Only strikes that tipped over count. The
+    axis with the fewest sets the number of rounds; the list is empty without such strikes. The balance angle
+    of a strike is that at the sign change of the angular acceleration. The moments of inertia about the edges
+    follow from eq. 5, with the distance R of the edge from the paper's own centre of mass. The region masses
+    are computed with this centre of mass as well.
     """
     by_axis = _by_axis(estimate)
     rounds = min((len(each) for each in by_axis.values()), default=0)
@@ -60,16 +60,17 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
 
 
 def sign_change_fit(motion: TipMotion) -> MotionFit | None:
-    """Fit of a strike whose balance angle is that at the sign change of the angular acceleration.
+    """Fit of a strike by the paper's estimator: phi is theta where the angular acceleration is 0.
 
-    None if the strike did not tip over, or has no such fit.
+    phi is the balance angle, theta the tipping angle. None if the strike did not tip over, or has no such
+    fit.
     """
     tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
     return next((fit for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None)
 
 
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
-    """Strikes that tipped over, with their fit by sign change of the acceleration, by id of the axis.
+    """Strikes that tipped over, by id of the axis, each with its plan and its fit by `sign_change_fit`.
 
     Axes without such a strike are left out.
     """

@@ -32,7 +32,7 @@ MIN_LABELLED_FRAMES = 6
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 6: angle theta, rate omega and acceleration alpha of one tipping object over time.
 
-    None if no session planned by our method has such a profile.
+    It is the first motion stored in a session planned by our method; None if there is none.
     """
     profile = next(
         (record.profile for record in scores.with_our_plan(records) if record.profile is not None), None

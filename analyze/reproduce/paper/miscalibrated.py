@@ -42,10 +42,10 @@ MIN_EDGE_RADIUS_M = 1e-4
 
 
 def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evidence:
-    """Evidence with calibration errors drawn and their standard deviations stated.
+    """Evidence with random calibration errors applied and their standard deviations stated.
 
-    Evidence is the fitted motions of all strikes, with object and plan. The errors are those of
-    docs/explanation/method.md, Targets.
+    Evidence is the fitted motions of all strikes, with object and plan. The kinds and sizes of the errors are
+    given in docs/explanation/method.md, Targets.
 
     Args:
         evidence: strikes of one recording on a well calibrated rig; it is not changed.

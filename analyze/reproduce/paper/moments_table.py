@@ -1,4 +1,4 @@
-"""Table of the moments about the edges: by the paper's eq. (5), as its 3.3.2 corrects them, and ours."""
+"""Table of moments of inertia about the edges: the paper's (eq. 5), those corrected (3.3.2), ours."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Val
 
 
 def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[AxisMoment]:
-    """Errors of the moments of one axis, from the lists of several answers."""
+    """Entries of the axis `axis_id` from the lists of moments of several answers, in their order."""
     return [axis for moments in answers for axis in moments if axis.axis_id == axis_id]
 
 

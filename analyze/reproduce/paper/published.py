@@ -71,19 +71,20 @@ def published_masses() -> list[PublishedMasses]:
 
 
 def volume_ratio(distance: float, volume: float) -> float:
-    """The paper's error of a centre of mass: volume of a sphere, over that of the object.
+    """The paper's error of a centre of mass: volume of an error sphere over that of the object.
 
     Args:
-        distance: radius of the sphere: distance of the estimate from the reference.
+        distance: radius of the error sphere: distance of the estimate from the reference.
         volume: volume of the object, in the cube of the unit of `distance`.
     """
     return 4 / 3 * np.pi * distance**3 / volume
 
 
 def _errors(file: str, columns: Sequence[str]) -> Iterator[tuple[str, Array, dict[str, str]]]:
-    """Yield of each published result the object's name here, the error, and the row of the file.
+    """Yield object name, error, and row of the CSV file, for each result of one of the paper's tables.
 
-    The error (len(columns),) is the result minus the reference, which stands before it in the file.
+    The name is the one that this package uses. The error (len(columns),) is the result minus the reference;
+    the row of the reference precedes its results in the file.
 
     Args:
         file: name of the table's CSV file.

@@ -49,9 +49,9 @@ def errors_over_scan_noise(
         rng: generator that draws points and shifts.
 
     Returns:
-        Distance of c from the true one [m], and the mean error of a region's mass over the total mass, one
-        entry per level each. A value is None if the scan cannot be used, or if too few strikes are left whose
-        edge it has. The paper's are None too if no strike tipped over, or its method finds no masses.
+        Two lists with an entry per level: distance of c from the true one [m], and mean error of a region's
+        mass over the total mass. A value is None if the scan cannot be used, or if it has the pivot edges of
+        too few strikes. The paper's are None too if no strike tipped over, or its method finds no masses.
     """
     true = np.array(body.com_object)
     com, masses = [], []

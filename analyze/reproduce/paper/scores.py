@@ -67,6 +67,8 @@ def answers(
 ) -> Iterator[tuple[MethodAnswer, SessionRecord]]:
     """Yield answers with their sessions: ours of each session, or the paper's of each round of strikes.
 
+    A round is one strike on each pivot axis.
+
     Args:
         records: sessions.
         condition: calibration under which they were analysed.

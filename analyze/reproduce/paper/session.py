@@ -94,6 +94,8 @@ def session_record(
 ) -> SessionRecord:
     """Analyse a session by both methods (ours, the paper's) under both conditions of calibration.
 
+    The conditions are the calibration as recorded, and one with random errors applied.
+
     Args:
         evidence: strikes of the session.
         body: ground truth, which no estimate uses.
@@ -162,7 +164,10 @@ def session_record(
 
 
 def _own_answer(estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
-    """Answer of our method, with region masses in the order of the ground truth and errors of the moments."""
+    """Answer of our method, with errors of the moments of inertia against the ground truth.
+
+    The region masses are in the order of the ground truth: shell, upper, lower part.
+    """
     regions, planes = result_document(estimate).regions, _first_planes(estimate)
     assert regions is not None  # noqa: S101 - every estimate has regions
     order = true_order(estimate.distribution.dividing_plane_normal, body)
@@ -207,7 +212,8 @@ def _axis_moment(
         i_edge_sd: standard deviation of `i_edge` [kg m^2]; 0 for the paper's method, which states none.
         i_com_sd: standard deviation of `i_com` [kg m^2]; 0 for the paper's method.
         corrected: the paper's corrected moment about the edge [kg m^2]; None if there is none.
-        left_out: fraction of stage two's frames that the paper's eq. (5) leaves out; None for our method.
+        left_out: fraction of the frames of stage two (free motion beyond the balance) that the paper's
+            eq. (5) leaves out; None for our method.
     """
     R = distance_from_pivot(plane, np.array(body.com_object))
     about_com = float(plane.direction @ np.array(body.inertia_com).reshape(3, 3) @ plane.direction)
@@ -228,7 +234,8 @@ def _axis_moment(
 def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
     """Answer of the paper's method from one round of strikes, with errors of its moments of inertia.
 
-    Moments of axes whose strikes our estimate does not use are left out.
+    A round is one strike on each axis. The region masses are in the order of the ground truth; moments of
+    axes whose strikes our estimate does not use are left out.
     """
     planes, regions = _first_planes(estimate), answer.regions
     corrected = {} if regions is None else regions.corrected_i_edge
@@ -254,7 +261,10 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
 
 
 def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
-    """Balance angles of the strikes used: ground truth, ours, and the paper's if the object tipped over."""
+    """Balance angles of each strike used: true, by our method, and by the paper's.
+
+    The paper's angle is None for a strike that did not tip the object over.
+    """
     evidence = estimate.evidence
     by_id = {motion.strike_id: motion for motion in evidence.motions}
     found: list[Angle] = []

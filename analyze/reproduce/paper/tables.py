@@ -56,7 +56,7 @@ class Table:
 
 
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
-    """Tables that have rows, except those of targets and moments, in the order of the page."""
+    """Tables of the page that have rows, in its order; not those of targets and moments."""
     found = [
         table1(records),
         table2(records),
@@ -133,7 +133,9 @@ def _by_object(
 def _centre_row(
     name: str, method: str, distances: Sequence[float], ratios: Sequence[float]
 ) -> tuple[Value, ...]:
-    """Row of Table 1; without results all numbers after their count, 0, are None.
+    """Row of Table 1: object, method, count, distance [mm] (mean, median, worst), mean ratio [%].
+
+    Without results the count is 0 and the numbers after it are None.
 
     Args:
         name: name of the object.
@@ -202,12 +204,16 @@ def table2(records: Sequence[SessionRecord]) -> Table:
 def _masses_row(
     name: str, method: str, pairs: Sequence[tuple[float, float]], asked: int
 ) -> tuple[Value, ...]:
-    """Row of Table 2; the errors are None if there is no answer with masses.
+    """Row of Table 2: object, method, answers, those without masses, and four errors [%].
+
+    The errors are mean, median and worst of the paper's metric, and the mean fraction of mass in the wrong
+    region; None if no answer has masses.
 
     Args:
         name: name of the object.
         method: name of the method.
-        pairs: the paper's metric and the fraction of mass in the wrong region, of each answer with masses.
+        pairs: of each answer with masses, the paper's metric (mean absolute error of a region's mass over
+            the total mass) and the fraction of mass in the wrong region.
         asked: number of answers, with or without masses.
     """
     if not pairs:

@@ -198,7 +198,10 @@ def targets_table(records: Sequence[SessionRecord]) -> Table:
 
 
 def missed_targets(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
-    """Missed targets, grouped by their physical limit, as (quantities joined by ";", text)."""
+    """Missed targets, one pair of texts per physical limit; empty if none is missed.
+
+    A pair holds the names of the quantities, joined by "; ", and the sentences that explain the limit.
+    """
     found: dict[str, list[str]] = {}
     for each in targets(records):
         if each.verdict == "missed":
