@@ -68,13 +68,14 @@ class Source:
         return "://" not in self.url
 
     def others(self, names: Iterable[str]) -> list[Source]:
-        """Files named like this series that belong to another recording, each as a recording of its own.
+        """Files of this numbered series that turned out not to belong to this recording.
 
         Args:
             names: names of the files that belong to this recording; empty if it was not opened.
 
         Returns:
-            One source per file whose name is not in `names`, never the first file; empty if `names` is.
+            A recording of its own for each file after the first whose name is not in `names`; empty if
+            `names` is empty.
         """
         own = set(names)
         return [Source((file,)) for file in self.files[1:] if own and file.url.rsplit("/", 1)[-1] not in own]

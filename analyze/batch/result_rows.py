@@ -242,9 +242,10 @@ def _numbers(value: object, count: int = 3) -> list[float | None]:
 
 
 def _matrix(value: object) -> list[list[float | None]]:
-    """Rows of a 3 x 3 matrix, given as three rows or as nine numbers row by row (a result's sd).
+    """Three rows of a 3 x 3 matrix, such as the inertia tensor of a Result document or its sd.
 
-    Entries that are not finite, and all entries if `value` is not a list, are None.
+    `value` is a list of three rows, or of nine numbers row by row. Entries that are not finite are None; all
+    are if `value` is not a list.
     """
     if not isinstance(value, list):
         return [[None] * 3] * 3

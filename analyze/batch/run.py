@@ -90,7 +90,8 @@ def plan_work(
         options: options of the run; a shard is a part of the archive.
 
     Returns:
-        Recordings to analyse, ledger entries of those that need not be, and those of the latter that failed.
+        Recordings to analyse; ledger entries (stored outcomes) of recordings that are unchanged since their
+        last analysis; and those of these entries that are failures.
     """
     number, shards = options.shard
     known = read_ledgers(output)
@@ -184,9 +185,11 @@ def run_batch(
 def _answers(
     requests: Sequence[Request], output: Path, options: BatchOptions
 ) -> AbstractContextManager[Iterator[Answer]]:
-    """Analyse requests on a cluster or on this machine for the duration of a `with` block.
+    """Analyse recordings on a cluster or on this machine for the duration of a `with` block.
 
-    The context manager returned yields an iterator of recordings with their outcomes, as they finish.
+    Returns:
+        Context manager that gives an iterator of recordings with their outcomes, in the order in which they
+        finish.
     """
     if options.scheduler:
         from analyze.batch.cluster import cluster_answers
@@ -229,10 +232,10 @@ def _supersede(
     output: Path,
     ledger: Ledger,
 ) -> None:
-    """Record an outcome in the ledger; remove the row that it replaces unless another recording needs it.
+    """Record a recording's outcome in the ledger, and remove the stored row that it replaces.
 
-    Nothing is removed for a failure on unchanged files: it is due to the settings or the network, so that an
-    earlier result of the recording stays.
+    A row of results that the entry of another recording names stays. If the analysis of unchanged files
+    failed, nothing is removed: the cause is the settings or the network, and an earlier result stays.
 
     Args:
         known: latest ledger entry by URL; the recording's entry is replaced in place.

@@ -43,7 +43,10 @@ class BatchSettings:
 
     @property
     def digest(self) -> str:
-        """Hash (16 hexadecimal digits) of all settings that affect the results; the file's path does not."""
+        """Hash (16 hexadecimal digits) of all settings that affect the results.
+
+        An object file counts by its content (`object_sha256`), not by its path.
+        """
         fields = {name: value for name, value in asdict(self).items() if name != "object_path"}
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
