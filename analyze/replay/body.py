@@ -53,7 +53,10 @@ class SceneInputs:
         return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
 
     def camera_of(self, planned: PlannedStrike) -> CameraModel:
-        """First camera, with its pose in the strike's own world frame W, whose +x the object tips towards."""
+        """First camera of the recording, with its pose in the world frame W of the planned strike.
+
+        W's x axis points in the direction in which this strike tips the object.
+        """
         return turned_camera(self.camera, planned.heading_rad)
 
 

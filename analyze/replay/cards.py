@@ -194,7 +194,7 @@ def _strike(stream: rr.RecordingStream, card: Card, camera: CameraModel) -> None
 
 
 def card_text(card: Card) -> str:
-    """Instructions and figures of a strike's placement card, as Markdown."""
+    """Text of a strike's placement card as Markdown: steps, speed, balance angle, friction needed."""
     strike = card.strike
     before = "Put it down as in the picture"
     if card.number > 1:

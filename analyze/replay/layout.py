@@ -35,7 +35,10 @@ class StrikePage:
 
 
 def timeline_of(page: str | None) -> str:
-    """Name of the timeline of a page: "session" for the session's page, else (also None) "since_contact"."""
+    """Name of the timeline of a page: "session" for the session's page, "since_contact" for all others.
+
+    Without a page (None) it is "since_contact" too.
+    """
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 
 
@@ -64,7 +67,7 @@ def scene_view(
 
 
 def without_panels(contents: rrb.Container, time: rrb.TimePanel) -> rrb.Blueprint:
-    """Layout of the contents over a time panel, with rerun's other panels hidden."""
+    """Rerun blueprint (layout) of `contents` above the time panel `time`; other panels are hidden."""
     hidden = rrb.SelectionPanel(state="hidden"), rrb.BlueprintPanel(state="hidden")
     return rrb.Blueprint(contents, time, *hidden, auto_layout=False, auto_views=False)
 

@@ -59,7 +59,10 @@ def find_recording(file: Path) -> RecordingFile:
 
 
 def is_fresh(path: Path) -> bool:
-    """True if a `.part` file was written to within the last 10 s, or has been given its final name."""
+    """True if the file, with suffix `.part`, is probably still being written.
+
+    It then was written to within the last 10 s, or no longer exists because it was just given its final name.
+    """
     try:
         return time.time() - path.stat().st_mtime < STILL_S
     except FileNotFoundError:

@@ -20,7 +20,7 @@ SINCE_CONTACT, SESSION = "since_contact", "session"
 
 
 def contact_of(record: pb.StrikeRecord) -> int:
-    """Log time [ns] of a strike's contact, or of its window's start if no contact was recorded."""
+    """Log time [ns] at which the striker touched the object; its window's start if none was recorded."""
     return record.contact_time_ns or record.window_start_ns
 
 

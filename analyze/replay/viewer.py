@@ -199,7 +199,9 @@ def _limit(recording_bytes: int) -> str:
 
 
 def _executable() -> str:
-    """Path of the viewer's executable; `python -m rerun` would start a child that outlives its parent.
+    """Path of rerun's viewer program, to be run directly.
+
+    `python -m rerun` would start the program as a child process, which outlives its parent.
 
     Raises:
         ReplayError: the package rerun_cli holds no viewer.

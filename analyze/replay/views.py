@@ -133,7 +133,7 @@ def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
 
 
 def fitted_angle(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAngle:
-    """Tip angle with the fitted theta at the frames of the fit's window; all else is as measured."""
+    """Tipping angle in the fit's window: theta as fitted; sd, off-axis rotation and slip as measured."""
     first, last = fit.window
     return TipAngle(
         fitted.time_ns,
@@ -159,8 +159,8 @@ def object_poses(
     Args:
         planned: planned strike, with pivot and pose.
         angle: measured or fitted angle; its slip is relative to rolling where the object rolls.
-        flank: support function of the flank on which the object rolls, which moves the line itself; None for
-            an edge.
+        flank: support function (outline of the cross-section) of the flank on which the object rolls; None
+            if it rolls on the rounding of its pivot edge.
         rest: R_world_object (3, 3) and p_world_object (3,) [m] at theta = 0; the planned pose if None.
 
     Returns:
