@@ -35,7 +35,7 @@ Kind = Literal["centre_of_mass", "moment", "region", "phi"]
 
 
 def comparison_document(compared: SessionComparison) -> Comparison:
-    """Build the Comparison document (JSON), which holds all numbers that the comparison page shows.
+    """Comparison document (JSON values), which holds all numbers that the comparison page shows.
 
     Args:
         compared: two or more sessions, each estimated by itself and all together.
@@ -252,7 +252,8 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
 def _repeatability_without(compared: SessionComparison, odd: int) -> str:
     """Clause on the repeatability [mm] of the centre of mass without one session; "" if it is not known.
 
-    It is that within set-ups (s_r) if known, otherwise that across set-ups (s_R), as ISO 5725 defines them.
+    Repeatability is the sd of repeated sessions within a set-up (s_r) if known, otherwise across set-ups
+    (s_R), as ISO 5725 defines them.
 
     Args:
         compared: the sessions.

@@ -30,8 +30,8 @@ SIGMAS_95_2D = 2.4477
 def strike_figure(motion: TipMotion, title: str) -> Figure:
     """Figure of one strike: tipping angle theta, measured and fitted, with residuals below.
 
-    Phases of the motion are shown as bands. Time 0 is that of the fit's initial state, or the first frame
-    without a fit.
+    Phases of the motion are shown as bands. Time 0 is that of the fit's initial state; if there is no fit, it
+    is the first frame.
 
     Args:
         motion: motion of the strike.
@@ -85,9 +85,12 @@ def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
 
 
 def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
-    """Figures of front, side and top view: silhouette, equi-planes and centre of mass, with a close-up.
+    """Figures of front, side and top view, each with a close-up of the centre of mass.
 
-    An equi-plane contains a strike's pivot axis and the centre of mass; it is drawn in views along its axis.
+    They show the outline of the object's convex hull, the equi-planes, and the centre of mass with its 95 %
+    ellipse; the close-up also shows the centre of mass by the paper's method (VISAPP 2013). An equi-plane
+    contains a strike's pivot axis and the centre of mass. It is drawn as a line, and only in a view along its
+    pivot axis, to within 26 degrees.
 
     Args:
         estimate: estimate with the object's shape and the equi-planes.
@@ -157,7 +160,7 @@ def _planes(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]) ->
 
 
 def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int], com: Array) -> None:
-    """Write the name of each pivot axis seen end-on next to its dot, as colours do not identify it.
+    """Write the names of pivot axes next to their dots, in a view along them to within 26 degrees.
 
     Args:
         axes: axes of the plot, changed in place.

@@ -222,11 +222,13 @@ def camera_stills(estimate: Estimate) -> list[Still]:
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Log time [ns] of the image that shows markers at `time_ns`; with a rolling shutter the two differ.
+    """Log time [ns] of the image from which a track has the marker's corners at `time_ns`.
+
+    With a rolling shutter an image's own time differs from the time at which it shows the marker.
 
     Args:
         tracks: tracked markers of the strike.
-        time_ns: log time at which the markers were at their corners [ns]; returned if no track has it.
+        time_ns: log time of a track's corners [ns]; returned unchanged if no track has it.
     """
     return next(
         (

@@ -85,8 +85,9 @@ def _recordings(estimate: Estimate) -> CsvTable:
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
     """Yield one row per scalar of a result: name, value, sd, low95, high95, unit, source, observed.
 
-    sd is the standard deviation, low95 and high95 the ends of the 95 % interval, None if not known; source is
-    measured, prior or given; observed is False if no strike determines the quantity.
+    sd is the standard deviation, low95 and high95 the ends of the 95 % interval, None if not known. source is
+    "measured" by the strikes, "prior" (assumed before any strike) or "given" in the object file. observed is
+    False if no strike determines the quantity.
     """
     yield _row("mass", result.mass)
     yield from _each("centre_of_mass", "xyz", result.centre_of_mass)

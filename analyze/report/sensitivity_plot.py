@@ -61,7 +61,7 @@ def worst_direction(covariance: Array) -> Array:
 
 
 def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
-    """Contributions of all kinds of error along the worst direction, the largest first.
+    """Contributions of all kinds of error in the direction of the largest uncertainty, largest first.
 
     Args:
         sensitivity: covariance of the centre of mass by kind of error.
@@ -81,7 +81,8 @@ def largest_source_text(rows: Sequence[SourceRow]) -> str:
     """Sentences on the largest kinds of error, and the remedy for the first.
 
     Args:
-        rows: at least one kind of error, the largest first; the second is named above a share of 15 %.
+        rows: at least one kind of error, the largest first; the second is named if its share of the
+            variance is above 15 %.
     """
     first, *others = rows
     text = f"{100 * first.share:.0f} % of the variance is {first.source.value}"
