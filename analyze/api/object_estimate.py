@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class CentreOfMass:
     """Centre of mass c of the object without its markers, in O, the frame of the object's shape file.
 
-    The markers are included if the pose of one that has a mass is not known.
+    If a marker (printed tag) that has a mass has no known pose, none is subtracted: all are included.
     """
 
     position: Array
@@ -87,7 +87,10 @@ class InertiaTensor:
         return np.linalg.eigh(self.tensor)[1]
 
     def __repr__(self) -> str:
-        """Six entries with half widths of 95 % intervals, in one unit; entries from the prior are marked."""
+        """Six entries with half widths of 95 % intervals, in one unit.
+
+        Entries that only the prior (assumption before any strike) determines are marked "(prior)".
+        """
         entries = ", ".join(
             f"{name} {text}" + ("" if source == "measured" else " (prior)")
             for name, text, source in self.rows()
@@ -104,7 +107,7 @@ class InertiaTensor:
 
         Returns:
             One tuple per entry: name; value ± half width of its 95 % interval, in 10^power_of_ten kg m²; and
-            "measured" or "prior".
+            "measured" if the strikes determine it, or "prior" if only the assumption before any strike does.
         """
         unit = 10.0**self.power_of_ten
         return [
@@ -150,7 +153,7 @@ class ObjectEstimate:
     def mass(self) -> float:
         """Mass [kg] of the object without its markers, from the object file.
 
-        The markers are included if the pose of one that has a mass is not known.
+        If a marker (printed tag) that has a mass has no known pose, none is subtracted; all are included.
         """
         return self._answer.estimate.inertial.mass
 
@@ -163,8 +166,8 @@ class ObjectEstimate:
     def centre_of_mass(self) -> CentreOfMass:
         """Centre of mass [m] in the shape file's frame O, with its covariance.
 
-        It is that of the object without its markers, or with them if the pose of one that has a mass is not
-        known.
+        It is that of the object without its markers (printed tags). If a marker that has a mass has no known
+        pose, none is subtracted: all are included.
         """
         com = self._answer.estimate.com
         return CentreOfMass(com.position, com.covariance, com.observed, com.unobserved_direction)
@@ -173,7 +176,8 @@ class ObjectEstimate:
     def inertia(self) -> InertiaTensor:
         """Inertia tensor [kg m²] about the centre of mass in the axes of O, the shape file's frame.
 
-        Each entry has its standard deviation and origin: strikes or prior.
+        Each entry has its standard deviation, and states whether the strikes determine it or only the prior
+        (assumption before any strike).
         """
         inertial = self._answer.estimate.inertial
         return InertiaTensor(inertial.inertia, inertial.inertia_sd, inertial.measured)
@@ -188,16 +192,19 @@ class ObjectEstimate:
 
     @property
     def regions(self) -> tuple[PartMass, ...]:
-        """Masses [kg] of the shell and of the interior on either side of the dividing plane.
+        """Masses [kg] with intervals of the shell and of the interior on either side of a dividing plane.
 
-        Empty if they were not computed.
+        One entry per region; empty if the masses were not computed.
         """
         regions = self._answer.result.regions
         return () if regions is None else tuple(_part(each.name, each.mass) for each in regions.regions)
 
     @property
     def parts(self) -> tuple[PartMass, ...]:
-        """Masses [kg] of the parts that the object file labels; empty if it labels none, or a filling."""
+        """Masses [kg] with intervals of the parts that the object file labels, one entry each.
+
+        Empty if it has no labels, or if its label is of a filling (contents of a container).
+        """
         parts = self._answer.result.parts
         return () if parts is None else tuple(_part(each.name, each.mass) for each in parts.parts)
 
@@ -282,9 +289,10 @@ class ObjectEstimate:
         return tuple(write_body(body, kind, output))
 
     def figures(self) -> dict[str, Figure]:
-        """Figures of the report by name: front, side, top, moments, regions and predictions.
+        """Figures of the report (matplotlib) by name: front, side, top, moments, regions, predictions.
 
-        "predictions" is absent where no strike could be predicted from the others.
+        "predictions" (tipping angle of each strike, compared with that predicted from all others) is absent
+        if no strike could be predicted.
         """
         from analyze.report.plots import moments_figure, projection_figures, regions_figure
         from analyze.report.prediction_plot import prediction_figure

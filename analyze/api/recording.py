@@ -88,8 +88,9 @@ class Strike:
     def to_dict(self) -> dict[str, Any]:
         """Strike as a dict of JSON values in SI units; values of the fit are None if there is no fit.
 
-        Keys: id, axis_id, verdict, reason, time_s, theta_rad, theta_sd_rad, phases (first frame and end by
-        name), phi_rad, phi_sd_rad, k_rad_s2, k_sd_rad_s2 and energy_ratio.
+        Keys: id, axis_id (pivot edge), verdict, reason, time_s, theta_rad (tipping angle), theta_sd_rad,
+        phases ([first frame, end) by name), phi_rad (balance angle), phi_sd_rad, k_rad_s2 (rate constant),
+        k_sd_rad_s2, and energy_ratio (kinetic energy after the strike over that needed to reach the balance).
         """
         fit = self.fit
         return {
@@ -241,8 +242,9 @@ class Recording:
     def to_dataframe(self) -> pd.DataFrame:
         """Strikes as a pandas table, one per row, in SI units.
 
-        Columns: id, axis_id (pivot edge), verdict, reason, phi_rad, phi_sd_rad, k_rad_s2, k_sd_rad_s2 and
-        energy_ratio.
+        Columns: id, axis_id (pivot edge), verdict, reason, phi_rad (balance angle), phi_sd_rad, k_rad_s2
+        (rate constant), k_sd_rad_s2, and energy_ratio (kinetic energy after the strike over that needed to
+        reach the balance).
 
         Raises:
             ImportError: pandas is not installed.

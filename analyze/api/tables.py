@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def data_frame(table: Sequence[Mapping[str, Any]] | Mapping[str, Any]) -> pd.DataFrame:
-    """Table as a pandas DataFrame, from its rows by column name, or from its columns by name.
+    """Table as a pandas DataFrame, from a list of rows (cells by column name) or its columns by name.
 
     Raises:
         ImportError: pandas is not installed.
