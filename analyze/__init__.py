@@ -50,7 +50,7 @@ __version__ = version("percuss")
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on its first use (PEP 562), so that `analyze --help` does not load numpy.
+    """Public object with this name, imported on first use (PEP 562): `analyze --help` loads no numpy.
 
     Raises:
         AttributeError: `name` is not a public name.

@@ -146,9 +146,10 @@ PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
 
 @dataclass(frozen=True)
 class RollingContact:
-    """Circle of curvature of the object's cross-section where it touches the table at the balance.
+    """Circle of curvature of the object's cross-section at its contact with the table, at balance.
 
-    The cross-section is perpendicular to the pivot axis; phi is the balance angle.
+    The cross-section is perpendicular to the pivot axis. At balance the centre of mass c stands above the
+    contact.
     """
 
     forward: float
@@ -173,7 +174,8 @@ class RollingContact:
 class MotionFit:
     """Fit of one strike's motion by one estimator: balance angle phi and rate constant k.
 
-    The motion is theta'' = -k sin(phi - theta), or its form for a rolling contact.
+    The motion is theta'' = -k sin(phi - theta), with theta the tipping angle since rest, or the form of this
+    equation for a rolling contact.
     """
 
     estimator: str
@@ -233,10 +235,10 @@ class TipMotion:
 
 @dataclass(frozen=True)
 class EquiPlane:
-    """Equi-plane of one strike in O: the plane through the pivot's centre line that contains c.
+    """Equi-plane of one strike: the plane through the pivot's centre line and the centre of mass c.
 
-    The centre line is the axis of the pivot edge's rounding, or the edge itself if it is sharp. The plane is
-    normal . (c - point) = 0.
+    The centre line is the axis of the pivot edge's rounding, or the edge itself if it is sharp. In the object
+    frame O the plane is normal . (c - point) = 0.
     """
 
     strike_id: str
@@ -281,7 +283,7 @@ class EquiPlane:
 
 @dataclass(frozen=True)
 class TableTilt:
-    """Table tilt: angle of the vertical against the table's normal, for one levelling of the table."""
+    """Tilt of the vertical against the table's normal, for one levelling (set-up) of the table."""
 
     lean: Array
     """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
@@ -293,13 +295,13 @@ class TableTilt:
 
     @property
     def sd(self) -> Array:
-        """Standard deviation (2,) [rad] of the tilt towards W's x and y."""
+        """Standard deviation (2,) [rad] of the tilt towards x and y of the world frame W."""
         return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True)
 class CentreOfMass:
-    """Centre of mass c in O from all strikes used, with covariance and residuals."""
+    """Centre of mass c in the object frame O from all strikes used, with covariance and residuals."""
 
     position: Array
     """(3,) c [m]"""
@@ -347,7 +349,7 @@ class AxisInertia:
 
 @dataclass(frozen=True)
 class InertialParameters:
-    """Ten inertial parameters of the object: mass, c and the inertia tensor about c, in the axes of O."""
+    """Mass, centre of mass c and inertia tensor about c, in the object frame O: ten parameters."""
 
     mass: float
     """mass [kg]"""
@@ -371,7 +373,7 @@ class InertialParameters:
 
 @dataclass(frozen=True)
 class ShellThickness:
-    """Thickness of the object's shell, estimated from the moments where the object file does not state it."""
+    """Thickness of the object's shell, estimated from moments of inertia if the object file states none."""
 
     value: float
     """thickness [m]"""
@@ -387,8 +389,8 @@ class ShellThickness:
 class MassDistribution:
     """Masses of the shell (region R1) and of the interior on either side of a dividing plane.
 
-    Region R2 is the interior where normal . x > offset, R3 the rest of the interior. n is the number of
-    regions.
+    Region R2 is the interior at points x (in the object frame O) where dividing_plane_normal . x >
+    dividing_plane_offset; R3 is the rest of the interior. n is the number of regions.
     """
 
     names: tuple[str, ...]
