@@ -28,9 +28,9 @@ CARD_CELLS = 10
 
 @dataclass(frozen=True)
 class PlacedObject:
-    """Object with its shape and tags, placed in the world frame W of a strike (table at z = 0).
+    """Object with its shape and tags, placed in the world frame W of a strike.
 
-    O is the object frame (the shape file's).
+    W has z up and the table at z = 0; O is the object frame (the shape file's).
     """
 
     shape: DrawnShape
@@ -111,8 +111,8 @@ def draw_body(
 def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
     """Faces turned towards the eye, each as a tuple of nearness [m], colour and SVG path data.
 
-    Nearness is the distance of the face's centre from the view's target, along the direction to the eye;
-    greater is nearer. The colour (#rrggbb) follows the light.
+    Nearness is the distance of the face's centre from the point at which the eye looks, along the direction
+    to the eye; greater is nearer. The colour (#rrggbb) follows the light.
     """
     triangles, normals = body.world(body.shape.triangles), body.shape.normals @ body.R.T
     middles = triangles.mean(axis=1)
@@ -130,9 +130,11 @@ def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
 
 
 def _edges(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
-    """Outline and visible sharp edges, in pieces: tuples of nearness [m], "" and SVG element.
+    """Outline and visible sharp edges of the object: tuples of nearness [m], "" and SVG element.
 
-    Nearness is measured from the view's target along the direction to the eye, plus `_decoration_lead`.
+    Edges of a shape that is not convex are cut into pieces, one tuple each. Nearness is measured from the
+    point at which the eye looks, along the direction to the eye; added is a length that draws an edge after
+    its face.
     """
     shape = body.shape
     ends, sides = body.world(shape.edges), shape.edge_normals @ body.R.T
@@ -156,7 +158,8 @@ def _tags(
 ) -> list[tuple[float, str, str]]:
     """Tags with a known pose that face the eye, each as a tuple of nearness [m], "" and SVG elements.
 
-    Nearness is measured from the view's target along the direction to the eye, plus `_decoration_lead`.
+    Nearness is measured from the point at which the eye looks, along the direction to the eye; added is a
+    length that draws a tag after its face and the edges.
 
     Args:
         view: Projection to the picture.
@@ -185,6 +188,8 @@ def _tags(
 def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) -> str:
     """SVG path data of a tag's black cells, as one quadrilateral for each run of cells in a row.
 
+    Cells are the squares of the tag's pattern.
+
     Args:
         view: Projection to the picture.
         body: Object, placed in the world frame.
@@ -206,8 +211,9 @@ def _black(view: View, body: PlacedObject, marker: MarkerSpec, code: BoolArray) 
 
 
 def _decoration_lead(shape: DrawnShape) -> float:
-    """Length [m] added to the nearness of edges and tags to the eye, which gives the drawing order.
+    """Length [m] added to the nearness to the eye of edges and tags, so that they are drawn last.
 
-    With it they are drawn after the triangles of their face, whose centres may be nearer to the eye.
+    Parts are drawn from far to near. Without it, edges and tags could be drawn before the triangles of their
+    face, whose centres may be nearer to the eye.
     """
     return 10.0 if shape.convex else shape.size / 7

@@ -48,10 +48,11 @@ class DrawnShape:
 
 
 def drawn_shape(model: ObjectModel) -> DrawnShape:
-    """Faces and edges for drawing a model; a fine mesh is simplified.
+    """Faces and edges for drawing a model.
 
-    A convex mesh is drawn as its hull if that has fewer faces; one of more than `MAX_FACES` faces is merged
-    on a grid. A body that is not convex is cut into small triangles that can be sorted by depth.
+    A convex mesh is drawn as its convex hull if that has fewer faces. A mesh that still has more than
+    `MAX_FACES` faces is simplified: its vertices are merged on a grid. A body that is not convex is cut into
+    small triangles that can be sorted by depth.
     """
     vertices, faces = model.vertices, model.faces
     hull = ConvexHull(model.hull_vertices)
@@ -139,9 +140,10 @@ def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Vertex indices (e, 2) of all edges of `faces` (f, 3), and the indices (e, 2) of their two faces.
+    """Edges of a mesh with `faces` (f, 3), as vertex indices (e, 2), and their faces' indices (e, 2).
 
-    A boundary edge has its one face twice, an edge with more than two faces the first and the last of them.
+    A boundary edge has its one face twice; an edge with more than two faces has the first and the last of
+    them.
     """
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(faces)), 3)

@@ -1,4 +1,4 @@
-"""Two small dimensioned pictures of a card: as seen by the camera, and from above."""
+"""Two small dimensioned pictures of a placement card: as seen by the camera, and from above."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ NUMBER_PX, NAME_PX = 27, 18
 def side_picture(place: Setting) -> str:
     """Picture (an <svg> element) of a strike as seen by the camera, with dimensions.
 
-    It shows the height of the strike, the pivot line, and the object at rest and at the angle at which it
-    balances. A strike turned by 180° is seen from the side opposite the camera.
+    It shows the height of the strike, the pivot line (on the table, under the edge), and the object at rest
+    and tipped to the angle at which it balances. A strike turned by 180° is seen from the side opposite the
+    camera.
     """
     size = place.size
     tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
@@ -77,8 +78,9 @@ def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
 def plan_picture(place: Setting) -> str:
     """Picture (an <svg> element) of a strike as seen from above, with dimensions.
 
-    It shows the object, the pivot line, the distance from the edge's near end to the mark on that line, the
-    striker's path and, unless the strike is turned by 180°, the camera.
+    It shows the object, the pivot line (on the table, under the edge about which the object tips), the mark
+    on that line, its distance from the edge's near end, the striker's path and, unless the strike is turned
+    by 180°, the camera.
     """
     size = place.size
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
@@ -120,7 +122,10 @@ def plan_picture(place: Setting) -> str:
 
 
 def _contact(view: View, place: Setting) -> list[str]:
-    """SVG element of the pivot edge on the line; a disc at the mark if the setting has no edge."""
+    """SVG element of the pivot edge on the pivot line, or of a disc where a rim touches the line.
+
+    The disc, at the mark on the line, also stands for an edge that was not found.
+    """
     if place.edge is None:
         return [ink.disc(view.project(np.zeros((1, 3)))[0], 9, ink.PIVOT, "#fff", 2)]
     ends = view.project(np.array([[0.0, place.edge[0], 0.0], [0.0, place.edge[1], 0.0]]))
@@ -128,7 +133,7 @@ def _contact(view: View, place: Setting) -> list[str]:
 
 
 def _camera_from_above(view: View, place: Setting, front: float) -> list[str]:
-    """SVG elements of a camera symbol that points up in the picture, with the word "camera" to its left.
+    """SVG elements of a camera symbol that points up in the picture, with the word "camera" beside it.
 
     Args:
         view: Projection to the picture.

@@ -30,7 +30,7 @@ at the mark."""
 
 @dataclass(frozen=True)
 class Card:
-    """Contents of the placement card of one strike: instructions and pictures."""
+    """Contents of one placement card: instructions and pictures for setting up one strike."""
 
     number: int
     """Number of the card, from 1."""
@@ -54,20 +54,20 @@ class Card:
 
     @property
     def turned(self) -> bool:
-        """True if object and striker are turned to the line's other side, to measure the table's tilt."""
+        """True if object and striker are turned by 180° on the table, to measure the table's tilt."""
         return self.place.turned
 
     def _along(self, near: bool) -> str:
         """Direction along the pivot line in words: "towards the camera" or "away from the camera".
 
-        It is the direction towards the eye of the pictures if `near` is True, else the opposite one; the eye
-        of a turned strike's pictures is opposite the camera.
+        With `near` True it is the direction towards the eye of the pictures, else the opposite one. The eye
+        is at the camera, for a turned strike on the side opposite the camera.
         """
         return "towards the camera" if near != self.turned else "away from the camera"
 
     @property
     def put_down(self) -> str:
-        """Sentence for the object's placement: the sides that face camera and table, and any tag on top."""
+        """Sentence with the sides of the object that face the camera and the table, and any tag on top."""
         camera = self.sides.behind if self.turned else self.sides.camera
         facing = f"{_capitalised(camera)} faces the camera, {self.sides.under} is underneath"
         if self.sides.top.startswith("tag"):
@@ -76,10 +76,10 @@ class Card:
 
     @property
     def set_striker(self) -> str:
-        """Sentence for the position of the striker's tip: height, tag on that side, distance from the mark.
+        """Sentence for the position of the striker's tip: its height, and where it touches the object.
 
-        The tag is left out if there is none, the distance up to `MIN_OFFSET_M`; the mark is the point y = 0
-        of the pivot line in the world frame.
+        A tag on the side that it touches is named if there is one. The distance from the mark (the point y =
+        0 of the pivot line in the world frame) is stated if it is more than `MIN_OFFSET_M`.
         """
         height = 1000 * self.strike.impact_height_m
         words = f"Set the striker's tip {height:.0f} mm above the table, just touching the object"
@@ -92,10 +92,10 @@ class Card:
 
     @property
     def on_line(self) -> str:
-        """Sentence for the position of the pivot edge on the line, with its distance from the mark.
+        """Sentence for the position of the pivot edge on the line drawn on the table.
 
-        The mark is the point y = 0 of the line. For a rim, or if no edge was found, the sentence has the
-        point of contact, and the distance of the object's front.
+        It has the distance of the edge's near end from the mark, the point y = 0 of the line. For a rim, or
+        if no edge was found, it has the point of contact, and the distance of the object's front.
         """
         front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark {self._along(near=True)}"
         if self.place.edge is None:
@@ -124,7 +124,7 @@ def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: 
 
 
 def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
-    """HTML page with the placement cards of a plan.
+    """HTML page, as text, with the placement cards of a plan.
 
     Args:
         plan: Plan of the strikes.

@@ -49,7 +49,10 @@ class Turn:
 
 @dataclass(frozen=True)
 class Tilt:
-    """Tilt of an object about a horizontal axis, which moves its top in a direction of `TOWARDS`."""
+    """Tilt of an object about a horizontal axis, which moves its top in one of the directions `TOWARDS`.
+
+    These are towards and away from the striker and the camera.
+    """
 
     towards: str
     """Direction in which the top moves: a key of `TOWARDS`."""
@@ -77,8 +80,9 @@ Move = Turn | Tilt
 def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
     """Turns and tilts of an object, in the order of execution, from one placement to the next.
 
-    Turns are about the vertical, a tilt is about a horizontal axis of the world frame. There are as few turns
-    as possible, by angles that are small in sum; a move by less than `MIN_ROTATION` is left out.
+    A turn is about the vertical, a tilt about a horizontal axis of the world frame. There are as few turns as
+    possible; of equal numbers, those with the smallest sum of angles are taken. A turn or tilt by less than
+    `MIN_ROTATION` is left out.
 
     Args:
         R_before: (3, 3) rotation from object to world frame on the previous card.
@@ -110,7 +114,9 @@ def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
 
 
 def placement_change(R_before: Array, R_now: Array) -> str:
-    """Instruction for the change of placement, in words; empty if both are equal within `MIN_ROTATION`.
+    """Instruction, in words, for moving the object from one placement on the table to the next.
+
+    It is empty if both placements are equal within `MIN_ROTATION`.
 
     Args:
         R_before: (3, 3) rotation from object to world frame on the previous card.
@@ -167,7 +173,8 @@ def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
 def side_name(spec: ObjectSpec, direction: Array) -> str:
     """Name of one side of the object: that of the tag on it, as "tag 3", else an axis, as "the +x side".
 
-    The tag is the one whose normal is nearest to the direction, within `MAX_TAG_ANGLE`.
+    A tag counts as on the side if its normal is within `MAX_TAG_ANGLE` of the direction; of several the
+    nearest is taken.
 
     Args:
         spec: Object file, with the tags.

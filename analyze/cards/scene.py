@@ -1,4 +1,4 @@
-"""Large picture of a card: object, line, striker and camera on the table, and the tipping direction."""
+"""Large picture of a placement card: object, line, striker and camera, and the tipping direction."""
 
 from __future__ import annotations
 
