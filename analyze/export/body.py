@@ -24,7 +24,10 @@ RESERVED_NAMES = {"world", "base", "root", "default", "main"}
 
 @dataclass(frozen=True)
 class Inertial:
-    """Ten inertial parameters of a rigid body: mass, centre of mass (3) and inertia tensor (6)."""
+    """Ten inertial parameters of a rigid body: mass, centre of mass (3) and inertia tensor (6).
+
+    O is the frame of the object's shape file.
+    """
 
     mass: float
     """mass [kg]"""
@@ -71,7 +74,7 @@ class ExportBody:
 
 
 def identifier(name: str) -> str:
-    """Convert a name to an ASCII identifier that is valid in URDF, SDF, MJCF and USD.
+    """ASCII identifier made from a name, valid in URDF, SDF, MJCF and USD.
 
     The identifier is a letter, then letters, digits and single underscores. Accents and other characters
     outside ASCII are dropped, others become underscores. "object_" is put before a digit and before

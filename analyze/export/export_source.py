@@ -48,7 +48,9 @@ def is_result(files: Sequence[Path]) -> bool:
 def read_export_input(
     files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None
 ) -> ExportInput:
-    """Result and object of an export: estimated from recordings, or read from a result and an object file.
+    """Result and object of an export, from recordings or from a result file and an object file.
+
+    Recordings are estimated first.
 
     Args:
         files: recordings (.mcap) of one object, or one result (.json).

@@ -29,7 +29,7 @@ class Format(enum.Enum):
 
     @property
     def tolerance(self) -> float:
-        """Largest relative error that is accepted of a number that was written and read back.
+        """Largest relative error accepted of a number that was written to a file and read back.
 
         Text formats keep double precision, UsdPhysics single precision.
         """

@@ -1,7 +1,7 @@
-"""Find edges whose tips would measure entries of the inertia tensor that come from the shape so far.
+"""Find edges whose tips would measure entries of the inertia tensor that are only assumed so far.
 
-A tip over an edge with the unit direction l determines l.I.l, with I the inertia tensor about the centre of
-mass, and no other combination of its entries. "Prior" is the assumption on the tensor before any strike.
+The assumption, from the shape alone, is called prior. A tip over an edge with the unit direction l determines
+l.I.l, with I the inertia tensor about the centre of mass, and no other combination of its entries.
 """
 
 from __future__ import annotations
@@ -35,7 +35,11 @@ MIN_GAIN = 0.05
 
 @dataclass(frozen=True)
 class AdditionalEdges:
-    """Edges whose tips would measure entries of the inertia tensor that come from the prior so far."""
+    """Edges whose tips would measure entries of the inertia tensor that are only assumed so far.
+
+    The entries come from the prior, the assumption from the shape alone. O is the frame of the object's shape
+    file.
+    """
 
     axes: tuple[PivotAxis, ...]
     """edges to tip over; together they measure all entries that can be measured"""
@@ -46,12 +50,13 @@ class AdditionalEdges:
 def additional_edges(
     model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Array], prior: Sequence[tuple[int, int]]
 ) -> AdditionalEdges:
-    """Choose additional edges to tip over, one by one: each makes the most tensor entries measured.
+    """Choose edges whose tips would measure inertia tensor entries that come from the shape so far.
 
-    Of edges that make equally many measured, the one that reduces the standard deviations of the entries most
-    is taken. The choice ends when all entries are measured or no edge helps. The edges are those that the
-    planner would consider, under its names; whether camera and striker reach one is for the planner to
-    decide.
+    They are chosen one by one, each time the edge that makes the most entries measured. Of edges that make
+    equally many measured, the one that reduces the standard deviations of the entries most is taken. The
+    choice ends when all entries are measured or no edge helps. The edges are those that the planner would
+    consider, under its names; whether camera and striker reach one is for the planner to decide. O is the
+    frame of the object's shape file.
 
     Args:
         model: exterior of the object.
@@ -92,15 +97,26 @@ def additional_edges(
 
 
 def _information(row: Array) -> Array:
-    """Information (6, 6) on the tensor's entries, in units of the prior sd, from one moment's `row` (6,)."""
+    """Fisher information (6, 6) about the tensor's six entries from measuring one moment of inertia.
+
+    It is in units of the entries' prior standard deviations. The moment is the product of `row` (6,) and the
+    entries.
+    """
     return np.outer(row, row) / STRIKE_SD_FRACTION**2
 
 
 def _sd(information: Array) -> Array:
-    """Standard deviations (6,) of the tensor's entries over the prior's, for `information` (6, 6)."""
+    """Standard deviations (6,) of the inertia tensor's entries, over those of the prior.
+
+    `information` (6, 6) is the Fisher information about the entries; the prior is the assumption from the
+    shape alone.
+    """
     return np.sqrt(np.diag(np.linalg.inv(information)))
 
 
 def _measured(information: Array) -> BoolArray:
-    """Mask (6,) of the tensor's entries that `information` (6, 6) determines well enough."""
+    """Mask (6,) of the inertia tensor's entries that count as measured with `information` (6, 6).
+
+    Their standard deviation is below `MEASURED_FRACTION` of the prior's.
+    """
     return _sd(information) < MEASURED_FRACTION

@@ -49,7 +49,11 @@ def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str
 
 
 def _remedy_text(found: AdditionalEdges, missing: int) -> str:
-    """Remedy in words: the edges to tip over, those of `missing` entries that none measures, the option."""
+    """Remedy, in words, for an inertia tensor that is not fully measured.
+
+    It names the edges to tip over, those of the `missing` entries (a number) that no edge measures, and the
+    option to export without full measurement.
+    """
     otherwise = "export without --measured-only: the file then marks the entries from the shape"
     if not found.axes:
         return f"no edge of this object would measure them: {otherwise}"
@@ -65,9 +69,9 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
 
 
 def _along(direction: Array) -> str:
-    """Text of a unit direction (3,): the name of a coordinate axis, or such as "(0.71, 0.71, 0.00)".
+    """Text of a unit direction (3,): a coordinate axis, such as "x", or such as "(0.71, 0.71, 0.00)".
 
-    A direction stands for its line: it is reversed if its largest component is negative.
+    Opposite directions give the same text: a direction is reversed if its largest component is negative.
     """
     direction = direction * (1 if direction[np.argmax(np.abs(direction))] > 0 else -1)
     for i, axis in enumerate("xyz"):

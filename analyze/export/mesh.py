@@ -24,9 +24,10 @@ class MeshFile:
 
 
 def mesh_file(body: ExportBody) -> MeshFile | None:
-    """Mesh that goes beside an exported file; None for a box or cylinder, which every format represents.
+    """OBJ mesh of a body, to be put beside the exported file; None for a box or cylinder.
 
-    Its name ends in a hash of its content, so that two exports into one folder never share a mesh by mistake.
+    Every format represents a box or cylinder itself. The mesh's name ends in a hash of its content, so that
+    two exports into one folder never share a mesh by mistake.
     """
     if body.model.primitive is not None:
         return None

@@ -24,7 +24,7 @@ UNPRINTABLE = re.compile(
 def prior_entries(result: Result) -> list[tuple[int, int]]:
     """Entries (i, j), i <= j, of a result's inertia tensor that come from the shape instead of strikes.
 
-    Empty if all are measured; all six if an older result does not state which are.
+    The list is empty if all entries are measured; it has all six if an older result does not state which are.
     """
     if result.inertia.observed:
         return []
@@ -87,7 +87,7 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
 def provenance_text(provenance: Mapping[str, object]) -> str:
     """Provenance (origin of the exported numbers) as JSON text, an entry per line, for an XML comment.
 
-    The word "percuss" precedes it. The text contains no two hyphens in a row, none at its end, and no
+    The text starts with the word "percuss". It contains no two hyphens in a row, none at its end, and no
     invisible characters but blanks and line ends.
     """
     lines = [f"  {json.dumps(key)}: {_json(value)}" for key, value in provenance.items()]
@@ -95,7 +95,10 @@ def provenance_text(provenance: Mapping[str, object]) -> str:
 
 
 def printable(text: str) -> str:
-    """Copy of `text` with JSON escapes for characters that are invisible or that XML or USD cannot hold."""
+    """Copy of `text` with JSON escapes for characters that are invisible or that XML or USD cannot hold.
+
+    An escape is a backslash, "u" and four hexadecimal digits.
+    """
     return UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 

@@ -1,6 +1,7 @@
-"""Read the ten inertial parameters of a file back with yourdfpy, rod, mujoco or usd-core.
+"""Read the ten inertial parameters back from an exported file, to check it.
 
-No code is shared with the writers.
+The libraries are yourdfpy (URDF), rod (SDF), mujoco (MJCF) and usd-core (USD). No code is shared with the
+writers.
 """
 
 # These libraries are only partly typed.
@@ -132,7 +133,7 @@ def _usd(path: Path) -> Inertial:
 
 
 def _required(part: Part | None, name: str) -> Part:
-    """Return `part` of a file; raise ValueError with its `name` if it is None."""
+    """Return `part` of an exported file; raise ValueError with its `name` if it is None."""
     if part is None:
         raise ValueError(f"it finds no {name}")
     return part
@@ -153,13 +154,15 @@ def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
 
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
-    """Inertial parameters in the frame of a body's link or prim, from a tensor along other axes.
+    """Inertial parameters in the frame of a body's link (URDF, SDF) or prim (USD) or body (MJCF).
+
+    The inertia tensor, given along other axes, is turned into that frame.
 
     Args:
         mass: mass [kg].
-        com: (3,) centre of mass in the link's frame [m].
+        com: (3,) centre of mass in that frame [m].
         tensor: (3, 3) inertia tensor about the centre of mass, along `axes` [kg m²].
-        axes: (3, 3) unit axes in the link's frame, as columns.
+        axes: (3, 3) unit axes in that frame, as columns.
     """
     return Inertial(
         float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T

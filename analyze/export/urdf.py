@@ -32,7 +32,10 @@ def urdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
 
 
 def inertial_element(inertial: Inertial) -> ET.Element:
-    """`<inertial>` element of a URDF link whose frame is O: centre of mass, mass and inertia tensor."""
+    """XML element `<inertial>` of a URDF link: centre of mass, mass and inertia tensor.
+
+    The link's frame is O, that of the object's shape file.
+    """
     own = ET.Element("inertial")
     child(own, "origin", xyz=numbers(inertial.com), rpy="0 0 0")
     child(own, "mass", value=numbers([inertial.mass]))

@@ -68,7 +68,7 @@ def write_usd(body: ExportBody, path: Path) -> None:
 
 
 def _text(value: object) -> str:
-    """JSON value as text for USD's dictionaries, which hold no null and no nested lists.
+    """Text of a JSON value, for USD's dictionaries, which hold no null and no nested lists.
 
     Text stays text, other values become JSON; characters that cannot be seen are escaped.
     """
@@ -78,7 +78,10 @@ def _text(value: object) -> str:
 
 
 def _shape(stage: Usd.Stage, path: str, body: ExportBody) -> Usd.Prim:
-    """Define the exterior of a body at `path` of a stage, for display and collision, and return its prim."""
+    """Define a body's exterior in a USD stage (scene), for display and collision, and return its prim.
+
+    A prim is an element of the stage; `path` is its place there.
+    """
     from pxr import Gf, UsdGeom, UsdPhysics, Vt
 
     match body.model.primitive:

@@ -94,9 +94,10 @@ def _write(body: ExportBody, wanted: Format, path: Path, mesh: MeshFile | None) 
 
 
 def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Path]:
-    """Move the files into place, the mesh first, so that no body's file is ever without its mesh.
+    """Move the body's file and its mesh to their final folder, the mesh first.
 
-    Existing files are replaced; the new ones are readable by all users.
+    So no body's file is ever without its mesh. Existing files are replaced; the new ones are readable by all
+    users.
 
     Args:
         staged: body's file in a folder on the same disk, with the mesh beside it.

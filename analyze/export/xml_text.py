@@ -38,5 +38,5 @@ def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: s
 
 
 def tensor_entries(inertia: Array) -> dict[str, str]:
-    """Text of the entries of `inertia` (3, 3) on and above its diagonal, by name: ixx, ixy and so on."""
+    """Entries of `inertia` (3, 3) on and above its diagonal as text, by name: ixx, ixy and so on."""
     return {f"i{'xyz'[i]}{'xyz'[j]}": numbers([inertia[i, j]]) for i in range(3) for j in range(i, 3)}
