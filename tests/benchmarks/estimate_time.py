@@ -30,13 +30,13 @@ from tests.benchmarks.simulated_tips import session
 STAGES = {
     "voxelise": "cutting the shape into cells",
     "solve_joint": "centre of mass and moments, jointly",
-    "check": "checks",
+    "check_solution": "checks",
     "agreement": "checks",
     "region_masses": "regions",
-    "paper_centre_of_mass": "the paper's centre of mass",
-    "paper_regions": "the paper's regions",
+    "paper_estimate": "the paper's estimate",
     "voxel_map": "voxel map",
 }
+"""rows of the table by functions that `analyze.pipeline.estimate` calls"""
 DOCUMENT = "the document"
 MOTION = "theta(t) of nine strikes to phi and k"
 

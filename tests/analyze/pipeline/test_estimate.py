@@ -279,3 +279,10 @@ def test_rolling_contact_warnings_only_where_they_apply(evidence):
     assert "±20%" in text
     (text,) = _rolling_texts(with_flank(2e-4), EstimateOptions(estimator="pivot_fit"))
     assert "which pivot_fit does not model" in text
+
+
+def test_stages_that_the_benchmark_times_exist():
+    from analyze.pipeline import estimate
+    from tests.benchmarks.estimate_time import STAGES
+
+    assert all(callable(getattr(estimate, name, None)) for name in STAGES)
