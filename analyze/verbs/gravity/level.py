@@ -214,7 +214,7 @@ def level_entries(answer: GravityAnswer) -> dict[str, str]:
 
 
 def write_level(answer: GravityAnswer, rig: Path) -> None:
-    """Replace the table [level] of the rig file by the reading; all other tables stay as they are.
+    """Write the measured tilt into the rig file as its table [level]; all other tables stay unchanged.
 
     Raises:
         CalibrationError: the tilt is not determined, or the file's [level] is not written as a plain table.
