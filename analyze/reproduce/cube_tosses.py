@@ -302,7 +302,7 @@ def _entries(body: BalancedBody) -> Array:
 
 
 def _heights(motion: BodyMotion) -> Array:
-    """Heights (n, 8) of the cube's corners above the table in the n frames, in the motion's unit of length.
+    """Heights (n, 8) of the cube's corners above the table in n frames, in the motion's unit of length.
 
     The cube's width is taken as `EDGE_M` of that unit, which the file's "metre" meets to a few per cent.
     """

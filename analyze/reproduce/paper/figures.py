@@ -178,7 +178,7 @@ def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _swept_figure(*panels: tuple[Sequence[Sensitivity], float, str, str]) -> Figure:
-    """Figure with two panels: errors of the centre of mass c [mm], and of the region masses [%], over noise.
+    """Figure with two panels: errors of centre of mass c [mm], and of region masses [%], over noise.
 
     Args:
         panels: for c, then for the region masses: the errors at each level of the noise, the factor on the
@@ -228,7 +228,7 @@ def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: flo
 
 
 def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 11: every error of c and of the region masses with its mean, next to the published ones.
+    """Figure 11: errors of c and of the region masses, with their means, next to the published ones.
 
     c is the centre of mass. None if there is no session on the paper's objects, planned by our method.
     """

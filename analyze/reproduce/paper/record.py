@@ -226,9 +226,9 @@ class SessionRecord(Document):
     @field_validator("naive_kg", mode="before")
     @classmethod
     def _current_names(cls, value: object) -> object:
-        """Replace the names of naive answers in older records by the present ones.
+        """Masses of the naive answers by name, with names of older records replaced by the present ones.
 
-        Their sessions need not be recorded again then. A value that is not a dictionary is returned as it is.
+        Older records can thus still be read. A value that is not a dictionary is returned as it is.
         """
         if not isinstance(value, dict):
             return value

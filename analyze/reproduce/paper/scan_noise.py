@@ -117,10 +117,10 @@ def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> A
 
 
 def _on_scanned_edge(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | None:
-    """Strike whose pivot is the corresponding edge of the scan; None if the scan has no such edge.
+    """Planned strike with its pivot edge replaced by the corresponding edge of the scan.
 
     An edge corresponds if its direction and the normal of its resting face are within 15 degrees of the
-    strike's; of several, the nearest is taken.
+    strike's; of several, the nearest is taken. None if the scan has no such edge.
     """
     R = np.array(strike.R_world_object)
     point = np.array(strike.pivot.point)

@@ -205,7 +205,7 @@ def scatter_of_mean(records: Sequence[SessionRecord], condition: Condition) -> f
 def _masses(
     answer: MethodAnswer, record: SessionRecord
 ) -> Iterator[tuple[float, float, float, float, float]]:
-    """Yield true mass, estimated mass, its sd, and both limits of its 95 % interval [kg], region by region.
+    """Yield for each region true mass, estimated mass, its sd and both ends of its 95 % interval [kg].
 
     Raises:
         ValueError: the answer has no masses, or none of their sd or intervals.

@@ -146,7 +146,7 @@ def masses_over_moments(
 
 
 def true_order(dividing_plane_normal: Array, body: pb.TruthBody) -> list[int]:
-    """Indices that put estimated region masses into the order of the ground truth: shell, upper, lower part.
+    """Indices that put estimated region masses into the true order: shell, upper, lower part.
 
     They swap upper and lower part if the estimated and the true dividing plane have opposite upper sides.
 

@@ -42,9 +42,10 @@ class Target:
 
     @property
     def verdict(self) -> str:
-        """Outcome by the larger of median and mean: `aim reached`, `reached` or `missed`.
+        """Outcome: "aim reached", "reached", "missed", or "not run" if there are no values.
 
-        It is `not run` if there are no values.
+        The larger of median and mean is compared with `aim`, the better value, and `must`, the largest value
+        with which the target is reached.
         """
         if not len(self.values):
             return "not run"
