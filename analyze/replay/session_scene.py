@@ -33,7 +33,7 @@ _WARNING_KINDS = {pb.StrikerEvent.FAULT, pb.StrikerEvent.MISSED, pb.StrikerEvent
 
 
 def send_event(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
-    """Send one message of striker, session or log to a replay, as a line of text, a change of state, or both.
+    """Send a message of striker, session or log to a replay, as a line of text, change of state, or both.
 
     Args:
         timelines: timelines of the stream.

@@ -174,7 +174,7 @@ def _started(arguments: list[str], port: int, web_port: int | None = None) -> It
 
 @contextmanager
 def _end_on_signals() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into KeyboardInterrupt within a `with` block, so that no viewer keeps running.
+    """Turn SIGTERM and SIGHUP into KeyboardInterrupt in a `with` block, so that no viewer keeps running.
 
     Outside the main thread, which alone can handle signals, nothing changes.
     """

@@ -235,5 +235,8 @@ def ellipsoid(covariance: Array, least: float) -> tuple[Array, Array]:
 
 
 def _thinned(points: Array) -> Array:
-    """Random sample of at most 700 of the points (n, 3), always the same; a regular grid would shimmer."""
+    """Random sample of at most 700 of the points (n, 3), the same one in every run.
+
+    Points of a regular grid would shimmer when the view is turned.
+    """
     return np.random.default_rng(0).permutation(points)[:_MAX_REGION_POINTS]
