@@ -38,7 +38,10 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class SourceRow:
-    """Contribution of one kind of error to the uncertainty of the centre of mass, in its worst direction."""
+    """Contribution of one kind of error to the uncertainty of the centre of mass.
+
+    The uncertainty is that along the direction in which it is largest.
+    """
 
     source: ErrorSource
     """Kind of error."""
@@ -49,7 +52,7 @@ class SourceRow:
 
 
 def worst_direction(covariance: Array) -> Array:
-    """Unit vector (3,) in O of the largest uncertainty of the centre of mass.
+    """Direction of the largest uncertainty of the centre of mass: unit vector (3,) in the object frame O.
 
     Its component of largest magnitude is positive.
 
