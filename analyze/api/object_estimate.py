@@ -332,7 +332,8 @@ class ObjectEstimate:
         """Estimated quantities as a pandas table, one scalar per row, in SI units.
 
         Columns: quantity (its name), value, sd (standard deviation), low95 and high95 (ends of the 95 %
-        interval), unit, source (measured, prior or given) and observed (False if no strike determines it).
+        interval), unit, source ("measured" by the strikes, "prior": assumed before any strike, or "given" in
+        the object file) and observed (False if no strike determines it).
 
         Raises:
             ImportError: pandas is not installed.
