@@ -1,6 +1,7 @@
 """Inspects H.264 and H.265 byte streams (ISO/IEC 14496-10, 23008-2, Annex B): unit types, start codes.
 
-In MP4 and Matroska files each NAL unit has its length before it in place of a start code (ISO/IEC 14496-15).
+A NAL unit is a coded unit: a slice of a picture, or a parameter set. In Annex B it follows a start code; in
+MP4 and Matroska files its length stands in place of the start code (ISO/IEC 14496-15).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class VideoFormat(Enum):
 
 
 def is_keyframe(video: VideoFormat, data: Buffer) -> bool:
-    """True if a decoder can begin with this access unit (one coded picture), by its first slice's type.
+    """True if a decoder can begin with an access unit (one coded picture), by its first slice's type.
 
     H.264: a slice of an IDR picture; H.265: a slice of NAL unit type 16 to 23. False if no slice begins in
     the first 64 KiB.
@@ -50,7 +51,7 @@ def holds_parameter_sets(video: VideoFormat, data: Buffer) -> bool:
 
 
 def slice_starts(video: VideoFormat, data: Buffer) -> list[bool]:
-    """For each slice (part of a picture) in the data, True if it is the first of a picture."""
+    """List with one bool for each slice (part of a picture) in the data: True if it begins a picture."""
     whole = bytes(data)
     found: list[bool] = []
     at = whole.find(_START_CODE)
@@ -71,7 +72,9 @@ def is_annex_b(data: Buffer) -> bool:
 
 
 def has_four_byte_lengths(video: VideoFormat, head: Buffer) -> bool:
-    """True if a codec configuration (avcC or hvcC) states NAL unit lengths of four bytes, as most do.
+    """True if a codec configuration states that NAL units (coded units) have lengths of four bytes.
+
+    Most configurations (avcC of H.264, hvcC of H.265) do.
 
     Args:
         video: codec.
@@ -86,7 +89,7 @@ def write_start_codes(
 ) -> NDArray[np.bool_]:
     """Replace the four-byte lengths of NAL units by start codes in place, in many access units at once.
 
-    An access unit is one coded picture, made of NAL units; a video may have 100 000 of them.
+    An access unit is one coded picture, made of NAL units (coded units); a video may have 100 000 pictures.
 
     Args:
         video: codec.
@@ -97,7 +100,7 @@ def write_start_codes(
 
     Returns:
         (n,) True if the access unit was converted; False if its lengths do not add up to its size, or if it
-        is a key picture, which needs parameter sets before it.
+        is a key picture, which also needs parameter sets before it.
     """
     lengths = np.ndarray(max(0, len(data) - 3), ">u4", data, strides=(1,))  # the four bytes from each byte on
     at = starts.copy()
@@ -113,7 +116,10 @@ def write_start_codes(
 
 
 def _unit_types(video: VideoFormat, data: Buffer) -> Iterator[int]:
-    """Yield the types of the NAL units that begin in the first 64 KiB of a byte stream, in their order."""
+    """Yield the types (numbers) of the NAL units (coded units) that begin in a stream's first 64 KiB.
+
+    They come in the stream's order.
+    """
     head = bytes(data[:_MAX_HEAD_BYTES])
     at = head.find(_START_CODE)
     while 0 <= at < len(head) - 3:

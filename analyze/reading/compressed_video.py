@@ -31,7 +31,7 @@ _NANOSECONDS = Fraction(1, 10**9)
 
 
 def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
-    """Grey values (height, width) uint8 of a decoded frame.
+    """Grey values (height, width) uint8 of a decoded video frame.
 
     The result is a view of the frame's luma plane if it has one of 8 bits, otherwise of a converted copy.
     """
@@ -60,7 +60,7 @@ def _has_luma(name: str) -> bool:
 
 
 def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
-    """Parse a foxglove.CompressedVideo message to its codec and coded data.
+    """Parse a foxglove.CompressedVideo message; return its codec and its coded picture.
 
     Raises:
         ContainerError: the message is of another type, or its format is unknown.
@@ -73,7 +73,7 @@ def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
 
 
 def video_format(name: str) -> VideoFormat:
-    """Codec by its name in foxglove.CompressedVideo, "h264" or "h265".
+    """Codec with the given name in foxglove.CompressedVideo, "h264" or "h265".
 
     Raises:
         ContainerError: `name` is another one.
@@ -86,7 +86,7 @@ def video_format(name: str) -> VideoFormat:
 
 
 def is_decoding_start(message: RecordedMessage) -> bool:
-    """True if a decoder can begin with this video message.
+    """True if a decoder can begin with this video message: its picture is a key picture.
 
     Raises:
         ContainerError: the message is no video, or of an unknown format.
@@ -95,9 +95,9 @@ def is_decoding_start(message: RecordedMessage) -> bool:
 
 
 def decode_video(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
-    """Decode a video, and yield its images by time, without pictures that the decoder marks as corrupt.
+    """Decode a video; yield its grey images in display order, without those marked as corrupt.
 
-    Each image has the log time and the sequence number of its message.
+    Each image has the log time and the sequence number of the message that contained it.
 
     Args:
         messages: the video's messages in file order, beginning with one where a decoder can begin.
@@ -146,11 +146,13 @@ def _create_decoder(video: VideoFormat) -> av.VideoCodecContext:
 def _image_frames(
     frames: Iterable[av.VideoFrame], sequences: dict[int, int], base_ns: int
 ) -> Iterator[ImageFrame]:
-    """Yield decoded frames as grey images, except corrupt ones and those whose message is not known.
+    """Yield decoded frames as grey images with log time and sequence number of their messages.
+
+    Corrupt frames, and those whose message is not known, are left out.
 
     Args:
         frames: decoded frames, with times since `base_ns` [ns].
-        sequences: sequence number of each message by its log time [ns]; those yielded are removed.
+        sequences: sequence number of each message by its log time [ns]; those used are removed.
         base_ns: log time of the decoder's first message [ns].
     """
     for frame in frames:

@@ -30,12 +30,12 @@ class SeriesFiles:
 
 
 def final_path(path: Path) -> Path:
-    """Path that a `.part` file (being written) will have when it is finished; other paths unchanged."""
+    """Path that a `.part` file (being written) will have when it is finished; any other path unchanged."""
     return path.with_suffix("") if path.suffix == PART_SUFFIX else path
 
 
 def missing_files_text(numbers: Sequence[int]) -> str:
-    """Name a recording's missing files by their numbers, such as "files 2, 3 of this recording"."""
+    """Words that name a recording's missing files by number, such as "files 2, 3 of this recording"."""
     names = ", ".join(str(number) for number in numbers)
     return f"file {names} of this recording" if len(numbers) == 1 else f"files {names} of this recording"
 
@@ -46,6 +46,9 @@ def find_series_files(path: Path) -> SeriesFiles:
     A file without a readable manifest (description of the session), or one that does not exist, is a series
     of its own; so is a renamed file from number 2 on, with all lower numbers missing. Of a finished and an
     unfinished file of one number the finished one counts, unless `path` is one of them.
+
+    Returns:
+        The files in their order, and the numbers of missing ones.
     """
     ours = _manifest(path)
     if ours is None:
@@ -65,7 +68,9 @@ def find_series_files(path: Path) -> SeriesFiles:
 
 
 def _candidates(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]:
-    """List number and path of every file, finished or not, with a name of a series; empty if not listable.
+    """Number and path of every file, finished or not, whose name fits a series.
+
+    Empty if the folder cannot be listed. The files' manifests are not read.
 
     Args:
         folder: folder of the series.

@@ -27,8 +27,8 @@ PART_SUFFIX = ".part"
 class FollowedRecording:
     """Reader of a recording (`.part` file) that another process is writing.
 
-    The file need not exist yet, and may be finished and renamed meanwhile. Only whole records are read: on a
-    full disk the writer truncates its last, unfinished record. Use it in a `with` statement.
+    The file need not exist yet, and may be finished and renamed meanwhile. Only whole records are read, since
+    on a full disk the writer cuts off an unfinished one. Use it in a `with` statement.
 
     Args:
         path: the `.part` file, or a finished file.
@@ -38,7 +38,7 @@ class FollowedRecording:
         self._follow(path)
 
     def _follow(self, path: Path) -> None:
-        """Begin to follow the file at `path`; nothing of a file followed before is kept."""
+        """Begin to follow the file at `path`; state of a file followed before is dropped."""
         self.path = path
         """path of the file"""
         self.manifest: SessionManifest | None = None
@@ -66,14 +66,18 @@ class FollowedRecording:
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """Content of the object's shape file; None for a primitive, and until `poll` has read it."""
+        """Content of the object's shape file; None until `poll` has read it.
+
+        It stays None for a primitive (box, cylinder), which has no shape file.
+        """
         return shape_attachment(self.attachments)
 
     def poll(self) -> list[RecordedMessage]:
-        """Read the messages written since the last call, in the file's order, without ground truth.
+        """Read what was written since the last call; return the messages in the file's order.
 
-        The call does not wait; the list is empty if nothing was written or the file does not exist yet.
-        Manifest, attachments and `finished` are updated.
+        The call does not wait: the list is empty if nothing was written or the file does not exist yet.
+        Ground truth of a simulation (topics under /truth/) is left out. Manifest, attachments and `finished`
+        are updated.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
@@ -100,7 +104,7 @@ class FollowedRecording:
         return found
 
     def read_manifest(self) -> SessionManifest | None:
-        """Read the manifest (description of the session) only, so that `poll` still returns all messages.
+        """Read only the manifest (description of the session); `poll` still returns all messages.
 
         Returns:
             The manifest; None if the file does not exist, has not been written so far, or has no manifest
@@ -127,7 +131,10 @@ class FollowedRecording:
         return None
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """Decode the image in a message that `poll` returned to (height, width) uint8 grey values.
+        """Decode the image in a message that `poll` returned.
+
+        Returns:
+            Grey values (height, width) uint8 with the message's log time [ns] and sequence number.
 
         Raises:
             RecordingError: the message holds no image that can be decoded, or is of an imported video.
@@ -167,7 +174,9 @@ class FollowedRecording:
         self.close()
 
     def _open(self) -> bool:
-        """Open the file, under its present or its final name (without `.part`), unless it is open.
+        """Open the followed file, unless it is open, and check its first bytes.
+
+        A `.part` file that was finished meanwhile is opened under its final name.
 
         Returns:
             True if the file is open; False while it does not exist or is shorter than the first bytes (magic)
@@ -213,7 +222,14 @@ class FollowedRecording:
         return os.pread(self._file(), size, offset)
 
     def _read_record(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:
-        """Take in one record of the file; its messages, unless ground truth, are appended to `found`.
+        """Take over the content of one record of the file; its messages are appended to `found`.
+
+        Ground truth of a simulation (topics under /truth/) is left out.
+
+        Args:
+            opcode: kind of the record in MCAP.
+            body: content of the record.
+            found: list of messages, which is extended.
 
         Raises:
             ContainerError: the record is damaged.

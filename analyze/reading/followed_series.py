@@ -12,9 +12,10 @@ from analyze.reading.indexed_file import RecordedMessage
 
 
 def next_part_path(path: Path) -> Path:
-    """Path of the file after `path` in the series NAME.mcap, NAME-0002.mcap, ..., while it is written.
+    """Path of the file that follows `path` in a recording's series, while that file is being written.
 
-    `path` may be finished or end in `.part`; the result ends in `.part`.
+    The series is NAME.mcap, NAME-0002.mcap, ...; files being written end in `.part`, as the result does.
+    `path` may have this ending or not.
     """
     whole = final_path(path)
     head, _, number = whole.stem.rpartition("-")
@@ -24,18 +25,19 @@ def next_part_path(path: Path) -> Path:
 
 
 class FollowedSeries(FollowedRecording):
-    """Reader of a series of files that another process is writing, from `path` on, as one recording.
+    """Reader of a recording in several files that another process is writing, from the file `path` on.
 
-    Its path, manifest, plan, shape and `finished` are those of the current file, the one being read, and
-    change with it. A file belongs to the series if its manifest (description of the session) has the same
-    `recording_id` and the next `part` number; an older file of that name does not.
+    Path, manifest, plan, shape and `finished` are those of the current file, the one being read. The next
+    file must have in its manifest (description of the session) the same `recording_id` and the next `part`
+    number; an older file of that name does not.
     """
 
     def poll(self) -> list[RecordedMessage]:
-        """Read the messages written since the last call, in the files' order, without ground truth.
+        """Read what was written since the last call; return the messages in the order of files and messages.
 
-        The call does not wait; the list is empty if nothing was written or the file does not exist yet. When
-        the current file is finished and the next one has its manifest, the next becomes the current file.
+        The call does not wait: the list is empty if nothing was written or the file does not exist yet.
+        Ground truth of a simulation (topics under /truth/) is left out. When the current file is finished and
+        the next one has its manifest (description of the session), the next becomes the current file.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
@@ -49,7 +51,7 @@ class FollowedSeries(FollowedRecording):
         return found
 
     def _has_next(self, path: Path) -> bool:
-        """True if the file at `path` exists, has its manifest, and is the next file of this recording."""
+        """True if the file at `path` exists and its manifest states that it is the recording's next file."""
         # A file that is no recording is not of this series.
         with contextlib.suppress(RecordingError), FollowedRecording(path) as file:
             ours, head = self.manifest, file.read_manifest()

@@ -35,7 +35,7 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
 
 
 def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
-    """Decode an image file's bytes to (height, width) uint8 grey values; None if they cannot be decoded.
+    """Decode an image file's bytes; return (height, width) uint8 grey values, None if they are no image.
 
     Any format that OpenCV reads is accepted. An orientation tag (EXIF) is ignored.
     """
@@ -53,7 +53,7 @@ def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
 
 
 def encode_png(image: NDArray[np.uint8]) -> bytes:
-    """Encode a (height, width) uint8 image as a PNG file."""
+    """Bytes of a PNG file with the given (height, width) uint8 image."""
     import cv2
 
     return cv2.imencode(".png", image)[1].tobytes()

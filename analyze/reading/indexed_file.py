@@ -1,8 +1,8 @@
-"""Maps a recording file into memory and indexes its messages, which are views of file or chunks.
+"""Maps a recording file into memory and indexes its messages; their data are views, not copies.
 
-A finished file is opened by the summary at its end, a file that ends early by walking it from its start. A
-chunk's CRC is checked when it is first read. Damaged bytes raise RecordingError, from
-`IndexedFile.chunk_messages` ContainerError; `open_cut` leaves damaged records out.
+A finished file is opened by the summary at its end. A file that ends early is walked from its start
+(`open_cut`), and damaged records are left out. A chunk's checksum (CRC) is verified when it is first read.
+Damaged bytes raise RecordingError, but ContainerError in `IndexedFile.chunk_messages`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class _ChunkPlace(NamedTuple):
 
 @dataclass
 class IndexedFile:
-    """A memory-mapped recording file. Views of it stay valid after `close`."""
+    """A memory-mapped recording file with its index; views of its bytes stay valid after `close`."""
 
     path: Path
     """path of the file"""
@@ -109,7 +109,7 @@ class IndexedFile:
         return next((self.schemas.get(channel.schema_id, "") for channel in channels), "")
 
     def index(self, topic: str) -> TopicIndex:
-        """Positions of the topic's messages; read from the file once. Empty for an unknown topic.
+        """Positions of the topic's messages, read from the file once and kept; empty for an unknown topic.
 
         Raises:
             RecordingError: the file is damaged.
@@ -121,11 +121,11 @@ class IndexedFile:
         return self._indexes[topic]
 
     def message(self, index: TopicIndex, number: int) -> MessageRecord:
-        """Read a message; its data is a view of the file or of the decompressed chunk.
+        """One message of a topic; its data are a view of the file or of the decompressed chunk.
 
         Args:
-            index: index of a topic of this file.
-            number: number of the message in the index.
+            index: positions of the topic's messages, from `index`.
+            number: number of the message in `index`, from 0.
 
         Raises:
             RecordingError: the file is damaged.
@@ -135,9 +135,9 @@ class IndexedFile:
             return container.parse_message(record_at(messages, int(index.offset[number]), container.MESSAGE))
 
     def chunk_messages(self, number: int) -> memoryview:
-        """Records of one chunk, decompressed where needed, after a check of its CRC.
+        """Bytes of the records in one chunk, decompressed if needed; its checksum (CRC) is verified first.
 
-        The records are kept for further calls; of compressed chunks only those of the latest.
+        The bytes are kept for further calls; of compressed chunks only those of the latest.
 
         Args:
             number: number of the chunk in the file.
@@ -158,7 +158,7 @@ class IndexedFile:
         return messages
 
     def release_chunk(self, number: int) -> None:
-        """Drop the kept records of chunk `number`; it is checked again when it is next read."""
+        """Drop the kept bytes of chunk `number`; its checksum is verified again when it is next read."""
         self._checked_chunks.pop(number, None)
 
     @contextlib.contextmanager
@@ -219,7 +219,7 @@ class IndexedFile:
 
 
 def map_recording(path: Path) -> memoryview:
-    """Map an MCAP file's bytes into memory, read-only.
+    """Map an MCAP file into memory, read-only; return a view of all its bytes.
 
     Raises:
         RecordingCut: the file is empty.
@@ -249,7 +249,9 @@ def map_recording(path: Path) -> memoryview:
 
 
 def open_finished(path: Path) -> IndexedFile:
-    """Map a finished recording file; only its summary, attachments and metadata are read.
+    """Map a finished recording file and index it; return the indexed file.
+
+    Only its summary, attachments and metadata are read.
 
     Raises:
         RecordingCut: the file ends early or is empty.
@@ -267,7 +269,9 @@ def open_finished(path: Path) -> IndexedFile:
 
 
 def open_cut(path: Path) -> IndexedFile:
-    """Map a recording file that may end anywhere and walk it; damaged chunks and records are left out.
+    """Map a recording file that may end anywhere and walk it from its start; return the indexed file.
+
+    Damaged chunks and records are left out, and counted in `damaged_chunks`.
 
     Raises:
         RecordingError: the file is missing, cannot be read, is empty (RecordingCut) or not MCAP
@@ -303,7 +307,14 @@ _INDEXED = {container.ATTACHMENT_INDEX: container.ATTACHMENT, container.METADATA
 
 
 def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
-    """Add a record, or the record that an index record points at, to `file`; other kinds are ignored.
+    """Enter one record of an MCAP file in `file`: a schema, channel, chunk, attachment or metadata.
+
+    An index record of the summary stands for the record at which it points. Other kinds are ignored.
+
+    Args:
+        file: indexed file, which is extended.
+        opcode: kind of the record in MCAP.
+        body: content of the record.
 
     Raises:
         ContainerError: the record is damaged, or an index points at another kind of record.

@@ -32,7 +32,7 @@ class SeriesIndex:
 
 
 class IndexedSeries:
-    """Memory-mapped files of one recording, in their order. Views of them stay valid after `close`."""
+    """Memory-mapped files of one recording, in their order; views of them stay valid after `close`."""
 
     def __init__(self, files: Sequence[IndexedFile]) -> None:
         self.files = tuple(files)
@@ -58,7 +58,7 @@ class IndexedSeries:
         return next((schema for file in self.files if (schema := file.schema_of(topic))), "")
 
     def index(self, topic: str) -> SeriesIndex:
-        """Positions of the topic's messages over all files; read once and kept. Empty for an unknown topic.
+        """Positions of the topic's messages over all files, read once and kept; empty for an unknown topic.
 
         Raises:
             RecordingError: a file is damaged.
@@ -96,11 +96,11 @@ class IndexedSeries:
         end_ns: int | None,
         is_start: Callable[[RecordedMessage], bool],
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages needed to decode a range of a video, in file order.
+        """Yield the messages of a video that a decoder needs for a range of times, in file order.
 
-        They begin where a decoder can begin: with the last start message, in file order, up to the first
-        message in the range, that is not later than the range's earliest; without one, with the topic's first
-        message. They end with the range's last message in file order. Nothing is yielded for an empty range.
+        The first is found by going back in the file from the first message of the range, to one where a
+        decoder can begin (`is_start`) and whose time is not after any message of the range; the topic's first
+        message if there is none. The last is the last message of the range. An empty range yields none.
 
         Args:
             topic: topic of the video.
@@ -131,7 +131,10 @@ class IndexedSeries:
         return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
 
     def _file_order(self, topic: str, index: SeriesIndex) -> NDArray[np.intp]:
-        """Numbers (n,) of a topic's messages in its `index`, sorted by their file, chunk and offset."""
+        """Numbers (n,) of a topic's messages in their order in the files.
+
+        A number is the message's place in `index`, from 0; the order is by file, chunk and offset.
+        """
         chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
         for number, file in enumerate(self.files):
             own = index.file == number
@@ -149,7 +152,7 @@ class IndexedSeries:
 
 
 def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], IndexedFile]) -> IndexedSeries:
-    """Open every file of a recording.
+    """Open every file of a recording with `open_file`; return them as one series.
 
     Args:
         path: the file that the user named, for error messages.
@@ -181,13 +184,15 @@ def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], Ind
 
 
 def series_content_id(content_ids: Sequence[str | None]) -> str | None:
-    """Content id (hash of the messages outside /truth/) of a series, from those in its files' seals.
+    """Content id (hash of all messages outside /truth/) of a recording, from the ids of its files.
 
     Args:
-        content_ids: hexadecimal content id of each file, in order; None for a file without one.
+        content_ids: hexadecimal content id that each file's seal (checksum record) states, in order; None for
+            a file without one.
 
     Returns:
-        The id of the only file, or BLAKE2b-256 over the files' hexadecimal texts; None if a file has none.
+        The id of the only file; for several files BLAKE2b-256 over their hexadecimal ids; None if any file
+        has none.
     """
     known = [each for each in content_ids if each is not None]
     if len(known) < len(content_ids):

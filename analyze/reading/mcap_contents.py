@@ -1,8 +1,9 @@
 """Inspects MCAP files of any program: topics and their times, encodings, compression, damage.
 
 Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are taken
-from the data section, so that the file needs no summary and no end. A chunk is decompressed only if its
-message indexes are missing or may be incomplete, or for publish times and channels that are not known yet.
+from the data section, so that the file needs no summary and no end. A chunk is decompressed only for what
+indexes do not give: times if its message indexes are missing or may be incomplete, publish times, and
+channels that are not known yet.
 """
 
 from __future__ import annotations
@@ -79,17 +80,17 @@ class McapContents:
         return tuple(dict.fromkeys(channel.topic for channel in self.channels.values()))
 
     def channels_of(self, topic: str) -> list[ChannelRecord]:
-        """Channels of a topic: in some files one for each publisher; empty for an unknown topic."""
+        """Channels of a topic; some files have one for each publisher. Empty for an unknown topic."""
         return [channel for channel in self.channels.values() if channel.topic == topic]
 
     def times(self, topic: str) -> NDArray[np.int64]:
-        """Log times (n,) of a topic's messages [ns], in file order, channel by channel if it has several."""
+        """Log times (n,) int64 of a topic's messages [ns], in file order within each of its channels."""
         found = [part for channel in self.channels_of(topic) for part in self._times.get(channel.id, [])]
         return np.concatenate(found).astype(np.int64) if found else np.empty(0, dtype=np.int64)
 
     @property
     def messages(self) -> int:
-        """Number of messages found, including those of undescribed channels."""
+        """Number of messages found in the file, including those on channels that it does not describe."""
         return sum(len(part) for parts in self._times.values() for part in parts)
 
     @property
@@ -103,18 +104,20 @@ class McapContents:
         )
 
     def add(self, channel_id: int, times: NDArray[np.uint64]) -> None:
-        """Add the log times [ns] of further messages of a channel."""
+        """Add the log times (n,) [ns] of further messages of a channel."""
         self._times.setdefault(channel_id, []).append(times)
 
 
 def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
     """Inspect an MCAP file from its beginning up to the last whole record.
 
-    Damage is no error; it is described in the result's `damage`.
-
     Args:
         path: the file.
         progress: called with (text, bytes read, bytes in all); None for no reports.
+
+    Returns:
+        Topics with log times [ns] and message types, attachments, metadata, compression, and descriptions
+        of any damage, which is no error.
 
     Raises:
         RecordingError: the file is missing, cannot be read, is empty, or is not MCAP.
@@ -129,7 +132,7 @@ def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
 
 
 class _Inspection:
-    """One pass over an MCAP file, which fills a `McapContents`."""
+    """One pass over an MCAP file, which enters what it finds in a `McapContents`."""
 
     def __init__(self, contents: McapContents, data: memoryview, progress: Progress) -> None:
         self._found, self._data, self._progress = contents, data, progress
@@ -141,7 +144,7 @@ class _Inspection:
         """log times of messages outside of chunks, by channel"""
 
     def run(self) -> None:
-        """Inspect the file up to its footer or its last whole record, and fill the `McapContents`."""
+        """Inspect the file up to its footer or its last whole record, and fill the `McapContents` given."""
         found, data, magic = self._found, self._data, container.MAGIC
         at, ended = len(magic), False
         for opcode, start, body in walk(data, len(magic)):
@@ -196,7 +199,11 @@ class _Inspection:
             self._describe(opcode, body)
 
     def _describe(self, opcode: int, body: memoryview) -> None:
-        """Add a schema or channel record to the contents; other kinds are ignored.
+        """Enter a schema or channel record in the contents; records of other kinds are ignored.
+
+        Args:
+            opcode: kind of the record in MCAP.
+            body: content of the record.
 
         Raises:
             ContainerError: the record is damaged.
@@ -209,9 +216,10 @@ class _Inspection:
             self._found.channels[channel.id] = channel
 
     def _close_chunk(self, *, trust_indexes: bool) -> None:
-        """Add the log times of the chunk read last to the contents, by its message indexes or its messages.
+        """Enter the log times of the chunk that was read last in the contents; without one do nothing.
 
-        Without such a chunk nothing is done. Damage of the chunk is added to the contents' list of damage.
+        They are taken from the chunk's message indexes, or from its messages if it has none. Damage of the
+        chunk is described in the contents.
 
         Args:
             trust_indexes: False to read the messages even if there are message indexes.
@@ -238,9 +246,9 @@ class _Inspection:
             self._found.add(channel_id, np.array(found, dtype=np.uint64))
 
     def _parsed_messages(self, records: memoryview) -> Iterator[MessageRecord]:
-        """Yield the messages among a chunk's `records`; its schemas and channels are added to the contents.
+        """Yield the messages among a chunk's `records`, and enter what else is found in the contents.
 
-        So are the messages' delays: log time minus publish time [ns].
+        That is: schemas, channels, and the messages' delays (log time minus publish time [ns]).
 
         Raises:
             ContainerError: a record is damaged.
@@ -254,9 +262,9 @@ class _Inspection:
                 self._describe(opcode, body)
 
     def _describe_channels(self) -> None:
-        """Parse chunks for message delays and channel descriptions that are not known yet.
+        """Read chunks again for channel descriptions and message delays that are still unknown.
 
-        The parsing ends when the delay (log time minus publish time) of any message is known and every
+        A delay is log time minus publish time. The reading ends once any message's delay is known and every
         message's channel is described, or after the last chunk. Damaged chunks are passed over.
         """
         for start in self._chunk_offsets:

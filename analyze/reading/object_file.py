@@ -25,7 +25,9 @@ class ObjectFiles:
 
 
 def read_spec(spec_path: Path) -> ObjectSpec:
-    """Read an object specification (TOML) without its shape file, which need not exist yet.
+    """Read an object specification (TOML: mass, shape, markers); return it without the shape file.
+
+    The shape file need not exist yet.
 
     Raises:
         ShapeError: the specification is missing, cannot be read, or holds an entry that cannot be used.
@@ -38,6 +40,10 @@ def read_spec(spec_path: Path) -> ObjectSpec:
 
 def read_object_files(spec_path: Path) -> ObjectFiles:
     """Read an object specification (TOML) and the shape file that it names, in the same folder.
+
+    Returns:
+        The specification; content and name of the shape file, the content None for a primitive (box,
+        cylinder); and the hash of specification and shape.
 
     Raises:
         ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot

@@ -1,6 +1,6 @@
-"""Compares a recording's strikes with its plan.
+"""Compares the strikes that a recording contains with those of its plan.
 
-An interrupted session leaves a complete file with too few strikes.
+If a session is interrupted, its recording is a complete file with too few strikes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ MAX_NAMED_STRIKES = 12
 
 @dataclass(frozen=True)
 class PlannedStrikes:
-    """Ids of the planned strikes and of the missing ones, both in the plan's order."""
+    """Ids of all strikes of a plan, and of those that were not struck, both in the plan's order."""
 
     planned: tuple[str, ...]
     """ids of all strikes of the plan"""
@@ -24,7 +24,7 @@ class PlannedStrikes:
     """ids of the strikes of the plan that were not struck"""
 
     def text(self) -> str:
-        """Numbers and missing ids in one line, as "2 of 3 planned strikes were struck; missing: s2".
+        """One line for the user, such as "2 of 3 planned strikes were struck; missing: s2".
 
         At most `MAX_NAMED_STRIKES` ids are listed, then "and n more".
         """

@@ -1,7 +1,7 @@
 """Reads a recording: manifest, plan, shape, images without copying, messages by topic and time.
 
-A recording may be a series of files (file_series.py): any of them opens all. Messages of ground truth cannot
-be read here, only their times; `analyze.reading.truth` reads them.
+A recording may be a series of files (file_series.py): any of them opens all. Ground truth (true values of a
+simulation) cannot be read here, only its log times; `analyze.reading.truth` reads it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ M = TypeVar("M", bound=Message)
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """Count and time span of a topic's messages."""
+    """Message type, number of messages and time span of one topic."""
 
     name: str
     """name of the topic"""
@@ -168,7 +168,7 @@ class Recording:
         return self._series.index(topic).time_ns
 
     def first_times(self, topic: str) -> list[int]:
-        """Log time [ns] of the topic's earliest message in each file that has one, in the files' order.
+        """Log time [ns] of a topic's earliest message in each file that has one, in the files' order.
 
         Raises:
             RecordingError: a file is damaged.
@@ -178,7 +178,7 @@ class Recording:
     def messages(
         self, topic: str, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """Yield a topic's messages by log time; none for an unknown topic.
+        """Yield a topic's messages, not parsed, by log time; none for an unknown topic.
 
         Args:
             topic: name of the topic.
@@ -225,7 +225,9 @@ class Recording:
     def frame_meta(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[pb.FrameMeta]:
-        """Yield the metadata (FrameMeta) of every frame that arrived, by time.
+        """Yield the metadata (FrameMeta) of every frame that reached the host, by time.
+
+        FrameMeta has the frame's number, its times and the number of frames lost before it.
 
         Args:
             camera: name of the camera; None for the first.
@@ -241,9 +243,10 @@ class Recording:
     def timed_frame_meta(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[int, pb.FrameMeta]]:
-        """Yield log time [ns] and metadata (FrameMeta) of every frame that arrived, by time.
+        """Yield log time [ns] and metadata (FrameMeta) of every frame that reached the host, by time.
 
-        An imported video stores FrameMeta of few frames; those of the other frames are derived from them.
+        FrameMeta has the frame's number, its times and the number of frames lost before it. An imported video
+        stores it for few frames only; the others' is derived from the stored one before them.
 
         Args:
             camera: name of the camera; None for the first.
@@ -267,7 +270,7 @@ class Recording:
     def images(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[ImageFrame]:
-        """Yield a camera's images as grey values, by time.
+        """Yield a camera's images as grey values (height, width) uint8 with their log times, by time.
 
         Uncompressed images are read-only views of the file. A range of a video is decoded from the last
         keyframe before it.
@@ -323,10 +326,10 @@ class Recording:
         self.close()
 
     def refuse_unmapped_times(self) -> None:
-        """Check that each camera with images has samples of the clock that its frame times are mapped from.
+        """Check that the camera clocks, from which frame times are mapped, were compared with the host's.
 
-        Only recordings whose manifest has the time source `device_mapped` (camera clock mapped to the host's)
-        are checked.
+        Each camera with images must have at least one clock sample (such a comparison) in the file. Only
+        recordings whose manifest states the time source `device_mapped` are checked.
 
         Raises:
             RecordingError: a camera's clock has no samples, so that its times cannot be trusted.
@@ -345,7 +348,7 @@ class Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """Open a finished recording with all its files that are in the folder of `path`.
+    """Open a finished recording with all its files that are in the folder of `path`; return it.
 
     Missing files of the series are no error; their numbers are in `Recording.missing_parts`.
 
@@ -357,7 +360,7 @@ def open_recording(path: Path) -> Recording:
         RecordingForeign: a file is not MCAP, or has no manifest (JSON description of the session).
         RecordingVersion: a file has another major schema version.
         RecordingError: `path` does not exist, a file cannot be read or is damaged, its manifest or an
-            attachment differs from its stated hash, or a camera's clock has no samples.
+            attachment differs from its stated hash, or a camera's clock was never compared with the host's.
     """
     recording = _open(path, indexed_file.open_finished)
     try:
@@ -369,7 +372,7 @@ def open_recording(path: Path) -> Recording:
 
 
 def open_partial(path: Path) -> Recording:
-    """Open a recording that was cut short or is damaged; only whole, undamaged chunks are read.
+    """Open a recording that was cut short or is damaged; return it with its whole, undamaged chunks.
 
     All its files in the folder of `path` are opened. Missing files of the series are no error; their numbers
     are in `Recording.missing_parts`, the number of damaged chunks in `Recording.damaged_chunks`.
@@ -428,7 +431,7 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
 
 
 def decode_message(path: Path, message: RecordedMessage, kind: type[M]) -> M:
-    """Parse a message's data to an object of its protobuf class.
+    """Parse a message's data; return an object of the message's protobuf class.
 
     Args:
         path: path of the recording, for the error's text.

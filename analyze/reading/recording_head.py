@@ -1,4 +1,7 @@
-"""Parses the manifest and the plan of a recording, of this major schema version, and finds its shape."""
+"""Parses the manifest and the plan of a recording, and finds the object's shape among its attachments.
+
+Only documents of this program's major schema version are accepted.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ T = TypeVar("T", bound=BaseModel)
 
 
 def parse_manifest(text: str, name: str) -> SessionManifest:
-    """Parse the manifest (description of a session) of a recording.
+    """Parse the JSON text of a recording's manifest (description of the session); return the manifest.
 
     Unknown keys of newer minor schema versions are ignored.
 
@@ -33,7 +36,7 @@ def parse_manifest(text: str, name: str) -> SessionManifest:
 
 
 def parse_plan(text: str, name: str) -> StrikePlan:
-    """Parse the strike plan attached to a recording.
+    """Parse the JSON text of the strike plan that is attached to a recording; return the plan.
 
     Unknown keys of newer minor schema versions are ignored.
 
@@ -49,7 +52,9 @@ def parse_plan(text: str, name: str) -> StrikePlan:
 
 
 def shape_attachment(attachments: Mapping[str, bytes]) -> bytes | None:
-    """Content of the object's shape file; None if none is attached, as for a primitive (box, cylinder).
+    """Content of the object's shape file among a recording's attached files.
+
+    None if none is attached, as for a primitive (box, cylinder).
 
     Args:
         attachments: contents of a recording's attached files, by name.

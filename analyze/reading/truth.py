@@ -1,4 +1,4 @@
-"""Reads the ground truth of a virtual recording, for comparisons with results only."""
+"""Reads the ground truth (true values of the simulation) of a virtual recording, only for comparisons."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from schemas.proto import percuss_pb2 as pb
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of a virtual recording: poses, contacts and the body's parameters."""
+    """True values of a virtual recording: the object's poses, contacts with the striker, mass properties."""
 
     pose_time_ns: np.ndarray
     """(n,) int64 log times of the poses [ns]"""
@@ -33,10 +33,15 @@ class Truth:
 
 
 def read_truth(path: Path) -> Truth:
-    """Read the ground truth of a finished virtual recording, from all its files in the folder.
+    """Read the ground truth (true values of the simulation) of a finished virtual recording.
+
+    All files of the recording in the folder are read.
 
     Args:
         path: any of the recording's files.
+
+    Returns:
+        True poses and contacts with their log times [ns], and the object's true parameters.
 
     Raises:
         RecordingCut: a file ends early.

@@ -1,4 +1,7 @@
-"""Verifies a recording: compares the hash of its messages with the seal (checksum record) per file."""
+"""Verifies a recording: the hash of each file's messages must be the one in its seal.
+
+The seal is the checksum record at the end of a file.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +15,18 @@ from schemas.session_manifest import SEAL_NAME
 
 
 def refuse_changed_content(path: Path) -> None:
-    """Read all messages of a recording's files, and compare their hashes with the files' seals.
+    """Check that the messages of a recording's files are those that were sealed, by their hash.
 
-    Ground truth (topics under /truth/) does not enter the hash. Missing files of a series are no error.
+    The seal is a file's checksum record. All messages are read, except ground truth (topics under /truth/),
+    which does not enter the hash. Missing files of a series are no error.
 
     Args:
         path: any of the recording's files.
 
     Raises:
         RecordingCut: a file ends early.
-        RecordingError: `path` does not exist, or a file is not MCAP, has no seal (checksum record), is
-            damaged, or has a content other than its seal states.
+        RecordingError: `path` does not exist, or a file is not MCAP, has no seal, is damaged, or has a
+            content other than its seal states.
     """
     for name in find_series_files(path).files:
         file = indexed_file.open_finished(name)

@@ -1,7 +1,7 @@
 """Expands the few FrameMeta (frame metadata) stored with an imported video to one per frame.
 
-A frame without a stored FrameMeta has a copy of the last stored one before it, with the number advanced by
-the frames and the times by the log time between the two.
+A frame without a FrameMeta gets a copy of the last stored one before it. The copy's number is advanced by the
+frames between the two, its times by the difference of their log times.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ def expand_frame_meta(
     start_ns: int | None,
     end_ns: int | None,
 ) -> Iterator[tuple[int, pb.FrameMeta]]:
-    """Yield log time [ns] and FrameMeta of every image in a range, both ends included.
+    """Yield log time [ns] and FrameMeta (frame metadata) of every image of a video in a range of times.
 
-    Derived FrameMeta report no lost frames. Images before the first stored FrameMeta are left out. The rule
-    is in schemas/README.md, "A file".
+    A FrameMeta that is not stored is derived from the last one before it, and reports no lost frames. Images
+    before the first stored FrameMeta are left out. The rule is in schemas/README.md, "A file".
 
     Args:
         written: FrameMeta in the file with their log times [ns], by time.
         image_times_ns: (n,) log times of the video's images [ns], sorted.
-        start_ns: earliest log time of the range [ns]; None for the first image.
-        end_ns: latest log time of the range [ns]; None for the last image.
+        start_ns: earliest log time of the range [ns], included; None for the first image.
+        end_ns: latest log time of the range [ns], included; None for the last image.
     """
     times = np.array([time_ns for time_ns, _ in written], dtype=np.int64)
     places = np.searchsorted(image_times_ns, times)
