@@ -1,7 +1,7 @@
 """Registration: marker poses on an object, estimated from its strikes.
 
-A strike is one impact that tips the object about a known edge. Each strike is solved alone first, to find
-wrong placements, then all together.
+A strike is one impact that tips the object about a known edge. Each strike is solved alone first, to find the
+strikes before which the object was put down wrongly, then all together.
 """
 
 from __future__ import annotations
@@ -205,10 +205,10 @@ def _solve_each(
 def _starts(
     views: Sequence[StrikeView], single: Mapping[str, Solution]
 ) -> tuple[dict[int | str, Array], set[str], list[LeftOut]]:
-    """First pose of each marker, the ids of the strikes that agree on them, and the other strikes.
+    """First pose of each marker, the ids of the strikes that agree on them, and the strikes left out.
 
-    The pose T_object_marker (4, 4) is that of the agreeing strike with the smallest covariance. A strike that
-    disagrees on one marker is not used for the others.
+    The first pose T_object_marker (4, 4) of a marker is that of the agreeing strike that determines its
+    rotation best. A strike that disagrees on one marker is left out for all markers.
 
     Args:
         views: views of the strikes.
@@ -237,9 +237,10 @@ def _starts(
 def _solve_alone(
     view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> Solution:
-    """Solution of one strike alone, for the markers it shows.
+    """Poses of a strike's markers and of the table, from this strike alone.
 
-    It starts from the planned orientation, with the marker turned parallel to a surface that is nearly so.
+    The fit starts from the object's planned orientation; a marker that is nearly parallel to the surface
+    under it is first turned parallel to it.
 
     Args:
         view: view of the strike.
@@ -265,9 +266,10 @@ def _solve_alone(
 
 
 def _flattened_pose(T: Array, model: ObjectModel) -> Array:
-    """Pose of a marker turned so that its normal is the surface's, if they are nearly parallel.
+    """Pose T_object_marker (4, 4) of a marker turned so that its normal is that of the surface under it.
 
-    Otherwise (more than 30 deg apart) the pose as it is. A square seen face-on hardly shows its tilt.
+    If the two normals are more than 30 deg apart, the pose is returned as it is. A square seen face-on hardly
+    shows its tilt.
 
     Args:
         T: (4, 4) pose T_object_marker.
@@ -286,7 +288,7 @@ def _flattened_pose(T: Array, model: ObjectModel) -> Array:
 def _agreeing(
     views: Sequence[StrikeView], single: Mapping[str, Solution], name: int | str
 ) -> list[StrikeView]:
-    """Largest set of strikes that agree on a marker's pose, the most accurate strike first.
+    """Views of the largest set of strikes that agree on a marker's pose, the most accurate first.
 
     Args:
         views: views of the strikes that show the marker.
@@ -336,7 +338,7 @@ def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
 
 
 def _placement_difference(view: StrikeView, found: Array, expected: Array) -> str:
-    """Difference between a strike's placement and the plan, in words.
+    """Error of the object's placement before a strike, in words: turned, on another face or edge.
 
     Args:
         view: view of the strike.
@@ -355,9 +357,9 @@ def _placement_difference(view: StrikeView, found: Array, expected: Array) -> st
 
 
 def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
-    """Ids of the strikes whose misfit (chi^2 per degree of freedom) exceeds `times` the median one.
+    """Ids of the strikes whose misfit to the joint fit exceeds `times` the median misfit.
 
-    The median counts as at least 0.1.
+    The misfit is chi^2 per degree of freedom. The median counts as at least 0.1.
     """
     usual = max(float(np.median(list(solution.misfit.values()))), MIN_USUAL_MISFIT)
     return {name for name, misfit in solution.misfit.items() if misfit > times * usual}
@@ -398,7 +400,7 @@ def _refuse_overlapping_markers(
 def _marker_place(
     name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool
 ) -> MarkerPlace:
-    """Estimated pose of one marker, with its undetermined directions in words and their remedy.
+    """Estimated pose of one marker, with the directions that the strikes leave open, and a remedy.
 
     Args:
         name: name of the marker.
@@ -425,7 +427,7 @@ def _marker_place(
 
 
 def _remedy(mine: Sequence[StrikeView]) -> str:
-    """Action, in words, that would determine a marker's undetermined directions.
+    """Action, in words, that would determine the directions of a marker's pose that are still open.
 
     Args:
         mine: views of the strikes that show the marker.
@@ -466,7 +468,7 @@ def _axis(vector: Array) -> str:
 
 
 def _table_place(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
-    """Pose of the table in one recording, with its undetermined components in words.
+    """Pose of the table in one recording, with the names of the tilts or height left undetermined.
 
     Args:
         setup: number of the recording.
