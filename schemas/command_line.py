@@ -30,7 +30,10 @@ class NumberRange(click.FloatRange):
     """Type of a click option: a number within limits; it refuses `nan`, which click's own range accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert the text of a command-line value to a float within the limits.
+        """Convert the text of a command-line value to a number and check it against the limits.
+
+        Returns:
+            The number.
 
         Raises:
             click.BadParameter: the value is not a number, is `nan`, or is outside the limits.
@@ -59,7 +62,7 @@ class WrongUsage(click.UsageError):
 
 
 def _invoked_verb(command: str, ctx: click.Context | None) -> str:
-    """Command and verbs as invoked, for example "acquire check", for messages.
+    """Command and verbs as the user typed them, for example "acquire check"; for error messages.
 
     Click's context names the program after the way it was started (`python -m analyze`); `command` replaces
     that name.
@@ -72,13 +75,13 @@ def _invoked_verb(command: str, ctx: click.Context | None) -> str:
 
 
 class Commands(click.Group):
-    """Click group of a command's verbs that reports wrong usage in one line.
+    """Click group of the verbs of `acquire` or `analyze` that reports wrong usage in one line.
 
     The group's name is the command's ("acquire" or "analyze").
     """
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
-        """Make click's context from the command line's arguments.
+        """Parse the command line's arguments and return click's context, which holds their values.
 
         Raises:
             WrongUsage: the arguments are wrong; the message is one line.

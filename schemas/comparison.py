@@ -16,9 +16,10 @@ from schemas.result import RESULT_VERSION, AxisMoment, RegionResult
 
 
 class SessionsAgreement(Document):
-    """Chi-squared test of one common centre of mass against one per session.
+    """Chi-squared test whether one common centre of mass explains all sessions.
 
-    Errors that sessions share, such as that of the shape, are taken as one error of all of them.
+    It is compared with one centre of mass for each session. Errors that sessions share, such as that of the
+    shape, are taken as one error of all of them.
     """
 
     chi_squared: float = Field(ge=0)
@@ -35,7 +36,7 @@ class SessionsAgreement(Document):
 
 
 class SessionAnswer(Document):
-    """Centre of mass, moments of inertia and region masses from one session by itself."""
+    """Centre of mass, moments of inertia and region masses that one session gives by itself."""
 
     recording: ReportRecording
     setup: int = Field(ge=1, description="number of the set-up: rig, level and camera calibration")
@@ -51,7 +52,7 @@ class SessionAnswer(Document):
 
 
 class SessionValue(Document):
-    """Value of one quantity in one session: the session's answer, or the mean of its strikes.
+    """Value of one quantity in one session: the session's own estimate, or the mean of its strikes.
 
     Numbers are in the `unit` of the QuantityPrecision that contains them.
     """

@@ -39,9 +39,9 @@ Path = tuple[int | str, ...]
 def problems_in_one_line(
     error: ValidationError, model: type[BaseModel], data: object, *, by_hand: bool
 ) -> str:
-    """Line that lists the problems that keep `data` from being a `model`.
+    """Line of text that lists why `data` are not a valid document of class `model`.
 
-    The problems are unknown, missing and wrong entries. At most MAX_NAMED_KEYS keys of a kind are named;
+    Named are unknown keys, missing keys and wrong values. At most MAX_NAMED_KEYS keys of a kind are named;
     further ones are counted. Of wrong values the first is explained, the others are only named.
 
     Args:
@@ -109,7 +109,7 @@ def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_han
 def _hint(
     loc: Path, model: type[BaseModel], data: object, missing: Sequence[Path]
 ) -> tuple[str, Path | None]:
-    """Suggestion for the unknown key at `loc`, and the path of the key that it probably stands for.
+    """Suggestion for the unknown key at path `loc`, and the path of the key that it probably stands for.
 
     Returns:
         The text ("mass_kg?", or the advice to move the key above the first section) and the path of a missing
@@ -131,7 +131,7 @@ def _hint(
 
 
 def _remedy(loc: Path, model: type[BaseModel]) -> str:
-    """Text of a TOML file that adds the missing key at `loc`, with the key's description if it has one."""
+    """TOML text that adds the missing key at path `loc`, with the key's description if it has one."""
     field = _field_at(model, loc)
     name, table = str(loc[-1]), loc[:-1]
     inner = None if field is None else _model_of(field.annotation)
@@ -147,10 +147,10 @@ def _remedy(loc: Path, model: type[BaseModel]) -> str:
 
 
 def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
-    """Clause that shows how to write the value at `loc` with the right type.
+    """Clause for an error message that shows how to write the value at path `loc` with the right type.
 
     The example is the entry's default or, without one, a placeholder; for an element of a list only the list
-    is named. Returns "" if `model` has no such entry.
+    is named. The clause is "" if `model` has no such entry.
 
     Args:
         loc: path of the wrong value.
@@ -172,7 +172,7 @@ def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
 
 
 def _section(table: Path) -> str:
-    """Name of a table as written in TOML: `[a.b]`, or `[[a]] number 2` (from 1) for a table of an array."""
+    """Name of a table as written in TOML: `[a.b]`, or `[[a]] number 2` (from 1) in an array of tables."""
     rows = [part for part in table if isinstance(part, int)]
     name = ".".join(_clean(part) for part in table if isinstance(part, str))
     return f"[[{name}]] number {rows[-1] + 1}" if rows else f"[{name}]"
@@ -194,7 +194,10 @@ def _model_at(model: type[BaseModel], loc: Path) -> type[BaseModel] | None:
 
 
 def _model_of(annotation: Any) -> type[BaseModel] | None:
-    """Document class inside an annotation `X`, `X | None` or `list[X]`; None if there is none."""
+    """Class of the nested document in a field's annotation; None if there is none.
+
+    The annotation is `X`, `X | None` or `list[X]`, with X the class.
+    """
     if isinstance(annotation, type) and not get_args(annotation):
         return annotation if issubclass(annotation, BaseModel) else None
     return next((found for inner in get_args(annotation) if (found := _model_of(inner)) is not None), None)
@@ -221,15 +224,19 @@ def _dotted(loc: Path) -> str:
 
 
 def _clean(part: int | str) -> str:
-    """Part of a key's path as printable text, cut to MAX_SHOWN_LENGTH characters and "...".
+    """Printable text of one name or number in a key's path.
 
-    Characters that cannot be printed become "?".
+    Characters that cannot be printed become "?". A text longer than MAX_SHOWN_LENGTH is cut to that length
+    and ends in "...".
     """
     text = "".join(letter if letter.isprintable() else "?" for letter in str(part))
     return text if len(text) <= MAX_SHOWN_LENGTH else f"{text[:MAX_SHOWN_LENGTH]}..."
 
 
 def _shown(value: object) -> str:
-    """Clause ", not VALUE" with a text or number found; "" for other values and long ones."""
+    """Clause ", not VALUE" for an error message, VALUE the text or number found.
+
+    It is "" if the value is neither, or too long to show.
+    """
     text = repr(value) if isinstance(value, str | int | float) else ""
     return f", not {text}" if text and len(text) <= MAX_SHOWN_LENGTH else ""

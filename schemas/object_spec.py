@@ -1,6 +1,7 @@
 """The object specification (TOML), which the user writes: shape, mass and markers.
 
-Frames: O is the object's frame, that of the shape file; M is a marker's.
+Frames: O is the object's frame, that of the shape file or with its origin at the centre of a box or cylinder;
+M is a marker's.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class LengthUnit(enum.Enum):
 
     @property
     def metres(self) -> float:
-        """Length of one such unit [m]."""
+        """Length [m] of this unit."""
         return {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}[self.value]
 
 
@@ -123,7 +124,7 @@ class MarkerSpec(Document):
     def name(self) -> int | str:
         """Name of the marker in all documents.
 
-        It is the id for the family 36h11, otherwise family and id, for example "25h9-3".
+        It is the marker's id in the family 36h11, otherwise family and id, for example "25h9-3".
         """
         return marker_name(self.family, self.id)
 
@@ -153,8 +154,9 @@ class MarkerSpec(Document):
 class PartLabel(Document):
     """A part of the object, of uniform density, whose mass is estimated.
 
-    It is made of bodies (closed surfaces) of the mesh, or is the wall, a layer inside the wall, or a filling:
-    exactly one of `bodies`, `wall`, `between_m` and `fills` is given.
+    A part is one of four kinds, given by exactly one entry: `bodies` (closed surfaces of the mesh), `wall`
+    (everything near the surface), `between_m` (a layer inside the wall) or `fills` (a filling up to an
+    unknown level).
     """
 
     name: str = Field(min_length=1, description="name of the part")
@@ -214,7 +216,8 @@ class PartLabel(Document):
 class ObjectSpec(Document):
     """The object as the user describes it (TOML), without masses of inner parts: they are the result.
 
-    Lengths are in metres and masses in kilograms; poses and directions are in O, the frame of the shape file.
+    Lengths are in metres and masses in kilograms; a shape file has a unit of its own. Poses and directions
+    are in O, the frame of the shape file or, for a box or cylinder, of its centre.
     """
 
     by_hand: ClassVar[bool] = True
@@ -283,7 +286,7 @@ class ObjectSpec(Document):
 
 
 def _check_labels(labels: list[PartLabel]) -> None:
-    """Check that part names and bodies are unique and that the object is divided in one way only.
+    """Check the labelled parts of an object: unique names and bodies, and only one way of division.
 
     Raises:
         ValueError: a name or body is used twice, bodies of the mesh are mixed with wall and layers, two parts
@@ -306,6 +309,9 @@ def _check_labels(labels: list[PartLabel]) -> None:
 def read_object_spec(path: Path) -> ObjectSpec:
     """Read and validate an object file (TOML).
 
+    Returns:
+        Shape, mass, markers and labelled parts of the object, as given in the file.
+
     Raises:
         DocumentError: the file is missing, is not TOML, or holds an entry that cannot be used.
     """
@@ -318,6 +324,9 @@ def parse_object_spec(text: str, name: str) -> ObjectSpec:
     Args:
         text: content of an object file.
         name: name of the file, with which error messages begin.
+
+    Returns:
+        Shape, mass, markers and labelled parts of the object.
 
     Raises:
         DocumentError: the text is not TOML, or holds an entry that cannot be used.

@@ -12,7 +12,7 @@ from schemas.document import Document
 
 
 def json_entries(data: object) -> dict[str, Any] | None:
-    """The data as a dict if they are a JSON object; None if they are something else."""
+    """Entries of a JSON object as a dict; None if `data` are not a JSON object."""
     return cast("dict[str, Any]", data) if isinstance(data, dict) else None
 
 
@@ -29,7 +29,7 @@ RENAMED = _read_renamed()
 
 
 class RenamedDocument(Document):
-    """Base of result documents whose keys were renamed: reads the old key, writes the new one.
+    """Base of result documents with renamed keys: old and new keys are read, new ones are written.
 
     The names are in RENAMED (renamed_keys.csv), under the name of the document's class.
     """
@@ -44,7 +44,7 @@ class RenamedDocument(Document):
 class Quantity(Document):
     """A number, vector or matrix with unit, standard deviation and 95 % interval.
 
-    `value`, `sd` and `interval95` may be null if strikes do not determine the quantity.
+    `value`, `sd` and `interval95` may be null if the strikes do not determine the quantity.
     """
 
     value: float | list[float] | list[list[float]] | None

@@ -32,10 +32,11 @@ class ReportRecording(Document):
 
 
 class InfluenceResult(Document):
-    """Sensitivity of the centre of mass to one strike's phi and k, all else fixed.
+    """Change of the estimated centre of mass with phi and k of one strike, all else fixed.
 
-    phi is the balance angle [rad], k [1/s^2] = m g R / I_edge the rate of the pendulum equation of the tip: m
-    the mass, R the distance of the centre of mass from the pivot edge, I_edge the moment of inertia about it.
+    phi is the measured balance angle [rad]. k = m g R / I_edge [1/s^2] is the rate in the equation of the
+    tipping object, theta'' = -k sin(phi - theta): theta the tipping angle, m the mass, g gravity, R the
+    distance of the centre of mass from the pivot edge, I_edge the moment of inertia about the edge.
     """
 
     strike_id: str
@@ -47,7 +48,7 @@ class InfluenceResult(Document):
 
 
 class ErrorShare(Document):
-    """Share of one kind of error in the covariance of the centre of mass; the shares add up to the whole."""
+    """Part of the covariance of the centre of mass that one kind of error causes; all parts add up to it."""
 
     source: str
     """kind of error"""
@@ -60,7 +61,7 @@ class ErrorShare(Document):
 
 
 class SensitivityResult(Document):
-    """Sensitivity of the centre of mass to each strike, and its uncertainty by kind of error."""
+    """Change of the centre of mass with each strike's measurements, and its covariance by kind of error."""
 
     worst_direction: Vector3 = Field(
         description="unit direction, in O, along which the centre of mass is known worst"

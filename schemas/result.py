@@ -69,7 +69,7 @@ class AxisMoment(Document):
 class RegionResult(SparseDocument):
     """Mass of one region of the object.
 
-    Regions are the shell, the interior on either side of a dividing plane (upper, lower), or labelled parts.
+    A region is the shell, the interior on one side of a dividing plane (upper or lower), or a labelled part.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("limits_kg",)
@@ -96,14 +96,12 @@ class RegionResult(SparseDocument):
 
 
 class Regions(RenamedDocument, SparseDocument):
-    """Masses of the shell and of the interior on either side of the dividing plane n.x = offset in O.
+    """Masses of the shell and of the interior on either side of a dividing plane.
 
-    O is the object's frame, x a position and n the plane's unit normal, which points towards the upper
-    region.
-
-    Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the measured
-    mass, centre of mass and inertia (`explained` is false), they are the limits under any filling, and the
-    plane divides the body in the middle of its longest direction.
+    The plane is n.x = offset in O, the object's frame: x a position, n the unit normal, which points towards
+    the upper region. Intervals hold for a model body, a uniform shell with two uniform parts inside. If no
+    model body has the measured mass, centre of mass and inertia (`explained` is false), the intervals are the
+    limits under any filling, and the plane divides the object in the middle of its longest direction.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")
@@ -140,9 +138,10 @@ class Regions(RenamedDocument, SparseDocument):
 
 
 class PartResult(Document):
-    """One labelled part, taken as uniform; not observed where the moments leave its mass open.
+    """Mass, volume and density of one part that the object file labels, taken as of uniform density.
 
-    The moments are the measured mass, centre of mass and moments of inertia of the whole object.
+    The mass is not observed if the object's measured mass, centre of mass and moments of inertia leave it
+    open.
     """
 
     name: str
@@ -155,7 +154,10 @@ class PartResult(Document):
 
 
 class Parts(Document):
-    """Masses of the parts that the object file labels, with the misfit of that body to the measurements."""
+    """Masses of the parts that the object file labels, and the misfit of an object of such parts.
+
+    The misfit compares its mass, centre of mass and moments of inertia with the measured ones.
+    """
 
     parts: list[PartResult]
     """mass and density of each part"""
@@ -168,7 +170,10 @@ class Parts(Document):
 
 
 class Filling(RenamedDocument):
-    """Filling of the object's interior up to an unknown level; 95 % intervals may be asymmetric."""
+    """Filling of the object's interior up to an estimated level, with the mass of the shell around it.
+
+    The 95 % intervals may be asymmetric.
+    """
 
     name: str
     """name of the filling in the object file"""
@@ -191,8 +196,8 @@ class Filling(RenamedDocument):
 class TableTilt(Document):
     """Tilt of the table: angles [rad] of the vertical from the table's normal towards W's x and y.
 
-    The vertical leans towards the table's higher side. `source` of each angle: measured by the strikes, given
-    by the rig file's level reading, or prior. W is the world frame, z along the table's normal.
+    The vertical leans towards the table's higher side. `source` of an angle is measured (by the strikes),
+    given (the rig file's level reading) or prior. W is the world frame, z along the table's normal.
     """
 
     recordings: list[int] = Field(description="numbers of the recordings made on this levelling, from 1")
@@ -203,7 +208,7 @@ class TableTilt(Document):
 
 
 class FrameTimes(Document):
-    """Origin of the frame times of an imported recording, and the check of its frame rate.
+    """Source of the frame times of an imported recording, and limits and estimate of its true frame rate.
 
     A rate ratio is the true frame rate over the stated one.
     """
@@ -251,8 +256,9 @@ class JoinedRecording(Document):
 class ResultInputs(SparseDocument):
     """Identity of the inputs of a result: recordings, object, plan, configuration and program.
 
-    For several recordings `content_id` is the SHA-256 of their content ids, sorted, one per line.
-    `plan_sha256` is their common plan's, or the SHA-256 of the different plans' hashes, sorted, one per line.
+    A recording's `content_id` is the hash of its messages. For several recordings it is the SHA-256 of their
+    content ids, sorted, one per line. `plan_sha256` is their common plan's, or the SHA-256 of the different
+    plans' hashes, sorted, one per line.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("recordings",)
@@ -341,9 +347,11 @@ class Result(SparseDocument):
     @model_validator(mode="before")
     @classmethod
     def _take_new_version(cls, data: Any) -> Any:
-        """Rewrite warning codes and version of a document of 1.x.
+        """Rewrite warning codes and version of a result of schema 1.x; leave other data unchanged.
 
-        Its inner documents rename their own keys. Data of other versions are returned unchanged.
+        Returns:
+            The entries in the form of the present version. Keys of inner documents are left: these documents
+            rename their own.
         """
         entries = json_entries(data)
         if entries is None or not str(entries.get("schema_version", RESULT_VERSION)).startswith("1."):

@@ -56,7 +56,8 @@ class CameraConfig(Document):
 class StrikerConfig(Document):
     """Striker: a Dynamixel servo that swings an arm, or a person who strikes by hand (`kind` manual).
 
-    At angle 0 the arm hangs vertically at the impact point; a positive angle is towards the object.
+    At angle 0 the arm hangs vertically, with its tip at the impact point; a positive angle is towards the
+    object.
     """
 
     kind: Literal["dynamixel", "manual"] = "dynamixel"
@@ -111,16 +112,21 @@ class StrikerConfig(Document):
         return value
 
     def tip_speeds(self) -> TipSpeeds:
-        """Range of tip speeds [m/s] that a strike can use; for strikes by hand that of the nominal arm."""
+        """Range of tip speeds [m/s] that a strike can use.
+
+        For strikes by hand it is that of an arm with default length, cocked (raised) angle and speed limit.
+        """
         if self.kind == "manual":
             return tip_speeds()
         return tip_speeds(self.arm_length_m, self.cocked_angle_rad, self.velocity_limit_rad_s)
 
 
 class RecorderConfig(Document):
-    """Recording mode: the frames of strike windows with previews between them, or all frames.
+    """Settings of the recorder: which frames are kept, format, size and number of files, disk reserve.
 
-    The metadata of every frame (FrameMeta messages) are always recorded.
+    In mode "windows" the frames of strike windows (time spans around strikes) are kept, with previews between
+    them; in mode "continuous" all frames. The metadata of every frame (FrameMeta messages) are always
+    recorded.
     """
 
     directory: str = Field(

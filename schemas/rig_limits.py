@@ -37,11 +37,11 @@ def tip_speeds(
     cocked_angle_rad: float = COCKED_ANGLE_RAD,
     velocity_limit_rad_s: float = VELOCITY_LIMIT_RAD_S,
 ) -> TipSpeeds:
-    """Tip speeds of an arm that swings from `cocked_angle_rad` to 0: limited by speed and run-up.
+    """Range of tip speeds of an arm that swings from `cocked_angle_rad` to 0, where it hits.
 
-    The slowest is MIN_ARM_SPEED_RAD_S, the fastest the speed limit or the size of the cocked angle over
-    RUN_UP_S, whichever is smaller, each times the arm's length. If no speed is possible, the slowest is above
-    the fastest.
+    The slowest is MIN_ARM_SPEED_RAD_S times the arm's length. The fastest is the arm's length times the
+    smaller of two angular speeds: the limit, and the size of the cocked (raised) angle over RUN_UP_S. If no
+    speed is possible, the slowest is above the fastest.
 
     Args:
         arm_length_m: distance from the servo's axis to the tip [m].

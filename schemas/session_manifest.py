@@ -78,11 +78,11 @@ class CameraCalibrationSpec(SparseDocument):
 
 
 class LevelReading(Document):
-    """Tilt of the table, read from a level or a plumb line: its rise towards W's +x and +y.
+    """Tilt of the table, read from a level or a plumb line: rise [rad] towards +x and +y of W.
 
-    W is the world frame, with z along the table's normal. Relative to the table, the vertical leans towards
-    +x and +y by the angles read. Objects tip towards +x, and reach balance only after turning farther by that
-    angle. A level's 1 mm/m is 0.001 rad.
+    W is the world frame, z along the table's normal; objects tip towards +x. The vertical leans, relative to
+    the table's normal, towards the higher side by the angle read. An object that tips towards a higher side
+    must turn farther by that angle to reach balance. A level's 1 mm/m is 0.001 rad.
     """
 
     towards_x_rad: float = Field(

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 
 class Pivot(Document):
-    """Pivot axis in O, the object's frame; a rotation by +theta about `direction` tips the object.
+    """Pivot axis of a strike in O, the object's frame; the object tips by turning about `direction`.
 
-    The rotation is right-handed. An edge is taken as rounded by a circular arc, whose centre line is the
-    axis.
+    A right-handed rotation by a positive tipping angle tips it. The edge is taken as rounded by a circular
+    arc, whose centre line is the axis.
     """
 
     point: Vector3 = Field(description="point on the centre line of the edge's rounding, in metres")
@@ -49,7 +49,7 @@ class Impact(Document):
 
 
 class Range(Document):
-    """Feasible interval of a quantity and the target value in it, in the unit of the entry's name."""
+    """Feasible interval of a quantity and the value to aim at; the unit is in the name of the entry."""
 
     min: float
     """smallest feasible value"""
@@ -60,10 +60,10 @@ class Range(Document):
 
 
 class PlannedStrike(Document):
-    """One strike and the placement of the object for it.
+    """One strike, and the placement of the object for it.
 
     Placement: `x_world = R_world_object x_object + p_world_object` [m]. The pivot's centre line (that of the
-    edge's rounding) then lies along W's y through (0, 0, radius); the object tips towards +x and is struck in
+    edge's rounding) then lies along W's y through (0, 0, radius). The object tips towards +x and is struck in
     +x at y = 0. W is the world frame, z up.
 
     For a strike with a heading, object and striker are turned by `heading_rad` about W's z on the table, and
@@ -118,7 +118,7 @@ class PlannedStrike(Document):
 
 
 class Rejection(Document):
-    """Pivot axis that was considered and left out, with the reason and the number that decided."""
+    """Pivot axis that the planner left out, with the reason and the number that decided."""
 
     axis_id: str
     """name of the pivot edge"""
@@ -131,9 +131,9 @@ class Rejection(Document):
 
 
 class PredictedMoment(Document):
-    """Predicted uncertainty of a moment of inertia: about the axis through c that is parallel to a pivot.
+    """Predicted standard deviation of the moment of inertia about one axis through c.
 
-    c is the centre of mass.
+    c is the centre of mass; the axis is parallel to the pivot edge `axis_id`.
     """
 
     axis_id: str
@@ -145,9 +145,10 @@ class PredictedMoment(Document):
 
 
 class PredictedRegion(Document):
-    """Predicted uncertainty of one region's mass: median over equally likely fillings.
+    """Predicted standard deviation of the mass of one region of the object.
 
-    Regions are the shell and the interior on either side of a dividing plane.
+    It is the median over fillings that are taken as equally likely. Regions are the shell and the interior on
+    either side of a dividing plane.
     """
 
     name: str
@@ -165,9 +166,9 @@ class PredictionStep(Document):
 
 
 class Prediction(Document):
-    """Predicted uncertainty of every result (1 sigma, in O), its causes, and the gain of more strikes.
+    """Predicted standard deviations of all results of a plan, their causes, and the gain of more strikes.
 
-    O is the object's frame, c the centre of mass.
+    Vectors and matrices are in O, the object's frame; c is the centre of mass.
     """
 
     com_sd_m: Vector3
@@ -207,9 +208,9 @@ class StrikerPrior(Document):
 
 
 class PlanHypothesis(Document):
-    """Assumptions from which the tip speeds were computed; a session updates them with each strike.
+    """Assumed centre of mass, mass, gravity and striker, from which the plan's tip speeds were computed.
 
-    They are the centre of mass in O (the object's frame), the mass, gravity and the striker.
+    A session updates centre of mass and striker with each strike. O is the object's frame.
     """
 
     com_m: Vector3 = Field(description="centre of mass in O")
@@ -262,6 +263,9 @@ class StrikePlan(Document):
 def read_strike_plan(path: Path) -> StrikePlan:
     """Read and validate a strike plan (JSON).
 
+    Returns:
+        The plan: strikes with placements, and predicted uncertainty.
+
     Raises:
         DocumentError: the file is missing, is not JSON, or holds an entry that cannot be used.
     """
@@ -274,6 +278,9 @@ def parse_strike_plan(text: str, name: str) -> StrikePlan:
     Args:
         text: content of a plan file.
         name: name of the file, with which error messages begin.
+
+    Returns:
+        The plan: strikes with placements, and predicted uncertainty.
 
     Raises:
         DocumentError: the text is not JSON, has another major schema version, or holds an entry that cannot

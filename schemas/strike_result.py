@@ -33,7 +33,11 @@ class Verdict(enum.Enum):
 
 
 class AlternativeFit(Document):
-    """Balance angle phi and rate k of a strike by another estimator than the one used."""
+    """Balance angle phi and rate k of a strike by another estimator than the one used.
+
+    The one used gives the values in the result. k is the rate [1/s^2] of the pendulum equation theta'' = -k
+    sin(phi - theta), theta the tipping angle; phi is theta where the centre of mass stands above the contact.
+    """
 
     estimator: str
     """name of the estimator"""
@@ -49,7 +53,7 @@ class AlternativeFit(Document):
 
 
 class PredictionResult(RenamedDocument):
-    """Leave-one-out prediction of one strike from all others, compared with its measurement.
+    """Prediction of one strike from all other strikes (leave-one-out), compared with its measurement.
 
     Predicted are the balance angle phi [rad], the tipping angle theta(t) [rad] and the rate k [1/s^2] of the
     pendulum equation theta'' = -k sin(phi - theta).
@@ -84,10 +88,11 @@ class PredictionResult(RenamedDocument):
 
 
 class StrikeResult(RenamedDocument, SparseDocument):
-    """Outcome of one strike in a result: verdict, window, balance angle phi, rate k and residuals.
+    """Outcome of one strike in a result: verdict, fitted window, balance angle phi, rate k and residuals.
 
-    k is the rate [1/s^2] of the pendulum equation theta'' = -k sin(phi - theta), theta the tipping angle. The
-    values are null where the strike could not be fitted.
+    k is the rate [1/s^2] of the pendulum equation theta'' = -k sin(phi - theta), theta the tipping angle; phi
+    is theta where the centre of mass stands above the contact. The values are null if the strike could not be
+    fitted.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("heading_rad", "prediction")

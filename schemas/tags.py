@@ -52,10 +52,10 @@ class TagFamily(enum.StrEnum):
 
     @property
     def codes(self) -> str:
-        """Name of the family's code set; families of the same code set share their tags.
+        """Name of the set of codes (black-and-white patterns) from which the family takes its tags.
 
-        The code set of 4x4_50 to 4x4_1000 is 4x4, and so on; that of an AprilTag family and of mip_36h12 is
-        the family's own name.
+        Families of one set share tags: 4x4_50 to 4x4_1000 all have the set 4x4, and so on. An AprilTag family
+        and mip_36h12 have a set of their own, with the family's name.
         """
         return self.value if self.value in _COUNTS else self.value.partition("_")[0]
 
@@ -93,7 +93,7 @@ def family_and_id(name: int | str) -> tuple[TagFamily, int]:
 
 
 def name_order(name: int | str) -> tuple[str, int]:
-    """Sort key of a marker's name: numbers first, then by family and id.
+    """Sort key of a marker's name: family and id, with "" for the family 36h11, whose names are numbers.
 
     Raises:
         ValueError: no marker has this name.

@@ -90,7 +90,7 @@ def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str
 
 
 def _find(document: tomlkit.TOMLDocument, table: str) -> object:
-    """Item of a document by its dotted name; None if it is missing.
+    """Table or value in a document by its dotted name; None if it is missing.
 
     Raises:
         TOMLKitError: the name leads through something that is not a table.
@@ -135,9 +135,9 @@ def _with_new_table(text: str, table: str, entries: Mapping[str, str]) -> str | 
 
 
 def _rendered(document: tomlkit.TOMLDocument) -> str | None:
-    """Text of an edited document; None if tomlkit cannot express the change where the entry is.
+    """Text of an edited document; None if the text, parsed again, does not have the document's content.
 
-    The text is parsed again and compared with the document.
+    The latter happens where tomlkit cannot express a change at the place of the entry.
     """
     text = document.as_string()
     return text if _is_toml(text) and tomllib.loads(text) == document.unwrap() else None

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Topic:
-    """Name and message type of a channel.
+    """Topic of a recording: its name, its message type, and whether its messages are images.
 
-    `image` topics have chunks (blocks of the file) of their own, so that small topics are read without them.
+    An `image` topic has chunks (blocks of the file) of its own, so that small topics are read without them.
     """
 
     name: str
@@ -64,16 +64,16 @@ def raw_image(camera: str) -> Topic:
 
 
 def compressed_image(camera: str) -> Topic:
-    """Topic of a camera's images as PNG or JPEG files, foxglove.CompressedImage.
+    """Topic of a camera's images as PNG or JPEG files: foxglove.CompressedImage.
 
-    It has the name of the topic of raw images: a recording contains either kind, not both. Recorded images
-    are png, without loss; imported Motion JPEG stays jpeg, as the camera coded it.
+    It has the same name as the topic of raw images: a recording contains either kind, not both. Recorded
+    images are png, without loss; imported Motion JPEG stays jpeg, as the camera coded it.
     """
     return Topic(f"/camera/{camera}/image", CompressedImage, image=True)
 
 
 def compressed_video(camera: str) -> Topic:
-    """Topic of an imported video, foxglove.CompressedVideo; it has the name of the topic of images."""
+    """Topic of an imported video: foxglove.CompressedVideo, under the name of the topic of raw images."""
     return Topic(f"/camera/{camera}/image", CompressedVideo, image=True)
 
 

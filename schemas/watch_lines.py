@@ -1,6 +1,7 @@
 """JSON lines between a session and `analyze watch`, which follows a recording that is being written.
 
-`analyze watch` writes observations of the newest image and verdicts on strikes; the session writes requests.
+`analyze watch` writes observations of the newest image and verdicts on strikes (good, or a reason why not);
+the session writes requests.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ class SeenMarker(Document):
 
 
 class WatchEvent(Document):
-    """Observation of the newest image by `analyze watch`, sent a few times a second before a strike."""
+    """Observation of the newest image: markers, rest or motion, saturation, error of the placement.
+
+    `analyze watch` sends it a few times a second before a strike.
+    """
 
     kind: Literal["watch"] = "watch"
     time_ns: int = Field(description="log time of the image [ns]")
@@ -59,7 +63,7 @@ class JudgeRequest(Document):
 
 
 class StrikeVerdict(Document):
-    """Verdict on a strike, the answer of `analyze watch` to a JudgeRequest.
+    """Verdict on a strike (good, or a reason why not) with numbers; the answer of `analyze watch`.
 
     The energy ratio E is the kinetic energy after the strike over the energy needed to reach balance. Numbers
     that could not be determined are null.

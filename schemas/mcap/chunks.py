@@ -109,7 +109,7 @@ def _parse_index_offsets(body: memoryview, size: int) -> dict[int, int]:
 
 @dataclass
 class PendingMessages:
-    """Messages gathered for the next chunk: their packed records, and time and offset of each."""
+    """Messages gathered for the next chunk: their packed records, and log time and offset of each."""
 
     data: bytearray = field(default_factory=bytearray)
     """whole message records"""
@@ -135,7 +135,7 @@ class PendingMessages:
 
 
 class PackedChunk(NamedTuple):
-    """Bytes around a chunk's messages in the file, and the chunk index record for the summary."""
+    """Bytes before and after a chunk's messages in the file, and the chunk's entry for the summary."""
 
     head: bytes
     """bytes of the chunk record before its messages"""
@@ -159,13 +159,16 @@ class ChunkSize(NamedTuple):
 
 
 def pack_chunk(offset: int, size: int, crc: int, places: MessagePlaces) -> PackedChunk:
-    """Bytes that enclose the messages of an uncompressed chunk, and its index record for the summary.
+    """Pack the parts of an uncompressed chunk that enclose its messages, and its entry for the summary.
 
     Args:
         offset: file offset at which the chunk is to be written [bytes].
         size: bytes of its messages.
         crc: CRC-32 of its messages.
         places: log time [ns] and offset in the chunk of each message, by channel id; at least one message.
+
+    Returns:
+        Bytes before and after the messages, and the chunk index record for the summary.
     """
     if len(places) == 1:
         [(channel_id, entries)] = places.items()
@@ -187,7 +190,7 @@ def pack_chunk(offset: int, size: int, crc: int, places: MessagePlaces) -> Packe
 def pack_chunk_of_channel(
     offset: int, times_ns: tuple[int, int], chunk: ChunkSize, channel_id: int, index_entries: bytes
 ) -> PackedChunk:
-    """Bytes that enclose a chunk of one channel whose message index entries are already packed.
+    """Pack the parts of a chunk of one channel that enclose its messages, from packed index entries.
 
     Args:
         offset: file offset at which the chunk is to be written [bytes].
@@ -213,9 +216,9 @@ def pack_chunk_of_channel(
 def pack_chunk_of_one(
     offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]
 ) -> PackedChunk:
-    """Bytes that enclose an uncompressed chunk of one message, in a fifth of the time of `pack_chunk`.
+    """Pack the parts of an uncompressed chunk of one message that enclose the message.
 
-    At line rate there are 365 such chunks in a second.
+    It takes a fifth of the time of `pack_chunk`: at line rate there are 365 such chunks in a second.
 
     Args:
         offset: file offset at which the chunk is to be written [bytes].

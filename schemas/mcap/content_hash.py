@@ -1,6 +1,7 @@
-"""The `content_id` of a recording: a hash of its messages outside /truth/, per topic in file order.
+"""The `content_id` of a recording: a hash of its messages, except those on topics under /truth/.
 
-It does not depend on chunking, compression, or the interleaving of topics.
+Messages are hashed per topic, in file order. The hash does not depend on chunking, compression, or the
+interleaving of topics.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Writer of the records of one MCAP file in order, with their offsets and the summary.
+"""Writer of the records of one MCAP file in order; it keeps their offsets for the summary at the end.
 
 The caller passes the function that appends bytes to the file.
 """
@@ -83,7 +83,7 @@ class RecordWriter:
         self.summary.add_attachment(offset, len(whole), attachment)
 
     def write_pending(self, pending: PendingMessages) -> None:
-        """Append gathered messages as an uncompressed chunk.
+        """Append the messages gathered in `pending` as an uncompressed chunk.
 
         The caller must not change `pending` afterwards.
         """
@@ -117,7 +117,8 @@ class RecordWriter:
         """Append a chunk of `count` messages of one channel that was packed for the present end of the file.
 
         Args:
-            packed: bytes around the messages and the chunk's index record, packed for the offset `size`.
+            packed: bytes around the messages and the chunk's index record, packed for the offset `size`
+                (bytes written so far).
             buffers: messages as stored, possibly compressed, in one or more pieces.
             channel_id: channel of all messages.
             count: number of messages.
@@ -126,12 +127,12 @@ class RecordWriter:
         self.summary.message_counts[channel_id] += count
 
     def note_chunks(self, size: int, entries: Sequence[bytes], channel_id: int, count: int) -> None:
-        """Count chunks that the caller has appended to the file itself, and list them in the summary.
+        """Count chunks that the caller itself has appended to the file, and list them in the summary.
 
         Args:
             size: bytes that were appended.
             entries: chunk index records of the chunks among them.
-            channel_id: channel of all their messages.
+            channel_id: channel of all messages in these chunks.
             count: number of messages.
         """
         self.size += size

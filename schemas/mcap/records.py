@@ -326,7 +326,7 @@ def parse_attachment(body: memoryview) -> AttachmentRecord:
 
 
 def parse_metadata(body: memoryview) -> MetadataRecord:
-    """Name and map of strings from the body of a metadata record.
+    """Name and map of strings that the body of a metadata record holds.
 
     Raises:
         ContainerError: the record is damaged.
@@ -342,7 +342,7 @@ def parse_metadata(body: memoryview) -> MetadataRecord:
 
 
 def parse_header(body: memoryview) -> tuple[str, str]:
-    """Profile and library name, from the body of a header record.
+    """Profile and name of the writing library, from the body of a header record.
 
     Raises:
         ContainerError: the record is damaged.

@@ -71,7 +71,7 @@ class Summary:
         self.metadata.append(container.pack_record(container.METADATA_INDEX, body))
 
     def pack(self, offset: int) -> bytes:
-        """End of the file: DataEnd record, summary, summary offsets, footer and magic bytes.
+        """Bytes that end the file: DataEnd record, summary, summary offsets, footer and magic bytes.
 
         Args:
             offset: file offset at which these bytes are to be written.
@@ -171,6 +171,9 @@ def find_summary(data: memoryview) -> SummarySection:
 
     Args:
         data: the whole file.
+
+    Returns:
+        Offset of the section in the file, and a view of its records.
 
     Raises:
         EndsEarly: the file has no footer that points at a summary.

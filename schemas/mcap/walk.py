@@ -19,10 +19,10 @@ _HEAD: Final = struct.Struct("<BQ")
 
 
 def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield the whole records from `start` on as (opcode, record offset, body).
+    """Yield the whole records from offset `start` on as (opcode, record offset, body).
 
-    It ends at the first incomplete record, or at opcode 0 (zeros at the end of a file). Offsets are counted
-    from the beginning of `data`; bodies are views.
+    The walk ends at the first incomplete record, or at opcode 0 (zeros at the end of a file). Offsets are
+    counted from the beginning of `data`; bodies are views.
     """
     at, size = start, len(data)
     while at + RECORD_HEAD <= size:
@@ -60,7 +60,7 @@ def walk_chunks(data: memoryview) -> Iterator[memoryview]:
 
 
 class WholeRecords(NamedTuple):
-    """Extent of the whole records of a file that may still grow."""
+    """Extent of the whole (completely written) records of a file that may still grow."""
 
     end: int
     """offset after the last whole record"""
@@ -69,7 +69,7 @@ class WholeRecords(NamedTuple):
 
 
 def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> WholeRecords:
-    """Extent of the whole records of a file from `start` on; only the records' heads are read.
+    """Find the end of the last whole (completely written) record; only the records' heads are read.
 
     The search ends at the first record that is not whole, or after the record that ends the data section.
 
@@ -77,6 +77,9 @@ def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> 
         read: function of (count, offset) that returns at most `count` bytes of the file from `offset` on.
         start: file offset of a record.
         size: present size of the file [bytes].
+
+    Returns:
+        The file offset after that record, and whether that record ends the data section.
     """
     at = start
     while at + RECORD_HEAD <= size:
