@@ -124,7 +124,11 @@ class Problem:
         return self._solution(unknowns, normal, converged)
 
     def _first(self, start: Mapping[int | str, Array]) -> Unknowns:
-        """Unknowns at the marker poses `start`, with placements as planned and the tables as recorded."""
+        """First values of all unknowns: given marker poses, placements as planned, tables as recorded.
+
+        Args:
+            start: first pose T_object_marker (4, 4) per marker.
+        """
         return Unknowns(
             [start[i][:3, :3] for i in self.markers],
             [start[i][:3, 3] for i in self.markers],
@@ -175,7 +179,7 @@ class Problem:
         return unknowns, self._normal(unknowns)[0], converged
 
     def _model(self, s: int, u: Unknowns) -> tuple[Array, Array, Array, Array]:
-        """Corners of strike s in the camera frame, and their positions at three earlier steps of the model.
+        """Modelled corners of strike s in the camera frame, and at three earlier steps of the model.
 
         Each of the four is (f, m, 4, 3) [m] for f frames and m markers: corners in the camera frame; arms
         from the pivot point, turned by the tipping angle theta; these arms turned by the heading as well; and
@@ -202,11 +206,11 @@ class Problem:
         return (world + np.array([0, 0, table[2]])) @ R_camera_world.T + t_camera_world, B, C, world
 
     def _weight(self, s: int) -> Array:
-        """Weights (f, m) [1/px] of a strike's corners, per frame and marker; 0 where none was seen."""
+        """Weights (f, m) [1/px] of strike s's corners, per frame and marker; 0 for a marker not seen."""
         return np.where(self._seen[s], 1.0 / self._views[s].sd, 0.0)
 
     def _residual(self, s: int, in_camera: Array) -> Array:
-        """Residuals (f, m, 4, 2) of strike s in standard deviations, for corners in the camera frame.
+        """Residuals (f, m, 4, 2) of strike s: corners seen less those modelled, over their sd.
 
         Args:
             s: index of the strike.
@@ -216,7 +220,7 @@ class Problem:
         return np.clip(off * self._weight(s)[:, :, None, None], -1e6, 1e6)
 
     def _prior(self, u: Unknowns) -> tuple[Array, Array]:
-        """Deviation (n,) of the shared unknowns from their priors, and its weight (n,).
+        """Deviations (n,) of the shared unknowns `u` from their priors, and their weights (n,).
 
         Shared are the unknowns of markers, strikes, edges and tables. Weights are reciprocal standard
         deviations. The deviation of a marker's pose is always 0: its prior only keeps undetermined directions
@@ -238,10 +242,11 @@ class Problem:
         return value, 1.0 / sd
 
     def _off_surface(self, u: Unknowns) -> list[tuple[int, Array, Array]]:
-        """Deviation of each marker held to the surface, as (index, deviation (3,), derivative (3, 6)).
+        """Deviation from the surface of each marker held to it: list of (index, deviation, derivative).
 
-        The deviation is of height and two tilts, over their standard deviations; the derivative is by the
-        marker's turn and position in the object frame.
+        The deviation (3,) is that of the marker's height from its card's thickness, and its two tilts against
+        the surface, over their standard deviations. The derivative (3, 6) is by the marker's turn [rad] and
+        position [m] in the object frame.
         """
         found: list[tuple[int, Array, Array]] = []
         for j, name in enumerate(self.markers):
@@ -263,7 +268,7 @@ class Problem:
         return found
 
     def _cost(self, u: Unknowns) -> float:
-        """Sum of squared residuals over their standard deviations, with all priors and the surface."""
+        """Cost of the unknowns `u`: sum of squared deviations (corners, priors, surface) over their sd."""
         total = 0.0
         for s in range(len(self._views)):
             total += float(np.sum(self._residual(s, self._model(s, u)[0]) ** 2))
@@ -278,9 +283,9 @@ class Problem:
     def _normal(self, u: Unknowns) -> tuple[Array, Array, Callable[[Array], list[Array]]]:
         """Normal matrix (n, n) and gradient (n,) of the shared unknowns, and a function for frame steps.
 
-        Shared are the unknowns of markers, strikes, edges and tables; the frames' own are eliminated. The
-        function gives the steps of these, (f - 1, 5) per strike of f frames, for a step (n,) of the shared
-        ones. The gradient is minus the derivative of half the cost.
+        Shared are the unknowns of markers, strikes, edges and tables; the frames' own unknowns are
+        eliminated. The function gives the steps of the frames' own unknowns, (f - 1, 5) per strike of f
+        frames, for a step (n,) of the shared ones. The gradient is minus the derivative of half the cost.
         """
         value, weight = self._prior(u)
         normal, gradient = np.diag(weight**2), -value * weight**2
@@ -317,7 +322,7 @@ class Problem:
         return normal, gradient, back
 
     def _jacobian(self, s: int, u: Unknowns) -> tuple[IntArray, Array, Array, Array]:
-        """Derivatives of a strike's weighted corner residuals by the unknowns, and these residuals.
+        """Derivatives of strike s's corners, over their sd, by the unknowns, and the corners' residuals.
 
         Args:
             s: index of the strike.
@@ -377,7 +382,7 @@ class Problem:
         return np.concatenate(columns), J, own.reshape(F, M * 8, PER_FRAME), residual.reshape(F, M * 8)
 
     def _drop_outliers(self, u: Unknowns) -> bool:
-        """Leave out single frames of tips whose corners were misread; True if there were any.
+        """Leave out single tipping frames whose corners were misread; return True if there were any.
 
         A marker in a frame is left out if its chi^2 is over 25 times the median one of the strike (taken as
         at least 1); it then counts as not seen in later fits.
@@ -443,7 +448,7 @@ class Problem:
 
 
 def _turns(axis: int, angle: Array) -> Array:
-    """Rotations (n, 3, 3) by angles (n,) [rad] about a coordinate axis: 0 is x, 1 is y, 2 is z."""
+    """Rotations (n, 3, 3) by angles (n,) [rad] about the coordinate axis 0 (x), 1 (y) or 2 (z)."""
     vector = np.zeros((len(angle), 3))
     vector[:, axis] = angle
     return matrix_from_vector(vector)

@@ -41,7 +41,7 @@ class SurfaceFit:
 
 @dataclass(frozen=True)
 class Surface:
-    """Exterior of the body, and the markers that lie on it."""
+    """Height over the body's surface as a function of the point, and the markers held to that surface."""
 
     height: Callable[[Array], tuple[float, Array]]
     """height over the surface [m] and outward normal (3,), of a point in O (3,) [m]"""
@@ -68,7 +68,7 @@ def surface_under(
     sizes: Mapping[int | str, float],
     thickness: Mapping[int | str, float],
 ) -> Surface:
-    """Surface of the body, with the markers that lie on it according to their first poses.
+    """Surface of the body, and the markers held to it: those that lie on it by their first poses.
 
     A marker lies on the surface if its middle is within 20 mm of it and its normal within 15 deg of the
     surface's.

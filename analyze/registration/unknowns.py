@@ -52,11 +52,11 @@ class Unknowns:
     """per strike (f - 1, 5), for its frames after rest: theta, heading, x, y, z [rad, rad, m, m, m]"""
 
     def after_step(self, shared: Array, frames: list[Array]) -> Unknowns:
-        """Copy of the unknowns after a step of the shared ones and of the frames' own.
+        """Copy of the unknowns, changed by a step; these are not changed.
 
         Args:
-            shared: (n,) step of all but the frames' unknowns: 6 per marker (turn in O [rad], position [m]), 5
-                per strike, 2 per edge, 3 per table.
+            shared: (n,) step of all but the frames' unknowns: 6 per marker (turn in the object frame O [rad],
+                position in O [m]), 5 per strike, 2 per edge, 3 per table.
             frames: per strike (f - 1, 5) step of its tipping frames' own unknowns.
         """
         parts = np.cumsum([6 * len(self.R), self.strike.size, self.edge.size])
@@ -78,7 +78,8 @@ def heading_by_frame(strike: Array, frame: Array) -> Array:
     Args:
         strike: (5,) psi (heading as put down) [rad], x, y [m], kappa (turn by the impact) [rad], tau (turn
             per rad of tipping angle) of the strike.
-        frame: (f, 5) tipping angle theta, heading [rad], and shifts x, y, z [m] of every frame.
+        frame: (f, 5) of every frame: tipping angle theta, a small further heading d_psi [rad], and shifts x,
+            y, z [m].
     """
     psi, _, _, kappa, tau = strike
     return psi + kappa * (np.arange(len(frame)) > 0) + tau * frame[:, 0] + frame[:, 1]

@@ -47,7 +47,7 @@ PLACED_AS_PLANNED = (
 
 @dataclass(frozen=True)
 class StrikeView:
-    """Marker corners of one strike: frame 0 is the median of the resting frames, the others the tip.
+    """Marker corners of one strike: frame 0 is the median at rest, the others show the object tipping.
 
     There are m markers and f frames. O is the object frame, M a marker's, C the camera's, W the world frame.
     """
@@ -161,10 +161,11 @@ def strike_view(
 
 
 def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
-    """Log times (n,) [ns] and tipping angles (n,) [rad] of the chosen frames of a tip.
+    """Log times (n,) [ns] and tipping angles (n,) [rad] of the frames of a tip that are used.
 
-    At most `MAX_TIP_FRAMES`, evenly over the angle. None are chosen, n = 0, if the edge did not stay on the
-    table, the body rolled on a rim, or turned by less than `MIN_TURN_RAD`.
+    At most `MAX_TIP_FRAMES` (60) are used, spread evenly over the angle. Both are empty if the tip was not
+    measured, the edge did not stay on the table, or the body was struck over a round rim or turned by less
+    than `MIN_TURN_RAD` (0.1 rad).
 
     Args:
         motion: analysed motion of the strike with its verdict and phases.
