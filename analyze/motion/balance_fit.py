@@ -75,8 +75,8 @@ def moment_balance(
             frame.
         window: frames [start, stop) in which only gravity and the table act.
         radius: radius of the edge's rounding [m].
-        phi: first guess of the balance angle phi [rad] where theta(t) is unlike a hinge's; None to take it
-            from theta(t).
+        phi: first guess of the balance angle phi [rad], for a motion unlike that of a hinge (edge in place);
+            None to take the guess from theta(t).
         offset_covariance: (2, 2) covariance [m^2] of the edge's assumed position along and off the table;
             None if the position is exact.
 

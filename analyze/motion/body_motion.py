@@ -56,7 +56,7 @@ class BodyMotion:
 
     @cached_property
     def _turns(self) -> Rotation:
-        """Rotations (n - 1) from each pose to the next, in the object frame O."""
+        """Rotation (scipy, n - 1 of them) from each pose to the next, in the object frame O."""
         return Rotation.from_matrix(self.R_world_object[:-1].transpose(0, 2, 1) @ self.R_world_object[1:])
 
     def path_of(self, point: Array) -> Array:

@@ -198,9 +198,10 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
 
 
 def smooth_range(values: Array, sd: Array) -> float:
-    """Range of the running median over five values, less four sd of that range; at least 0.
+    """Range (largest less least) of the running median over five values, less its noise; at least 0.
 
-    In the unit of the values; 0 if there are fewer than five.
+    The noise is four standard deviations of the difference of two such medians. The result has the unit of
+    the values; 0 if there are fewer than five.
 
     Args:
         values: (n,) values, one per frame.

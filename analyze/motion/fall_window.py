@@ -86,7 +86,7 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
 def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
     """Stretches of evenly spaced positions that lie on a parabola, the longest fall first.
 
-    At most `MAX_FALLS` that do not overlap, with indices into the positions.
+    Returned are at most `MAX_FALLS` (8) stretches that do not overlap, with indices into the positions.
 
     Args:
         scaled: (n, 3) positions over their standard deviations.
@@ -118,14 +118,14 @@ def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
 
 
 def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
-    """Fall 1/2 a T^2 [m] and ratio of third-degree to second-degree term of each window, (windows,) each.
+    """Fall [m] of each window of positions, and ratio of its third-degree to its second-degree term.
 
-    a is the acceleration, T the window's duration.
+    Both are (windows,). The fall is 1/2 a T^2, with a the acceleration and T the window's duration.
 
     Args:
-        parts: (windows, 3, 4) coefficients of the scaled positions on `basis`.
+        parts: (windows, 3, 4) coefficients on `basis` of the positions, each axis over its `sd`.
         basis: (frames, 4) orthonormal polynomials of degree 0 to 3.
-        sd: (3,) scale of the positions [m].
+        sd: (3,) standard deviations of a position along each axis [m].
     """
     in_metres = parts * sd[:, None]
     # Range of each column: for u^2 over -1..1 it is 1 (2/3 to -1/3), which is a quarter of a fall of 1/2 a
@@ -136,7 +136,7 @@ def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
 
 
 def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int) -> FallWindow | None:
-    """Stretch extended frame by frame along its own curve; None if it is no fall.
+    """Stretch of a fall, extended frame by frame along its own curve; None if it is no fall.
 
     The two end frames of the extended stretch are left out: a hand or the ground may still have touched the
     tag there. None if fewer than `MIN_FRAMES` frames or a fall of less than `MIN_FALL_M` remain.
@@ -184,7 +184,11 @@ class _Curve:
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a scaled position (3,) at a frame number from the curve, over its predicted sd."""
+        """Distance (3,) of a frame's position (3,) from the curve along each axis, over its predicted sd.
+
+        The position is given over the standard deviations of a position; `frame` is the frame's number on an
+        even grid.
+        """
         at = ((frame - self._middle) / self._half) ** np.arange(4)
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)
 
@@ -215,7 +219,7 @@ def _continues(
 
 
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
-    """Windows that do not overlap, chosen in the order of their falls, the longest fall first."""
+    """Those of the given windows that do not overlap, chosen in the order of their falls, longest first."""
     taken: list[FallWindow] = []
     for window in sorted(windows, key=lambda each: (each.fall, each.start, each.stop), reverse=True):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):

@@ -140,7 +140,7 @@ def _fits(
         course: its events.
         planned: the planned strike; its predicted balance angle gives the first window.
         settings: limits.
-        estimator: fit of theta(t) over a window.
+        estimator: function that fits the tipping angle theta(t) over a window.
         radius: radius of the edge's rounding for the moment balance [m]; None to leave the moment balance
             out.
 
@@ -176,7 +176,7 @@ def _fit_window(
         course: its events.
         phi_predicted: predicted balance angle [rad], for the first window.
         limits: bounds of the window.
-        estimator: fit of theta(t) over a window.
+        estimator: function that fits theta(t) over a window.
 
     Returns:
         The last fit with its window. The fit is None, with the reason, if any fit of the iteration fails.
@@ -196,7 +196,7 @@ def _fit_window(
 
 
 def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -> _WindowFit | None:
-    """Fit over a window that ends where the edge leaves the table; None if it is not usable.
+    """Fit over a window that ends where the edge leaves the table, with the window; None if unusable.
 
     None if the window has fewer than 16 frames, if the fit fails, or if the angle in the window neither
     passes the balance point nor turns back below it.
@@ -204,7 +204,7 @@ def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -
     Args:
         angle: tipping angle theta(t) of the strike.
         window: frames [start, stop).
-        estimator: fit of theta(t) over a window.
+        estimator: function that fits theta(t) over a window.
     """
     if window[1] - window[0] < 2 * MIN_FRAMES:
         return None
@@ -234,7 +234,7 @@ def _fits_over(
         found: fit over the window by `estimator`.
         planned: the planned strike.
         settings: limits.
-        estimator: fit of theta(t) over a window.
+        estimator: function that fits the tipping angle theta(t) over a window.
         radius: radius of the edge's rounding for the moment balance [m]; None to leave the moment balance
             out.
 
@@ -276,7 +276,10 @@ def _fits_over(
 
 
 def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: VerdictLimits) -> StrikeFits:
-    """Rolling fits with the reason for the choice, violated assumptions, and a hinge fit to compare.
+    """Fits of a strike with the chosen rolling fit explained, and a hinge fit added for comparison.
+
+    The chosen fit's note states why the contact rolls, and its `violated` whether the contact slid or rose
+    against rolling by more than the limit. A hinge is an edge that stays in place.
 
     Args:
         fits: fits of the strike; returned as they are if none is chosen, or the chosen one is not of rolling.
@@ -297,7 +300,9 @@ def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: Verd
 
 
 def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[MotionFit, ...]:
-    """Fit of a window as a hinge, marked with the assumption that it violates; empty if it fails.
+    """Fit of a strike as a hinge (edge in place), for comparison with a better one; empty if it fails.
+
+    The single fit returned names in `violated` the assumption that the strike breaks.
 
     Args:
         angle: tipping angle theta(t).
@@ -332,8 +337,8 @@ def _balanced(
     """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
     A hinge is an edge in place; the moment balance allows for the edge's measured motion. The hinge is kept
-    if the moment balance fails or leaves a jump in speed, or if the edge was not seen to move and the moment
-    balance is no better, or the angle is too noisy to tell.
+    if the moment balance fails or leaves a jump in speed. If the edge was not seen to move, it is also kept
+    where the moment balance is no better, or the angle is too noisy to show it.
 
     Args:
         edge: sliding and lifting of the edge.
@@ -380,7 +385,7 @@ def _reason_for_balance(
     radius: float,
     limits: VerdictLimits,
 ) -> str:
-    """Reason to prefer a moment balance although the edge was not seen to move; empty if there is none.
+    """Reason, in words, for a moment balance although the edge was not seen to move; empty if none.
 
     A moment balance is a fit that allows for the edge's measured motion. It is preferred if it explains a
     jump in speed that the hinge shows, or if its balance angle is more certain and clearly another.
@@ -408,10 +413,12 @@ def _reason_for_balance(
 
 
 def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
-    """True if a moment balance explains a jump in speed that a hinge fit (edge in place) shows.
+    """True if a moment balance explains a jump in angular speed that a hinge fit (edge in place) shows.
 
-    That is, if it fits no worse than two impacts, and its balance angle phi agrees with that of a hinge
-    fitted to the part of the window without a jump; False if there is no such part.
+    The moment balance is a fit that allows for the edge's measured motion. It explains the jump if its
+    residuals are no noisier than those of a fit with a second impact, and its balance angle phi agrees
+    (within 4 sd) with that of a hinge fitted to the longest stretch without a jump. False if there is no such
+    stretch.
 
     Args:
         angle: tipping angle theta(t).
@@ -442,8 +449,8 @@ def _with_second_impact(
         radius: radius of the edge's rounding [m].
 
     Returns:
-        The fit and the verdict "struck twice"; if there is no such jump, no fit and no verdict, but
-        `problem`.
+        The fit as chosen, with the verdict "struck twice"; if there is no such jump, no fit and no verdict,
+        but `problem`.
     """
     found = fit_two_impacts(motion.angle, window, radius)
     if found is None or not _is_jump(found.fit, found.size, found.gain, limits):

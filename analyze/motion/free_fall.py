@@ -91,10 +91,10 @@ class FallSetup:
 
     @property
     def drag(self) -> tuple[float, float]:
-        """Drag beta (deceleration over squared speed) and its sd [1/m], for a card of unknown attitude.
+        """Drag beta (deceleration over squared speed) of the card with the tag, and its sd, both [1/m].
 
-        The drag lies between that of a card that falls face on and nothing, for one edge on: half the largest
-        value, with a standard deviation of as much.
+        A card that falls face on has the largest beta, one that falls edge on has almost none. As the
+        attitude is unknown, beta and its sd are each half of the largest value.
         """
         most = 0.5 * AIR_DENSITY * DRAG_COEFFICIENT * (CARD_RATIO * self.size) ** 2 / self.mass
         return most / 2, most / 2
@@ -134,11 +134,12 @@ class Fall:
 
 
 def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall | None:
-    """Fit of a fall, its ends cut where a hand or the ground still acts; None if no fall is left.
+    """Fall fitted with its ends cut where a hand or the ground still acts; None if no fall is left.
 
-    Frames are cut at the worse end while that clearly reduces the misfit (ninth decile of the residuals over
-    the expected one); a margin at both ends is then left out. None if the misfit stays above `MAX_MISFIT`
-    (3), or the remaining fall is shorter than `MIN_FALL_M` (0.2 m).
+    The fall returned holds q, the ratio of true to stated time, with its errors. Frames are cut at the worse
+    end while that clearly reduces the misfit (ninth decile of the residuals over the expected one); a margin
+    at both ends is then left out. None if the misfit stays above `MAX_MISFIT` (3), or the remaining fall is
+    shorter than `MIN_FALL_M` (0.2 m).
 
     Args:
         track: track of the tag, not yet corrected for a rolling shutter.
@@ -252,7 +253,7 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
 
 @dataclass(frozen=True)
 class _Solved:
-    """Solution of the weighted least squares of one fall, in stated time."""
+    """Solution of the weighted least squares of one fall, in the time that the video states."""
 
     stated: Array
     """(n,) stated time since the middle of the fall [s]"""
@@ -321,7 +322,7 @@ def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
 
 
 def _correlation_sd_factor(residuals: Array) -> float:
-    """Factor >= 1 on a standard deviation for the correlation of neighbouring residuals (n, 3)."""
+    """Factor >= 1 by which the correlation of neighbouring residuals (n, 3) widens a standard deviation."""
     size = float(np.sum(residuals**2))
     r = float(np.sum(residuals[1:] * residuals[:-1])) / size if size > 0 else 0.0
     r = min(max(r, 0.0), MAX_LAG_ONE_CORRELATION)
@@ -335,9 +336,10 @@ def _frame_s(stated: Array) -> float:
 
 
 def _powers(time: Array) -> Array:
-    """Derivatives (n, 3, 9) of the position at times (n,) [s] by p0, v0 and a, in the units 1, s and s^2.
+    """Derivatives (n, 3, 9) of a falling body's position at times (n,) [s] by p0, v0 and a.
 
-    These are position, velocity and (constant) acceleration at time 0.
+    p0, v0 and a are its position, velocity and (constant) acceleration at time 0; the derivatives are in the
+    units 1, s and s^2.
     """
     eye = np.eye(3)
     return np.concatenate(
@@ -346,9 +348,10 @@ def _powers(time: Array) -> Array:
 
 
 def _turn_columns(R: Array, time: Array) -> Array:
-    """Derivatives (n, 3, 3) of the tag's position by its arm from the centre of mass: R(tau) - R(middle).
+    """Derivatives (n, 3, 3) of a turning tag's position by its arm from the centre of mass.
 
-    R is the rotation from the marker frame to the camera frame, smoothed over time by a polynomial.
+    They are R(tau) - R(middle), with R(tau) the rotation from the marker frame to the camera frame at the
+    time tau, smoothed by a polynomial, and R(middle) that of the middle frame.
 
     Args:
         R: (n, 3, 3) rotations from the marker frame to the camera frame.
@@ -364,7 +367,7 @@ def _turn_columns(R: Array, time: Array) -> Array:
 
 
 def _drag(speed: Array, time: Array) -> Array:
-    """Double integral (n, 3) of norm(v) v over time from the first time on [m^2].
+    """Double integral (n, 3) [m^2] of norm(v) v over time from the first time on, v the velocity.
 
     Times the drag beta [1/m] (deceleration over squared speed), it is the distance by which air holds the
     body back.

@@ -82,7 +82,8 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
         drag: deceleration over squared speed [1/m]: density * drag coefficient * area / (2 mass).
 
     Returns:
-        c in the object frame O, g, their covariance, and the median flight's residual.
+        c in the object frame O [m], g [m/s^2], their covariance, and the rms residual of the median flight
+        [m].
 
     Raises:
         EstimationError: fewer than `MIN_THROWS` throws, or flights without the rotation that determines c.
@@ -147,7 +148,7 @@ def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float
 
 
 def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
-    """Linear equations of one flight in (c, g), with its start and velocity projected out.
+    """Linear equations of one flight in (c, g), its unknown start position and velocity eliminated.
 
     c is the centre of mass in the object frame O, g the gravity.
 
@@ -162,7 +163,7 @@ def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
     line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))
 
     def rest(values: Array) -> Array:
-        """Part of the columns (n, ...) that no straight line in time explains."""
+        """Values (n, ...) of the flight's frames, less the straight line in time that fits them best."""
         return values - line @ (line.T @ values)
 
     slowed = _twice_integrated(motion, drag)

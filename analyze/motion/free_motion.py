@@ -89,7 +89,7 @@ def longest_clean_fit(
 
 
 def settled_fit(fit: MotionFit, refit: Callable[[tuple[int, int]], MotionFit]) -> MotionFit:
-    """The fit, or one that begins later if the striker still touched the object in its first frames.
+    """`fit`, or a fit that begins later if the striker still touched the object in the first frames.
 
     Contacts too light to show as a jump leave residuals far above the scatter of neighbouring frames. The
     window then begins at the first frame from which the residuals are nearly as small as from any later

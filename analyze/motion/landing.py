@@ -39,9 +39,9 @@ _LIFTED_RAD = math.radians(1.0)
 def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | None:
     """Landing angle: tipping angle theta [rad] from which the next face may touch the table.
 
-    It is the angle of the shape less a margin of 1 deg and the angle by which the face's far end may be off.
-    None if no flat face touches within the section's range of angles, or if the first one touches before the
-    predicted balance.
+    It is the angle at which the face touches by the shape, less a margin of 1 deg and the error of the face's
+    far end, as an angle about the pivot. None if no flat face touches within the section's range of angles,
+    or if the first one touches before the predicted balance angle.
 
     Args:
         section: cross-section of the object about the pivot point.

@@ -113,7 +113,9 @@ def about_com(inertia_origin: Array, com: Array) -> Array:
 
 
 def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array, Array]:
-    """Weak moment balance of one contact, as linear equations in centre of mass and inertia.
+    """Moment balance of one contact, as linear equations in centre of mass and inertia.
+
+    It is in weak form: integrated over time with window functions, so that no acceleration is needed.
 
     Args:
         contact: the motion and its point of contact.
@@ -154,9 +156,11 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         d_below = np.diff(below, axis=0)
 
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
-            """Weak moment of (q'' - g) about the contact, on an arm (3,) in object frame O from q.
+            """Moment of (q'' - g) about the contact, for an arm (3,) [m] from q, summed over a window.
 
-            q is the contact's point on the centre line of the rounding, g the gravity vector.
+            The window is a weight over time that vanishes at both ends. The arm is in the object frame O. q
+            is the contact's point on the centre line of the rounding, q'' its acceleration, g the gravity
+            vector; the moment is per mass.
             """
             arms = R @ arm
             turned = window * np.cross(e, arms)
@@ -229,11 +233,17 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         prior_row[9] = spread / radius[1]
 
         def residual(x: Array) -> Array:
-            """Residuals (n + 1,) of the moment balance and of the rounding's prior at x (10,)."""
+            """Residuals (n + 1,) of the moment balance and of the rounding's prior at x (10,).
+
+            x holds centre of mass (3), inertia per mass (6) and rounding.
+            """
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
-            """Derivatives (n + 1, 10) of these residuals by x: centre of mass, inertia, rounding."""
+            """Derivatives (n + 1, 10) by x of the residuals of moment balance and rounding's prior.
+
+            x holds centre of mass (3), inertia per mass (6) and rounding.
+            """
             return np.vstack([balance(x)[1], prior_row])
 
         # scipy's type hints admit only the names of its built-in derivatives.
@@ -276,7 +286,7 @@ def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, sp
         J: (n, p) derivatives of the residuals.
         left: (n,) residuals.
         groups: (n,) number of the group of each residual.
-        prior: (p,) row of the prior.
+        prior: (p,) derivatives of the prior's residual.
         spread: robust standard deviation of the residuals.
 
     Raises:

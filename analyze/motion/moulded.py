@@ -23,10 +23,11 @@ _MIN_FACE_RATIO = 0.5
 
 
 def moulded_radius(points: Array, phi: float) -> float | None:
-    """Radius [m] of the shape's own rounding, centred above the end of the resting face, or None.
+    """Radius [m] of the rounding that the shape itself has at the end of its resting face, or None.
 
-    None if the section is not a circle of one centre and radius (to 10 %) from 3 deg after rest to 5 deg past
-    the balance angle, if the resting face is at most half the radius long, or if the points span no area.
+    The rounding is a circle whose centre is above the end of the face: from 3 deg after rest to 5 deg past
+    the balance angle, centre and radius vary by less than 10 % of the radius. The face must be longer than
+    half the radius. None if the shape has no such rounding, or the points span no area.
 
     Args:
         points: (n, 2) corners of the section's hull from the end of the face [m]: x in the direction of

@@ -255,9 +255,10 @@ def _curves(outline: Outline) -> list[Curve]:
 
 
 def _is_bent(outline: Outline, joined: list[bool], i: int) -> bool:
-    """True if facet i is part of a curve: at one end at least, the outline bends as much as beyond it.
+    """True if facet i is part of a curve, False if it is a flat face beside bends or between corners.
 
-    "As much" means at least a quarter of the curvature at the next corner (1 / `FLAT_RADIUS_RATIO`).
+    It is part of a curve if, at one end at least, the outline's curvature is more than a quarter (1 /
+    `FLAT_RADIUS_RATIO`) of that at the next corner beyond, and neither of these two is a sharp corner.
 
     Args:
         outline: the polygon.

@@ -39,7 +39,7 @@ def trajectory(
 
     For psi'' = f(psi), psi = theta - phi, that method needs only three slopes per step. An edge of radius rho
     rolls: the centre of mass comes nearer to the contact on either side of the balance (docs/decisions/0025).
-    With e = k rho / g
+    With e = k rho / g, g the gravity, and i the inertia about the contact over that at balance
 
         psi'' = sin psi (k + e psi'^2) / i,    i = 1 - 2 e (1 - cos psi)
 

@@ -87,10 +87,11 @@ def find_course(
 
 
 def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) -> int:
-    """First frame from `released` on at or beyond a landing angle [rad]; the frame count if there is none.
+    """First frame at or beyond a landing angle [rad]; the number of frames if there is none.
 
-    A single frame beyond it counts only if it is the last: otherwise it may be a wrong reading. The frame
-    count also if the landing angle is None.
+    The search begins at frame `released`, where the free motion begins. A single frame beyond the angle
+    counts only if it is the last: otherwise it may be a wrong reading. The number of frames is also returned
+    if the landing angle is None.
     """
     if landing_angle_rad is None:
         return len(angle.theta)
@@ -100,12 +101,13 @@ def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) ->
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """Index of the frame after `released` at which a landing stops the body; the frame count if none does.
+    """Index of the frame at which a landing stops the body; the number of frames if none does.
 
-    A body is stopped if, beyond a tipping angle of 20 deg, it loses a third of an angular speed of over 1
-    rad/s between one frame and the next. A loss that had already begun does not count: on the way up gravity
-    alone slows a small body as much. Above about 300 frames a second only every few frames are used, because
-    the turn between neighbours would be within their errors.
+    The search begins after frame `released`, where the free motion begins. A body is stopped if, beyond a
+    tipping angle of 20 deg, it loses a third of an angular speed of over 1 rad/s between one frame and the
+    next. A loss that had already begun does not count: on the way up gravity alone slows a small body as
+    much. Above about 300 frames a second only every few frames are used, because the turn between neighbours
+    would be within their errors.
     """
     every = (
         max(1, round(_MIN_STEP_S / max(1e-9 * float(np.median(np.diff(angle.time_ns))), 1e-6)))
@@ -144,8 +146,9 @@ def _landing(angle: TipAngle, released: int) -> int:
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
     """Frames [start, stop) in which only gravity acts: from release to 25 deg past balance, or a landing.
 
-    It ends earlier if the object returns to rest, and a frame before a landing or return; (0, 0) if the
-    object did not move. The 25 deg are the default of `limits.past_phi`.
+    If the object lands or returns to rest before that angle, the window ends one frame before this event; if
+    the images end first, with them. (0, 0) if the object did not move. The 25 deg are the default of
+    `limits.past_phi`.
 
     Args:
         angle: tipping angle theta(t).

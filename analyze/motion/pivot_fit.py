@@ -123,8 +123,8 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
         parameters: number of parameters that will be fitted.
 
     Returns:
-        The window's times, angles and standard deviations. Where the linear guess is not a tip, it is
-        replaced by a rough one from the largest angle.
+        The window's times, angles, standard deviations and first guess, which is linear least squares, or a
+        rough one from the largest angle where that is not a tip.
 
     Raises:
         EstimationError: the window has fewer than `MIN_FRAMES` or `parameters` + 3 frames.

@@ -148,7 +148,7 @@ def predicted_motion(
 
 
 def _estimator_rows(by: Array, noise: Array) -> Array:
-    """Generalised least-squares estimator (p, n): times residuals (n,) it gives parameters (p,).
+    """Matrix (p, n) that turns n residuals into p parameters, by generalised least squares.
 
     Args:
         by: (n, p) derivatives of the observations by the parameters.

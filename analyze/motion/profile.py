@@ -37,7 +37,11 @@ _K_RANGE = (0.5, 5000.0)
 
 @dataclass(frozen=True)
 class FittedTip:
-    """Measured theta(t) of a tip, with the best parameters of the pendulum and their covariance."""
+    """Measured tipping angle theta(t) of one strike, with the pendulum's best parameters and covariance.
+
+    The pendulum is theta'' = -k sin(phi - theta), with balance angle phi and rate k; theta0 and omega0 are
+    its angle and speed at time 0.
+    """
 
     time: Array
     """(n,) time [s]"""
@@ -68,7 +72,7 @@ def profile_sd(tip: FittedTip, variance: float) -> float:
 
 
 def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
-    """Length of one side of the 95 % interval of balance angle phi, over 1.96 [rad].
+    """Length [rad] of one side of the 95 % interval of the balance angle phi, divided by 1.96.
 
     Args:
         tip: the fit.
@@ -90,7 +94,7 @@ def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
 
 
 def _sum_of_squares(tip: FittedTip, phi: float) -> float:
-    """Least weighted sum of squares for a given balance angle phi [rad], over all other parameters."""
+    """Least weighted sum of squares of a tip's residuals at a given balance angle phi [rad]."""
     best = tip.parameters
     start = best[1:] + tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
     # In log k, from a start with the same k sin(phi): the data determine that product, and k must stay
@@ -101,17 +105,20 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
     columns = np.empty(0)
 
     def rate(x: Array) -> float:
-        """Rate k [rad/s^2] of x (ln k, theta0, omega0), limited to 0.5 to 5000."""
+        """Rate k [rad/s^2] of the tip at parameters x (ln k, theta0, omega0), limited to 0.5 to 5000."""
         return math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
 
     def residual(x: Array) -> Array:
-        """Weighted residuals (n,) of theta at x: ln k, and theta0 [rad], omega0 [rad/s] at time 0."""
+        """Weighted residuals (n,) of theta at x: ln k, and theta0 [rad] and its rate [rad/s] at time 0."""
         nonlocal columns
         model, _, columns = trajectory(tip.time, phi, rate(x), float(x[1]), float(x[2]), tip.radius)
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
-        """Derivatives (n, 3) of the weighted residuals by x, kept from the last call of `residual`."""
+        """Derivatives (n, 3) of the weighted residuals of theta by x (ln k, theta0, omega0).
+
+        They are kept from the last call of `residual`.
+        """
         part = -columns[:, 1:] * tip.weight[:, None]
         part[:, 0] *= rate(x)
         return np.clip(part, -1e9, 1e9)

@@ -77,7 +77,8 @@ def rest_pose(
         # from direction.
         """Residuals (11,) at a pose over their sd, and derivatives (11, 6) by turn [rad] and position [m].
 
-        The residuals are those of eight corner coordinates and of the three angles of the prior.
+        The pose is that of the marker in the camera frame. The residuals are those of eight corner
+        coordinates, and of three angles from the planned orientation (the prior).
         """
         R, p = pose
         in_camera = points @ R.T + p

@@ -66,7 +66,7 @@ def is_curved(section: SupportFunction, phi: float) -> bool:
 
 
 def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
-    """Motion with slip and lift relative to rolling on a curve, instead of on the plan's rounding.
+    """The motion, with slip and lift relative to rolling on a curve instead of on the plan's rounding.
 
     Args:
         motion: tracked motion, with slip (along the table) and lift (off it) of the pivot edge.

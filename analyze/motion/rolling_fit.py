@@ -85,7 +85,12 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     seen, sd = np.append(sample.theta, expected.values()), np.append(sample.sd, np.ones(3))
 
     def expect(sets: Array) -> Array:
-        """Tipping angles [rad] at n times, then three values of the prior, (n + 3, c) of c sets (c, 5)."""
+        """Expected observations (n + 3, c) for c sets (c, 5) of parameters.
+
+        They are the tipping angles [rad] at n times, then three values of the prior over their sd. The
+        parameters are 1 / J, a / J, b / J (inertia and place of the centre of mass), theta0 and omega0 (first
+        angle and speed).
+        """
         return np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
 
     solution = minimise(
@@ -125,7 +130,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 
 
 def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
-    """Prior of the centre of mass: near the middle of a known section, otherwise wide.
+    """Prior (place and sd) of the centre of mass: near the middle of a known section, otherwise wide.
 
     For a circle of unknown section (`middle_sd` infinite) it lies in the direction of the sample's first
     guess of the balance angle, at the distance that a solid body with the first guess of k has, with an sd of

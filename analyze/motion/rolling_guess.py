@@ -54,10 +54,10 @@ class ComPrior:
     """expected inertia per mass about the pivot point [m^2]; its reciprocal has a relative sd of 50 %"""
 
     def rows(self) -> Array:
-        """Coefficients (3, 3) of the prior on (1 / J, a / J, b / J), each row divided by its sd.
+        """Coefficients (3, 3) of the prior's three linear equations in (1 / J, a / J, b / J), over their sd.
 
         a is the offset of the centre of mass c from the pivot point upwards, -b that in the direction of
-        tipping, J = I_c / m + a^2 + b^2.
+        tipping, J = I_c / m + a^2 + b^2 the inertia per mass about the pivot point.
         """
         by_sd = self.J / self.sd
         return np.array(
@@ -69,7 +69,7 @@ class ComPrior:
         )
 
     def values(self) -> Array:
-        """Right side (3,) of the equations whose coefficients are `rows`, in standard deviations."""
+        """Right side (3,) of the prior's equations (left side: `rows`), in standard deviations."""
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 
 

@@ -45,9 +45,9 @@ _MIN_DISTANCE = 1e-3
 def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
     """Coefficients m (..., 3) and f (..., 3), and radius of curvature rho (...) [m], of a section.
 
-    With x = (1, a, b) / J the body's parameters (centre of mass at (-b, a) from the pivot point, J = I_c / m
-    + a^2 + b^2), 1 + m . x is the inertia about the contact over J, and f . x the horizontal distance from
-    the centre of mass to the contact over J.
+    With x = (1, a, b) / J the body's parameters (centre of mass at (-b, a) from the pivot point at rest, J =
+    I_c / m + a^2 + b^2 the inertia per mass about it), 1 + m . x is the inertia about the contact over J, and
+    f . x the horizontal distance from the centre of mass to the contact over J.
 
     Args:
         section: support function of the section.
@@ -82,7 +82,7 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
     def rate(state: Array) -> Array:
         """Time derivative (2, c) of the state: tipping angle [rad], and speed times (1 + m . x) [rad/s].
 
-        1 + m . x is the inertia about the contact over J.
+        1 + m . x is the inertia about the contact, over that about the pivot point at rest.
         """
         theta, turn = state
         h, ahead, radius = section.evaluate(theta)

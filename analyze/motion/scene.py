@@ -58,7 +58,7 @@ class Scene:
 def read_scene(
     frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)
 ) -> Scene:
-    """Find the markers in one image, with sub-pixel corners [raw px], and measure its brightness.
+    """Markers in one image, with sub-pixel corners [raw px], and the image's brightness.
 
     A marker whose edges cannot be fitted keeps the detector's corners. Of a marker found twice, the larger
     view is kept, and its id is listed in `duplicate_ids`.

@@ -107,7 +107,7 @@ def _tip_time_s(phi: float, k: float) -> float:
 
 
 def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
-    """Track with its times divided by `ratio`, thinned to fewer than 200 frames if it has more.
+    """Marker track with its times divided by `ratio`, thinned to fewer than 200 frames if it has more.
 
     A rough k and verdict need few frames.
     """
@@ -124,7 +124,7 @@ def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
 
 
 def _task(task: StrikeTask, ratio: int) -> StrikeTask:
-    """Task (plan and times of a strike) with its times divided by `ratio`, without `unmarked_ns`."""
+    """Task (plan and times of a strike) with times divided by `ratio`, without those of unmarked images."""
     end = None if task.images_end_ns is None else task.images_end_ns // ratio
     return replace(task, contact_time_ns=task.contact_time_ns // ratio, images_end_ns=end, unmarked_ns=None)
 

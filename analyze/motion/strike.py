@@ -46,7 +46,10 @@ _MIN_SEEN_NS = 200_000_000
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
-    """Planned pose of the object in the world frame W, and its pivot point and rounding, as arrays [m]."""
+    """Planned pose of the object in the world frame W, with its pivot point and rounding, as a Placement.
+
+    Positions and radius are in m; the pivot point is in the object frame O.
+    """
     return Placement(
         R_world_object=np.array(planned.R_world_object, dtype=float),
         p_world_object=np.array(planned.p_world_object, dtype=float),
@@ -240,7 +243,9 @@ def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[
 def _alternatives(
     angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings
 ) -> tuple[MotionFit, ...]:
-    """Fit by the paper's estimator `sign_change`, for comparison; empty if it fails.
+    """Fit of the balance angle by the paper's estimator `sign_change`, for comparison; empty if it fails.
+
+    That estimator takes the angle at the second sign change of the angular acceleration.
 
     Args:
         angle: tipping angle theta(t) of the strike.

@@ -131,7 +131,7 @@ class SupportFunction:
         return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
 
     def curved_over(self, low: float, high: float, least: float) -> float:
-        """Range [rad] of the angles at which a curve of the shape of radius above `least` touches.
+        """Range of tipping angles [rad] in which a curve of the shape of radius above `least` touches.
 
         Args:
             low: least tipping angle counted [rad].
@@ -142,7 +142,7 @@ class SupportFunction:
         return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
 
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
-        """Least and greatest radius of curvature [m] at 50 angles from `low` to `high` [rad]."""
+        """Least and greatest radius of curvature [m] of the contact at 50 angles from `low` to `high` [rad]."""
         _, _, radius = self.evaluate(np.linspace(low, high, 50))
         return float(np.min(radius)), float(np.max(radius))
 
@@ -241,7 +241,7 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
 
 
 def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: float) -> tuple[Array, Array]:
-    """Lowest corner, or centre of its rounding, (n, 2) [m], and the rounding's radius (n,) [m].
+    """Lowest corner of an outline, or centre of its rounding, (n, 2) [m], and that radius (n,) [m].
 
     Both are for each of n tipping angles; the points are in the outline's coordinates, those of the body at
     rest. Corners that are part of a curve stay sharp.

@@ -190,10 +190,10 @@ def _random_scale(theta: Array, sd: Array) -> float:
 def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
     """Standard deviation [rad] of the zero of the tipping angle theta, an error that all frames share.
 
-    The systematic error is the misfit of model and image within a frame, and MODEL_PX for each corner, which
-    need not show as a misfit. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts
-    edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.) The noise of the mean of the resting frames
-    is added.
+    The systematic error is the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each
+    corner, which need not show as a misfit. (Measured on 7 simulated cameras, whose lens blurs whole pixels
+    and so shifts edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.) The noise of the mean of the
+    resting frames is added.
 
     Args:
         random: (n,) noise of each resting frame [rad].
@@ -208,7 +208,7 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
 
 
 def _scale(solution: _Solution) -> float:
-    """Factor on the corners' standard deviation that the median frame's residuals require, at least 1."""
+    """Factor on the corners' standard deviation that the median frame's residuals show, at least 1."""
     return float(np.sqrt(max(1.0, np.median(solution.chi2 / np.maximum(solution.freedom, 1)))))
 
 
@@ -221,8 +221,8 @@ def _collect(
 ) -> tuple[_Views, Array]:
     """Corners in every frame of the markers seen at rest, and the pivot point (3,) in W [m].
 
-    W is the world frame, z up. The corners are free of lens distortion. The pivot point is the mean of the
-    markers' own, or the planned one if no marker's place on the object is known.
+    W is the world frame, z up. The corners are free of lens distortion. The pivot point is the mean of those
+    that the markers' places give, or the planned one if no marker's place on the object is known.
 
     Args:
         tracks: tracks of the object's markers.
@@ -291,7 +291,10 @@ class _Solution:
 
 
 def _cost(solution: _Solution, yaw: float) -> float:
-    """Robust sum of chi^2 over all frames, each limited to 9 medians, with the prior of the yaw [rad]."""
+    """Cost of a trial heading `yaw` [rad] of the pivot axis: chi^2 of all frames, and the yaw's prior.
+
+    The chi^2 of a frame counts up to 9 times the median one, so that wrong readings do not decide.
+    """
     limit = 9.0 * float(np.median(solution.chi2)) + 1e-12
     return float(np.sum(np.minimum(solution.chi2, limit))) + (yaw / _YAW_SD) ** 2
 
@@ -307,7 +310,7 @@ def _rotated(points: Array, axis: Array, theta: Array) -> Array:
 
 
 def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel) -> _Solution:
-    """Fit of a planar motion: theta, and the pivot's displacement along and off the table, in every frame.
+    """Planar motion fitted to every frame: theta, and the pivot's displacement along and off the table.
 
     theta is the tipping angle [rad]; the displacements are horizontal across the pivot axis and up [m].
 
@@ -351,10 +354,10 @@ def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel) -> _Sol
 
 
 def _solve_full(views: _Views, pivot: Array, yaw: float, camera: CameraModel, planar: Array) -> _Solution:
-    """Fit of the full motion in every frame, starting from the planar fit.
+    """Full motion (six unknowns) fitted to every frame, starting from the planar fit.
 
-    It adds rotations about the vertical and about the horizontal across the pivot axis, and the displacement
-    along the axis, with priors `_WOBBLE_SD`.
+    It adds to the tipping angle theta and the pivot's displacement x, z rotations about the vertical and
+    about the horizontal across the pivot axis, and the displacement along the axis, each with a prior.
 
     Args:
         views: corners of all markers in all frames.
