@@ -182,7 +182,7 @@ class EnergyLearner:
         self._draws = np.random.default_rng(DRAW_SEED).standard_normal((DRAW_COUNT, self._model.size + 1))
 
     def tip_speed(self, strike: PlannedStrike) -> float:
-        """Tip speed [m/s] to command for the next strike on the pivot edge of the planned `strike`.
+        """Speed of the striker's tip [m/s] to command for the next strike on the pivot edge of `strike`.
 
         E is the energy ratio, kinetic energy after the strike over the energy needed to reach balance. The
         speed is the largest at which each quantile of E in ENERGY_LIMITS stays within its limit, clipped to
@@ -194,10 +194,14 @@ class EnergyLearner:
         return min(max(speed, strike.tip_speed_m_s.min), strike.tip_speed_m_s.max)
 
     def speed_for(self, strike: PlannedStrike, energy: float) -> float:
-        """Commanded tip speed [m/s] of a planned strike whose median energy ratio E is `energy`.
+        """Speed of the striker's tip [m/s] to command for a median energy ratio E of `energy`.
 
         E is the kinetic energy after the strike over the energy needed to reach balance. The plan's limits of
         the tip speed are not applied.
+
+        Args:
+            strike: the planned strike.
+            energy: wanted median of E.
         """
         return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy_draws(strike)))))
 
@@ -266,11 +270,11 @@ class EnergyLearner:
         return log_energy + 2 * self._model.log_swing_ratio(states) + LOG_ENERGY_SD * self._draws[:, -1]
 
     def _posterior_draws(self) -> Array:
-        """Draws (DRAW_COUNT, d) from the posterior of the model's state (d entries, prior N(0, 1) each).
+        """Draws (DRAW_COUNT, d) of the model's state from its posterior; d is the number of its entries.
 
-        The first three entries, which stand for the position of the centre of mass, are clipped to
-        REGION_HALF_EDGE_SDS on either side of 0. An estimate of them outside these limits extends the limits
-        to it.
+        Each entry has the prior N(0, 1). The first three entries, which stand for the position of the centre
+        of mass, are clipped to REGION_HALF_EDGE_SDS on either side of 0. An estimate outside these limits
+        extends them to itself.
         """
         states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
         # The hypothesis region ends at two standard deviations, but the estimate of c may lie outside.
