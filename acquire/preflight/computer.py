@@ -27,7 +27,7 @@ LATENCY_MS = 1
 
 @dataclass(frozen=True)
 class PortState:
-    """State of a serial port's device file: existence, access, group, and whether a program has locked it.
+    """State of a serial port's device file: existence, access, group, and whether it is locked.
 
     `usable` and `in_use` are False, and `group` is empty, if the file does not exist.
     """
@@ -94,7 +94,10 @@ class Computer:
         self._sys, self._proc, self._lock = sys, proc, lock
 
     def port(self, path: str) -> PortState:
-        """State of the serial port at `path`; an unusable port counts as not in use."""
+        """State of the serial port at `path`: existence, access, group, and whether it is locked.
+
+        An unusable port counts as not locked.
+        """
         try:
             status = Path(path).stat()
         except OSError:
@@ -110,7 +113,8 @@ class Computer:
     def _has_lock_file(self, path: str) -> bool:
         """True if another running program has a lock file for the serial port at `path`.
 
-        FHS 5.9: LCK..ttyUSB0 holds the program's process id as text.
+        By the Filesystem Hierarchy Standard, 5.9, the file LCK..ttyUSB0 holds the program's process id as
+        text.
         """
         try:
             owner = int((self._lock / f"LCK..{Path(path).resolve().name}").read_text(encoding="ascii"))

@@ -78,7 +78,7 @@ class VideoContent:
 
 @dataclass(frozen=True)
 class CheckVideo:
-    """Test video: duration, frame counts, content and the last report of `analyze watch` on it."""
+    """Test video: duration, frame counts, last image, clock quality, and last report of `analyze watch`."""
 
     seconds: float
     """time from the first frame to the last [s]"""
