@@ -44,7 +44,10 @@ def read_rig(path: Path) -> RigConfig:
 
 @dataclass(frozen=True)
 class RigLimits:
-    """Tip speeds and heights that a rig's striker can reach, and the camera's pose in W, the world frame."""
+    """Tip speeds and impact heights that a rig's striker can reach, and the camera's pose.
+
+    The pose is in W, the world frame.
+    """
 
     speeds: TipSpeeds | None
     """range of tip speeds [m/s]; None if a person strikes by hand, which has no fixed limits"""

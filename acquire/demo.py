@@ -1,4 +1,4 @@
-"""Composition root of the virtual rig: simulated world, camera and operator, real daemon and session.
+"""Virtual rig as a whole: simulated world, camera and operator, with the real daemon and session.
 
 Only this module imports both the virtual rig and the daemon. The daemon is started as `acquire run RIG.toml`;
 it is given a camera address and a serial port, as with real hardware.
@@ -48,7 +48,7 @@ class DemoOutput:
 
 
 def fresh_output(path: Path) -> DemoOutput:
-    """Paths for a demo whose recording must not exist yet, and whose .part file must not either.
+    """Path of a demo's recording, which must not exist yet; nor may its .part file (unfinished recording).
 
     Raises:
         RecorderError: the path or its .part file exists already, or cannot be written.
@@ -63,7 +63,7 @@ def fresh_output(path: Path) -> DemoOutput:
 
 
 def replaced_output(path: Path) -> DemoOutput:
-    """Paths for a demo whose recording may replace an older recording or .part file at `path`.
+    """Path of a demo's recording, with the older recording and .part file there that it will replace.
 
     Nothing is deleted yet.
 
@@ -76,7 +76,7 @@ def replaced_output(path: Path) -> DemoOutput:
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """Options of `analyze plan` that a demo passes on."""
+    """Options of `analyze plan` that a demo passes on: number of strikes, number of pivot axes, method."""
 
     strikes: int = 9
     """number of strikes to plan"""
