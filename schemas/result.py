@@ -69,7 +69,8 @@ class AxisMoment(Document):
 class RegionResult(SparseDocument):
     """Mass of one region of the object.
 
-    A region is the shell, the interior on one side of a dividing plane (upper or lower), or a labelled part.
+    A region is the shell (outer wall), the interior on one side of a dividing plane (upper or lower), or a
+    labelled part.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("limits_kg",)
@@ -96,7 +97,7 @@ class RegionResult(SparseDocument):
 
 
 class Regions(RenamedDocument, SparseDocument):
-    """Masses of the shell and of the interior on either side of a dividing plane.
+    """Masses of the shell (outer wall) and of the interior on either side of a dividing plane.
 
     The plane is n.x = offset in O, the object's frame: x a position, n the unit normal, which points towards
     the upper region. Intervals hold for a model body, a uniform shell with two uniform parts inside. If no

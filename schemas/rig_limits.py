@@ -22,7 +22,7 @@ At 80 px the angle's noise is 0.07 deg a frame; it grows as 1/edge².
 
 @dataclass(frozen=True)
 class TipSpeeds:
-    """Range of tip speeds that the striker can reach [m/s], both ends included."""
+    """Range of speeds that the tip of the striker's arm can reach [m/s], both ends included."""
 
     slowest_m_s: float
     fastest_m_s: float

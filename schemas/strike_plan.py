@@ -147,8 +147,8 @@ class PredictedMoment(Document):
 class PredictedRegion(Document):
     """Predicted standard deviation of the mass of one region of the object.
 
-    It is the median over fillings that are taken as equally likely. Regions are the shell and the interior on
-    either side of a dividing plane.
+    It is the median over fillings that are taken as equally likely. Regions are the shell (outer wall) and
+    the interior on either side of a dividing plane.
     """
 
     name: str

@@ -16,7 +16,7 @@ from schemas.tags import MarkerName
 
 
 class SeenMarker(Document):
-    """Marker in the newest image: its name and its corners (4, 2) [px]."""
+    """Marker in the newest image: its name and its corners (4, 2) [px] in order around it."""
 
     id: MarkerName
     corners_px: list[list[float]]
@@ -45,7 +45,7 @@ _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
 
 
 class JudgeRequest(Document):
-    """Request on the standard input of `analyze watch`.
+    """Request of a session on the standard input of `analyze watch`: judge a strike, or expect one.
 
     `judge` asks for a verdict on the strike in the window (time span recorded for it); `expect` sets the
     planned strike whose placement is checked. Times are log times [ns]; `expect` needs none.

@@ -47,7 +47,7 @@ class Summary:
     """number of messages by channel id"""
 
     def add_attachment(self, offset: int, length: int, attachment: container.AttachmentRecord) -> None:
-        """List an attachment record that was written to the file.
+        """Add an attachment record, which was written to the file, to the summary (index at the file's end).
 
         Args:
             offset: file offset of the record.
@@ -60,7 +60,7 @@ class Summary:
         self.attachments.append(container.pack_record(container.ATTACHMENT_INDEX, body))
 
     def add_metadata(self, offset: int, length: int, name: str) -> None:
-        """List a metadata record that was written to the file.
+        """Add a metadata record, which was written to the file, to the summary (index at the file's end).
 
         Args:
             offset: file offset of the record.
