@@ -32,8 +32,9 @@ def placement_card(
 ) -> str:
     """Text of a placement card: which side goes down, which faces the camera, and the impact height.
 
-    For a turned strike the camera sees the other end of the edge; `TURNED_CARD` is not included. If the
-    object may not stand on the face, the text adds this and the remedy.
+    For a strike with the object turned by 180 degrees the camera sees the other end of the edge; the
+    instruction to turn (`TURNED_CARD`) is not included. If the object may fall over on its resting face, the
+    text adds this and the remedy.
 
     Args:
         model: Shape of the object.

@@ -16,7 +16,7 @@ from schemas.strike_plan import Pivot, StrikePlan
 def corrected_plan(
     plan: StrikePlan, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
 ) -> StrikePlan:
-    """Plan with the pivot of every strike updated to the corrected object file.
+    """Plan with the pivot (edge line) of every strike updated to the corrected object file.
 
     The plan is returned as it is if edge radius and surface error are unchanged.
 

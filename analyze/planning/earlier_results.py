@@ -61,13 +61,13 @@ class EarlierResult:
 
 
 def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
-    """Merge results of different strikes into one, independently of their order.
+    """Merge results of different strikes of one object into one result.
 
-    The results share errors (the edges, the table) to an unknown degree: their centres of mass are merged by
-    covariance intersection, which never understates the covariance (Julier and Uhlmann 1997). A joint
-    estimate of the recordings is more precise. The inertia is that of the result with the most strikes. Where
-    several results name an axis, direction and edge are those of the one with the most precise centre of
-    mass.
+    The order of the results does not matter. They share errors (the edges, the table) to an unknown degree:
+    their centres of mass are merged by covariance intersection, which never understates the covariance
+    (Julier and Uhlmann 1997). A joint estimate of the recordings is more precise. The inertia is that of the
+    result with the most strikes. Where several results name an axis, direction and edge are those of the one
+    with the most precise centre of mass.
 
     Args:
         results: At least one result.

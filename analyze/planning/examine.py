@@ -63,7 +63,10 @@ class UsableAxis:
 
 @dataclass(frozen=True)
 class _Reached:
-    """Axis with a marker in view and an impact point in reach; whether its edge holds is still open."""
+    """Axis of which two checks are passed: a marker is in view and an impact point in reach.
+
+    Whether its edge holds is still to be checked.
+    """
 
     axis: PivotAxis
     """Pivot axis."""

@@ -84,7 +84,10 @@ class StrikeCase:
 
 @dataclass(frozen=True)
 class TipOutcomes:
-    """Outcome of n simulated strikes up to balance, or to the instant at which a tip ends before it."""
+    """Slip, load and end of n simulated strikes.
+
+    A strike is simulated up to balance, or to the instant at which its tip ends before it.
+    """
 
     slip: Array
     """(n,) largest displacement of the contact, or of an end of it, relative to rolling [m]."""
@@ -174,8 +177,8 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
         most_slip: Slip [m] at which a case ends too.
 
     Returns:
-        For each case: largest slip, smallest load (normal force over weight), and True if balance is reached;
-        empty arrays without cases.
+        For each case: largest slip, smallest load (normal force over weight), and True if balance is reached,
+        or the body still moves after `MAX_FREE_TIME`; empty arrays without cases.
     """
     if not cases:
         return TipOutcomes(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
@@ -255,7 +258,7 @@ class _Bodies:
         return rest
 
     def step(self, dt: Array, push: Array) -> None:
-        """Advance all cases that have not ended by one semi-implicit Euler step, in place.
+        """Advance all strikes whose simulation goes on by one semi-implicit Euler step, in place.
 
         Args:
             dt: (n,) time steps [s].
@@ -294,7 +297,9 @@ class _Bodies:
         self._advance(dt, turning, u, load / (m * g))
 
     def _advance(self, dt: Array, turning: Array, u: Array, load: Array) -> None:
-        """Update state, largest slip and smallest load, in place, and end cases whose tip is over.
+        """Update state, largest slip and smallest load of n simulated strikes, in place.
+
+        Cases (strikes) whose tip is over are marked as ended.
 
         Args:
             dt: (n,) time steps [s].

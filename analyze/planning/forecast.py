@@ -237,7 +237,10 @@ def advice(
 
 
 def error_so_far(information: Information) -> float:
-    """Expected rms error [m] of the centre of mass with the strikes made and the priors alone."""
+    """Expected rms error [m] of the centre of mass before any further strike.
+
+    It follows from the strikes made and the priors alone.
+    """
     return _rms(information, [], [])
 
 

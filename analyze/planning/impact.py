@@ -79,7 +79,7 @@ class StrikerModel:
 
 @dataclass(frozen=True)
 class ImpactPoint:
-    """A place on the surface to strike, and the friction that the pivot edge then needs.
+    """Place on the object's surface to strike, and the friction that holds the pivot edge in place then.
 
     c is the object's centre of mass.
     """

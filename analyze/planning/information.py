@@ -152,12 +152,12 @@ class Information:
 
     @cached_property
     def _rows(self) -> dict[int, tuple[Candidate, Array, Array, Array]]:
-        """Cache by `id` of a candidate: the candidate and the results of `_linearised`."""
+        """Cache of the results of `_linearised`, with the candidate, by the `id` of the candidate."""
         return {}
 
     @cached_property
     def _axis_information(self) -> dict[tuple[int, int], tuple[Candidate, Array]]:
-        """Cache by `id` of a candidate and number of strikes: the candidate and its information (14, 14)."""
+        """Cache of the results of `axis_information`, by `id` of the candidate and number of strikes."""
         return {}
 
     def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
@@ -207,7 +207,8 @@ class Information:
     def weight(self, each: Candidate, strikes: int) -> Array:
         """Inverse covariance (2, 2) of phi [rad] and ln k from the strikes on an axis at the usual heading.
 
-        The strikes made count, and `strikes` more; phi is the balance angle, k the rate constant of the tip.
+        The strikes made before count, and `strikes` more. phi is the balance angle, k the rate constant of
+        the tip; a heading is the turn of object and striker about the vertical.
         """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
             USUAL_HEADING, np.zeros((2, 2))
@@ -246,12 +247,12 @@ class Information:
         return all_shared, all_own, weight
 
     def axis_information(self, each: Candidate, strikes: int) -> Array:
-        """Information (14, 14) of an axis about the shared unknowns, in units of their prior sd.
+        """Fisher information (14, 14) of strikes on one axis about the shared unknowns.
 
-        Shared are centre of mass, inertia and the errors common to all strikes, in the order of `units`. The
-        strikes made count, and `strikes` more at the usual heading; the axis's own unknowns (its line's
-        place, angle errors, an error of ln k, with k the tip's rate constant) are integrated out. The result
-        is cached.
+        Shared are centre of mass, inertia and the errors common to all strikes, in the order of `units` and
+        in units of their prior sd. The strikes made before count, and `strikes` more at the usual heading;
+        the axis's own unknowns (its line's place, angle errors, an error of ln k, with k the tip's rate
+        constant) are integrated out. The result is cached.
         """
         asked = (id(each), strikes)
         if asked not in self._axis_information:
@@ -266,10 +267,11 @@ class Information:
         return np.asarray(shared.T @ marginal @ shared, dtype=np.float64)
 
     def before(self, leave_out: Sequence[str] = ()) -> Array:
-        """Information (14, 14) of the priors and of the strikes made, except on axes in `leave_out` (ids).
+        """Fisher information (14, 14) before the planned strikes: of the priors and of the strikes made.
 
-        It refers to the shared unknowns (centre of mass, inertia, errors common to all strikes) in units of
-        their prior 1 sigma, so the priors alone give the unit matrix.
+        Strikes on axes in `leave_out` (ids) do not count. The information is about the shared unknowns
+        (centre of mass, inertia, errors common to all strikes) in units of their prior 1 sigma, so the priors
+        alone give the unit matrix.
         """
         known = [
             self.axis_information(each, 0) for each in self.belief.struck if each.axis.id not in leave_out

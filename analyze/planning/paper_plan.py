@@ -80,7 +80,10 @@ class PaperStrike:
 
 @dataclass(frozen=True)
 class PaperPlan:
-    """All impact points in order of force, smallest first, by the paper (VISAPP 2013, 3.1)."""
+    """All impact points on an object by the paper, smallest force first (VISAPP 2013, 3.1).
+
+    The force is the one needed to tip the object there, by eq. (2).
+    """
 
     strikes: tuple[PaperStrike, ...]
     """Impact points of all rotation points."""
@@ -97,7 +100,9 @@ class PaperPlan:
 
 
 def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperPlan:
-    """Impact points of an object by the paper's method, in order of force (VISAPP 2013, 3.1.1 to 3.1.3).
+    """Impact points on an object by the paper's method (VISAPP 2013, 3.1.1 to 3.1.3).
+
+    They are in order of the force needed to tip the object.
 
     Args:
         model: Shape, whose uniformly sampled surface is the paper's point cloud P.

@@ -92,9 +92,10 @@ class PivotAxis:
 class Swing:
     """Parameters of a tip about one axis, for a given centre of mass c and inertia.
 
-    The edge is rounded; its centre line is the axis of the rounding. k is the rate constant of the tip,
-    theta'' = -k sin(phi - theta), with theta the tipping angle, g gravity, m, R and I_edge the mass, distance
-    and moment below.
+    The edge is rounded; its centre line is the axis of the rounding. The tip is theta'' = -k sin(phi -
+    theta), with theta the tipping angle, phi the balance angle and k = m g R / I_edge the rate constant: m is
+    the mass, g gravity, R the distance of c from the centre line, I_edge the moment of inertia about the
+    contact line at balance.
     """
 
     distance: float

@@ -62,8 +62,9 @@ def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerM
     """Striker updated by strikes made: effective mass m_s and restitution e, with their 1 sigma.
 
     The impulse J = (1 + e) v / (1/m_s + h^2/I_edge) at height h and tip speed v gives the angular momentum J
-    h = I_edge omega0. Tips alone hardly separate e and m_s: the 1 sigma of each includes the part that a
-    change of the other compensates; their correlation is not reported.
+    h = I_edge omega0, with I_edge the moment of inertia about the edge and omega0 the angular rate after the
+    strike. Tips alone hardly separate e and m_s: the 1 sigma of each includes the uncertainty of the other;
+    their correlation is not reported.
 
     Args:
         striker: Striker as believed before.

@@ -36,7 +36,11 @@ RAY_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Fault:
-    """Reason why a marker cannot be tracked through a tip: rejection code, measured number, message."""
+    """Reason why a marker cannot be tracked through a tip: rejection code, number and message.
+
+    The number is the measured quantity behind the fault, such as the marker's size in the image; None if
+    there is none.
+    """
 
     code: str
     """One of `FAULT_CODES`."""
@@ -174,7 +178,10 @@ def _marker_path(
 
 
 def _checked_angles(phi: float) -> list[float]:
-    """Tip angles [rad] at which visibility is checked: from rest to `PAST_BALANCE` past balance at `phi`."""
+    """Tipping angles [rad] at which a marker's visibility is checked.
+
+    They go from rest to `PAST_BALANCE` past balance, with `phi` the balance angle.
+    """
     return np.linspace(0.0, phi + float(PAST_BALANCE), VISIBILITY_STEPS).tolist()
 
 
@@ -184,7 +191,9 @@ def _edge(corners: Array) -> float:
 
 
 def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraModel) -> Fault | None:
-    """Fault if a marker leaves the image, `BORDER_PX` of its border included, during the tip; else None.
+    """Fault if a marker leaves the image during the tip; else None.
+
+    A border of `BORDER_PX` counts as outside the image.
 
     Args:
         path: (steps, 4, 2) corners of the marker in the image through the tip [px].
