@@ -112,9 +112,10 @@ def _ply(data: bytes) -> Array:
 
 
 def _xyz(data: bytes) -> Array:
-    """Points (n, 3) of a text with columns x, y, z and others, separated by blanks, commas or semicolons.
+    """Points (n, 3) of an XYZ file's text: columns x, y, z and others.
 
-    Comments (# or //) and up to two leading lines with a count or column names are skipped.
+    Columns are separated by blanks, commas or semicolons. Comments (# or //) and up to two leading lines with
+    a count or column names are skipped.
 
     Raises:
         ValueError: the lines have different lengths, or contain something else than numbers.
@@ -261,7 +262,9 @@ def _pcd(data: bytes) -> Array:
 
 
 def _lzf(packed: bytes, size: int) -> bytes:
-    """Decompress LibLZF data (Lehmann 2000): runs of literals, and copies from the output so far.
+    """Bytes decompressed from LibLZF data (Lehmann 2000).
+
+    The data are runs of literals, and copies from the output so far.
 
     Args:
         packed: Compressed data.

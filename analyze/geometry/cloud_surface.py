@@ -377,9 +377,10 @@ def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
 
 
 def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
-    """Mask (n,) of `points` (n, 3) [m] within `margin` [m] of the hull of these and `others` (m, 3) [m].
+    """Mask (n,) of the `points` (n, 3) [m] that lie at most `margin` [m] below their convex hull.
 
-    The hull is approximated by its supporting planes in `HULL_DIRECTIONS` directions.
+    The hull is that of the points and `others` (m, 3) [m], approximated by its supporting planes in
+    `HULL_DIRECTIONS` directions.
     """
     across = even_directions(HULL_DIRECTIONS).T
     pieces = [points[start : start + POINTS_AT_A_TIME] for start in range(0, len(points), POINTS_AT_A_TIME)]

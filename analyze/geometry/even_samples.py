@@ -11,9 +11,9 @@ ROOT = 1.32471795724474602596
 
 
 def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, IntArray]:
-    """Points at equal steps of a surface's area, and the face of each.
+    """Points at equal steps of a surface's area, with the face that each lies on.
 
-    A face's share follows its area; within it the points follow the R2 sequence (Roberts 2018).
+    A face's share of the points follows its area; within it they follow the R2 sequence (Roberts 2018).
 
     Args:
         vertices: (v, 3) vertices [m].

@@ -84,9 +84,9 @@ class FittedPlane:
 def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
     """Planar faces of a point cloud's hull, those with most points first; empty if there are none.
 
-    Planes grow from patches and are kept if hardly a point lies outside, those with most points of their own
-    first. Each is then fitted to the points of its inner part, away from all neighbours by `WALL_MARGIN_SDS`
-    sd, where only its own noise affects it. Curved parts of the hull have no plane.
+    Planes grow from small patches of points, and are kept if hardly a point lies outside them. Each is then
+    fitted to the points of its inner part, away from all neighbouring faces by `WALL_MARGIN_SDS` sd, where
+    only its own noise affects it. Curved parts of the hull have no plane.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -117,7 +117,7 @@ def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
 def _refined_planes(
     points: Array, planes: list[tuple[Array, float]], sd: float, spacing: float, rounds: int
 ) -> list[FittedPlane]:
-    """Planes fitted to the points of their faces repeatedly until they settle; most points first.
+    """Planes fitted repeatedly to the points of their faces until they settle, most points first.
 
     Planes with fewer than `MIN_FACE_POINTS` points, and those that coincide with an earlier one, are dropped.
 

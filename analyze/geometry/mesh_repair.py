@@ -337,7 +337,7 @@ def _buried(
 def _united(
     vertices: Array, faces: IntArray, bodies: list[IntArray]
 ) -> tuple[Array, IntArray, IntArray] | None:
-    """Union of closed bodies; None if manifold3d refuses one.
+    """Union of closed bodies by the library manifold3d; None if it refuses one.
 
     Args:
         vertices: (n, 3) vertices [m].

@@ -57,7 +57,10 @@ _Result = TypeVar("_Result")
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """Closed exterior of an object, in the object frame O [m]."""
+    """Closed exterior of an object as a triangle mesh, with its mass properties as a uniform solid.
+
+    Lengths are in metres, in the object frame O.
+    """
 
     name: str
     """Name of the object."""

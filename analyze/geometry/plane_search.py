@@ -221,10 +221,10 @@ def _inner_points(points: Array, members: BoolArray, normal: Array, margin: floa
 def _largest_faces(
     sample: Array, candidates: list[tuple[Array, float, BoolArray]]
 ) -> list[tuple[Array, float]]:
-    """Planes chosen one by one, each with most points that no plane chosen before contains.
+    """Planes chosen one by one, each time the one with most points that no plane chosen before contains.
 
-    Planes of whose points more than 85 % belong to planes chosen before are left out, as are those with fewer
-    points of their own than 8 or `MIN_FACE_SHARE` of the sample.
+    A plane is left out if more than 85 % of its points belong to planes chosen before, or if it has fewer
+    points of its own than 8 or `MIN_FACE_SHARE` of the sample.
 
     Args:
         sample: (n, 3) points [m].

@@ -36,7 +36,10 @@ class MassProperties:
 
 
 def open_edges(faces: IntArray) -> int:
-    """Number of edges that an odd number of `faces` (f, 3) share; 0 for a closed surface."""
+    """Number of open edges of a mesh: those that an odd number of `faces` (f, 3) share.
+
+    It is 0 for a closed surface.
+    """
     edges = directed_edges(faces)
     # One number per edge: sorting those is ten times as fast as sorting pairs.
     key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
@@ -83,9 +86,9 @@ def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
 
 
 def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
-    """Turn bodies (connected parts of a mesh) whose faces are clockwise from outside.
+    """Turn those bodies (connected parts of a mesh) whose faces are clockwise from outside.
 
-    Their volume is negative before.
+    They are recognised by a negative volume.
 
     Args:
         vertices: (n, 3) vertices [m].
