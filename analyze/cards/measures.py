@@ -61,7 +61,7 @@ def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
 
     Args:
         view: Projection to the picture.
-        place: Positions of the strike's parts.
+        place: Positions of object, line, striker and camera.
         pivot: (2,) pivot in the picture [px].
     """
     radius = 0.62 * float(place.high[2])
@@ -137,7 +137,7 @@ def _camera_from_above(view: View, place: Setting, front: float) -> list[str]:
 
     Args:
         view: Projection to the picture.
-        place: Positions of the strike's parts.
+        place: Positions of object, line, striker and camera.
         front: Position of the symbol along the pivot line, y in the world frame [m].
     """
     x = float(np.clip(place.camera[0], place.low[0], place.high[0] + 0.2 * place.size))

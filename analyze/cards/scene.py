@@ -62,9 +62,9 @@ def scene_picture(place: Setting) -> str:
 
 
 def _table(view: View, place: Setting) -> list[str]:
-    """SVG elements of the table with 50 mm squares parallel to the pivot line, and of the shadow.
+    """SVG elements of the table, with squares of 50 mm, and of the object's shadow on it.
 
-    The table fills the picture.
+    The squares are parallel to the pivot line; the table fills the picture.
     """
     far = 6 * place.size
     stops = np.arange(np.floor(-far / SQUARE_M), far / SQUARE_M + 1) * SQUARE_M
@@ -84,7 +84,10 @@ def _table(view: View, place: Setting) -> list[str]:
 
 
 def _line(view: View, place: Setting, ends: Array) -> list[str]:
-    """SVG elements of the pivot line between `ends` (2, 3) [m, in the world frame] and of the mark on it."""
+    """SVG elements of the pivot line (on the table, under the edge) and of the mark on it.
+
+    The mark is the point y = 0 of the line. `ends` (2, 3) are the line's ends [m], in the world frame.
+    """
     mark = np.array([[-0.05 * place.size, 0, 0], [0.05 * place.size, 0, 0]])
     return [
         ink.polyline(view.project(ends), ink.PIVOT, 4, "14 9"),
@@ -93,9 +96,10 @@ def _line(view: View, place: Setting, ends: Array) -> list[str]:
 
 
 def _pivot(view: View, place: Setting) -> list[str]:
-    """SVG elements of the pivot edge on the line, or of a disc at the mark if the setting has no edge.
+    """SVG elements of the pivot edge on the pivot line, or of a disc where a rim touches the line.
 
-    They are drawn over the object, because the edge's placement matters most.
+    The disc, at the mark on the line, also stands for an edge that was not found. The elements are drawn over
+    the object, because the edge's placement matters most.
     """
     if place.edge is None:
         point = view.project(np.zeros((1, 3)))[0]
@@ -105,14 +109,14 @@ def _pivot(view: View, place: Setting) -> list[str]:
 
 
 def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
-    """SVG elements of the strike that are drawn over the object.
+    """SVG elements of the striker's motion that are drawn over the object.
 
     They are a dotted line along the striker's arrow, a ring at the impact point, the path on the table, and
     the height of the strike as a dimension.
 
     Args:
         view: Projection to the picture.
-        place: Positions of the strike's parts.
+        place: Positions of object, line, striker and camera.
         tail: (3,) start of the arrow [m], in the world frame.
     """
     hit = view.project(place.hit)[0]
@@ -129,10 +133,10 @@ def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
 
 
 def _camera_symbol(place: Setting) -> Array:
-    """Corners (12, 3) [m] of the camera's box (8) and lens hood (4), in the world frame.
+    """Corners (12, 3) [m] of the camera symbol: its box (8) and lens hood (4), in the world frame.
 
-    The symbol stands in front of the object at a distance proportional to the object's size, whatever the
-    camera's; opposite the tag that faces the camera, if there is one.
+    The symbol stands in front of the object, opposite the tag that faces the camera if there is one. Its
+    distance is proportional to the object's size, not that of the real camera.
     """
     size = place.reach
     reach = place.low[1] - 0.95 * size
@@ -161,7 +165,10 @@ def _camera_symbol(place: Setting) -> Array:
 
 
 def _camera(view: View, place: Setting, camera: Array) -> list[str]:
-    """SVG elements of the camera symbol, of corners `camera` (12, 3) [m], and its line of sight."""
+    """SVG elements of the camera symbol with the `camera` corners (12, 3) [m], and of its line of sight.
+
+    The corners are in the world frame.
+    """
     flat = view.project(camera)
     centre = camera[4:8].mean(axis=0)
     target = centre * np.array([1.0, 0.0, 1.0]) + np.array([0.0, place.low[1] - 0.1 * place.size, 0.0])
@@ -175,11 +182,11 @@ def _camera(view: View, place: Setting, camera: Array) -> list[str]:
 def _labels(
     view: View, place: Setting, tail: Array, camera: Array, line_ends: Array, arc: Array
 ) -> list[str]:
-    """SVG elements of the names in the picture: striker, camera and its distance, edge, tipping, tag.
+    """SVG elements of the words in the picture: striker, camera and its distance, edge, tipping, tag.
 
     Args:
         view: Projection to the picture.
-        place: Positions of the strike's parts.
+        place: Positions of object, line, striker and camera.
         tail: (3,) start of the striker's arrow [m], in the world frame as all positions here.
         camera: (12, 3) corners of the camera symbol [m].
         line_ends: (2, 3) ends of the pivot line [m].

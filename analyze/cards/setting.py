@@ -19,12 +19,12 @@ that it shows, so that it looks like an arc."""
 
 @dataclass(frozen=True)
 class Setting:
-    """Positions of one strike's parts in its world frame W [m], z up, table at z = 0.
+    """Positions of object, striker and camera of one strike in its world frame W [m].
 
-    For a turned strike (object and striker turned by 180° on the table), W is turned with them. The pivot
-    line lies along y at x = 0, the mark on it at y = 0; the striker comes from -x, and the eye of the
-    pictures is at -y, where the camera stands unless the strike is turned. In our own plans the striker's
-    path is at y = 0.
+    W has z up and the table at z = 0. The pivot line, on which the edge lies, is along y at x = 0; the mark
+    on it is at y = 0. The striker comes from -x, in our own plans at y = 0. The eye of the pictures is at -y,
+    where the camera stands unless the strike is turned. For a turned strike (object and striker turned by
+    180° on the table), W is turned with them.
     """
 
     body: PlacedObject
@@ -59,7 +59,7 @@ class Setting:
 
     @property
     def reach(self) -> float:
-        """Length [m] to which the drawn distances of striker and camera from the object are proportional.
+        """Length [m] that scales the drawn distances of striker and camera from the object.
 
         It is the geometric mean of the object's size and of its diagonal across the pivot line.
         """
@@ -68,16 +68,17 @@ class Setting:
 
     @property
     def front_to_mark(self) -> float:
-        """Distance [m] along the pivot line from the edge's near end to the mark (y = 0 of the world frame).
+        """Distance [m] along the pivot line from the edge's near end to the mark.
 
-        The near end is the one towards -y, the eye of the pictures; if there is no edge (a rim), the near end
-        of the object counts. Negative if the mark is nearer to the eye.
+        The mark is the point y = 0 of the line. The near end is the one towards -y, the eye of the pictures;
+        if there is no edge (a rim), the near end of the object counts. The distance is negative if the mark
+        is nearer to the eye.
         """
         return -(self.low[1] if self.edge is None else self.edge[0])
 
 
 def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
-    """Positions of everything in one strike's pictures, in the world frame [m].
+    """Positions, in the world frame [m], of object, striker and camera in one strike's pictures.
 
     Args:
         body: Object, placed as planned.
@@ -107,10 +108,10 @@ def strike_setting(body: PlacedObject, strike: PlannedStrike) -> Setting:
 
 
 def tip_arc(place: Setting) -> Array:
-    """Arc (24, 3) [m] of the arrow that shows the tipping direction, in the world frame.
+    """Points (24, 3) [m] of the curved arrow that shows the tipping direction, in the world frame.
 
-    It is centred on the pivot line, in the plane of the object's front, outside the corner farthest from that
-    line; it runs from just before the vertical to past the balance.
+    The arrow is an arc about the pivot line at the near end of the object, outside its corner farthest from
+    that line. It runs from just before the vertical to past the balance.
     """
     corners = place.body.corners
     radius = 1.12 * float(np.hypot(corners[:, 0], corners[:, 2]).max())

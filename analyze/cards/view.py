@@ -11,7 +11,7 @@ from analyze.types import Array
 
 @dataclass(frozen=True)
 class View:
-    """Projection of the world frame W to a picture."""
+    """Projection of points in the world frame W of a strike to a picture."""
 
     axes: Array
     """(3, 3) rows: right, up and towards the eye, as unit vectors in W."""
@@ -37,15 +37,15 @@ class View:
     def nearness(self, points: Array) -> Array:
         """Nearness (n,) [m] of `points` (n, 3) [m] in the world frame: greater is nearer to the eye.
 
-        It is the height, towards the eye, over the plane through the target that is normal to the line of
-        sight.
+        It is measured along the line of sight, from the point `target` at which the eye looks; points on the
+        eye's side of it have a positive nearness.
         """
         return (np.atleast_2d(points) - self.target) @ self.axes[2]
 
     def towards_eye(self, points: Array) -> Array:
-        """Vectors (n, 3) [m] from `points` (n, 3) [m], in the world frame, to the eye.
+        """Vectors (n, 3) [m] from `points` (n, 3) [m] to the eye, both in the world frame.
 
-        For a parallel projection they are the unit vector towards the eye.
+        For a parallel projection each is the unit vector towards the eye.
         """
         points = np.atleast_2d(points)
         if self.distance is None:
@@ -55,7 +55,9 @@ class View:
     def fitted(
         self, points: Array, upper_left: tuple[float, float], lower_right: tuple[float, float]
     ) -> View:
-        """Copy of the view, scaled and shifted so that points, centred, fill a frame in width or height.
+        """Copy of the view, scaled and shifted so that points just fit into a frame of the picture.
+
+        The points are centred, and fill the frame in width or height.
 
         Args:
             points: (n, 3) points [m] in the world frame, not all in one row or column of the picture.
@@ -70,9 +72,9 @@ class View:
 
 
 def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:
-    """Central projection from an eye at -y of the world frame, turned to the right (+x) and upwards.
+    """Central projection from an eye on the side -y of a target, in front of it and to its right.
 
-    Its scale at the target is 1 px/m; fit it with `View.fitted`.
+    The scale at the target is 1 px/m; fit it with `View.fitted`.
 
     Args:
         target: (3,) point [m] in the world frame at which the eye looks.
@@ -88,10 +90,16 @@ def from_the_front_right(target: Array, distance: float, azimuth: float, elevati
 
 
 def from_the_camera() -> View:
-    """Parallel projection along +y of the world frame: x right, z up in the picture; 1 px/m."""
+    """Parallel projection along +y of the world frame, as the camera looks, with 1 px/m.
+
+    In the picture x is to the right and z upwards.
+    """
     return View(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.zeros(3), None)
 
 
 def from_above() -> View:
-    """Parallel projection along -z of the world frame: x right, y up in the picture; 1 px/m."""
+    """Parallel projection along -z of the world frame, with 1 px/m.
+
+    In the picture x is to the right and y upwards.
+    """
     return View(np.eye(3), np.zeros(3), None)
