@@ -28,7 +28,7 @@ def varint(value: int) -> bytes:
 
 
 def read_varint(data: memoryview, at: int) -> tuple[int, int]:
-    """Value of the varint (integer of variable length) at offset `at` in the data, and the offset after it.
+    """Value of the varint (integer of variable length) at offset `at`, and the offset after it.
 
     Raises:
         ContainerError: the varint is longer than 64 bits.
