@@ -169,8 +169,8 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
     """Offset (2,) [m] of the assumed point from an edge that held, and its covariance (2, 2) [m^2].
 
     The offset is along and off the table at rest. None if rotation about a fixed edge does not explain slip
-    and lift, or with fewer than ten frames. Such large offsets come from a tag whose place is unknown, or
-    from one not printed to scale.
+    and lift, or with fewer than ten frames. The offset may exceed 1.5 mm, for example with a tag whose place
+    is unknown, or that is not printed to scale.
 
     Args:
         theta: (n,) tipping angle [rad].

@@ -219,7 +219,7 @@ def _continues(
 
 
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
-    """Those of the given windows that do not overlap, chosen in the order of their falls, longest first."""
+    """Windows of the given ones that do not overlap, chosen in the order of their falls, longest first."""
     taken: list[FallWindow] = []
     for window in sorted(windows, key=lambda each: (each.fall, each.start, each.stop), reverse=True):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):

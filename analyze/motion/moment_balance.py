@@ -189,7 +189,8 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         radius: expected radius of the rounding and its standard deviation [m].
 
     Returns:
-        Centre of mass c in the object frame O, inertia per mass about c, rounding, and their covariance.
+        Centre of mass c in the object frame O [m], inertia per mass about c [m^2], radius of the rounding
+        [m], and their covariance.
 
     Raises:
         EstimationError: there are fewer than 7 contacts, or they are too similar to determine the body.
@@ -280,7 +281,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
     """Covariance (p, p) of a robust fit of p parameters whose residuals share errors within groups.
 
-    Liang and Zeger 1986; Huber's weights as in White 1980.
+    The method is that of Liang and Zeger 1986, with Huber's weights as in White 1980.
 
     Args:
         J: (n, p) derivatives of the residuals.

@@ -144,8 +144,8 @@ def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
 def _thinned(whole: Outline, spacing: float) -> Outline:
     """Outline reduced to the corners that touch the table every `spacing` [rad], and to the ends of faces.
 
-    A face is a facet longer than 4 % of the perimeter, or than all others within `spacing` of its angle
-    together.
+    A face is a facet longer than 4 % of the perimeter, or longer than all other facets together whose angles
+    are within `spacing` of its own.
     """
     turned = np.arange(-math.pi + 0.5 * spacing, math.pi, spacing)
     touches = np.argmin(

@@ -142,7 +142,7 @@ class SupportFunction:
         return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
 
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
-        """Least and greatest radius of curvature [m] of the contact at 50 angles from `low` to `high` [rad]."""
+        """Least and greatest radius [m] of the contact at 50 tipping angles from `low` to `high` [rad]."""
         _, _, radius = self.evaluate(np.linspace(low, high, 50))
         return float(np.min(radius)), float(np.max(radius))
 
