@@ -50,7 +50,7 @@ def frame_sd(tag_px: float) -> float:
 
 @dataclass(frozen=True)
 class TrackedSwing:
-    """Expected swing of a strike, with the noise with which the camera measures its tip angle."""
+    """Expected swing (parameters of the tip) of a strike, with the noise of the measured tipping angle."""
 
     expected: Swing
     """Expected swing, of which phi and k are used."""

@@ -95,7 +95,7 @@ def with_tilt_measured(information: Information, by: TurnableAxis) -> Informatio
 
 
 def best_turnable(turnables: Sequence[TurnableAxis], chosen: Collection[int]) -> TurnableAxis:
-    """Axis with the most precise tilt of the table among those in `chosen`.
+    """Axis that measures the table's tilt most precisely, among those in `chosen`.
 
     If none of the axes is in `chosen`, it is the most precise of all.
 

@@ -52,7 +52,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class MarkerVisibility:
-    """Markers visible through a whole tip, and why there are none if so."""
+    """Markers visible through a whole tip, or the fault of the one nearest to being visible."""
 
     markers: list[int | str]
     """Names of the visible markers, the one best aligned with the axis first."""
