@@ -131,10 +131,10 @@ def largest_height(planes: Array, points: Array) -> Array:
 
 
 def _candidate_planes(planes: Array, points: Array) -> Array:
-    """Planes, of several, over which any of `points` (n, 3) [m] may have its largest height.
+    """Planes (k, 4), of `planes`, over which one of `points` (n, 3) [m] may have its largest height.
 
-    A plane is kept if the height of the points' middle over it is below the largest such height by at most
-    twice the largest distance of a point from the middle. The result has the shape (k, 4).
+    A plane is kept if the height of the points' middle over it is below the middle's largest height by at
+    most twice the largest distance of a point from the middle.
 
     Args:
         planes: (p, 4) unit normals n and d [m], n.x + d = 0.

@@ -217,9 +217,10 @@ def _flat_fill(outline: Array) -> IntArray | None:
 
 
 def _loops(faces: IntArray) -> list[IntArray] | None:
-    """Vertex indices (k,) round each of the mesh's holes, in the direction of the adjoining faces' edges.
+    """Rims of a mesh's holes: for each, its vertex indices (k,) in order round the hole.
 
-    None if the open edges form no simple rings, or an edge has more than two of `faces` (f, 3).
+    The order follows the open edges of the adjoining faces. None if the open edges form no simple rings, or
+    an edge has more than two of `faces` (f, 3).
     """
     edges = polyhedron.directed_edges(faces)
     key = np.sort(edges, axis=1)
