@@ -52,7 +52,7 @@ class AravisCamera(Camera):
     """
 
     def __init__(self, config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> None:
-        """Prepare an unconnected camera; arguments are described at the class."""
+        """Prepare a camera that is not connected yet; nothing is sent to it before `open`."""
         self._config, self._clock = config, clock
         self._borrowable_frames = borrowable_frames
         self._connection: Connection | None = None
@@ -77,7 +77,10 @@ class AravisCamera(Camera):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Limitations of clock and receive buffer found since `open`, one line each; empty if none."""
+        """Limitations of the camera's clock and the stream's receive buffer, found since `open`.
+
+        One line of text each; empty if there are none.
+        """
         return tuple(self._warnings)
 
     @property
@@ -86,7 +89,10 @@ class AravisCamera(Camera):
         return self._borrowable_frames
 
     def open(self) -> CameraInfo:
-        """Connect, write every setting, read it back and compare; return the camera's identity.
+        """Connect, write every setting of the rig file, read it back and compare.
+
+        Returns:
+            The camera's identity: vendor, model, serial number and IP address.
 
         Raises:
             CameraNotFound: nothing answers at the address.
@@ -108,7 +114,7 @@ class AravisCamera(Camera):
             ) from None
 
     def _open_in_thread(self, done: Future[CameraInfo]) -> None:
-        """Open the camera, and set its identity or the exception as the result of `done`.
+        """Open the camera, and store its identity, or the exception that was raised, in the future `done`.
 
         Runs on a thread of its own, because a call that hangs inside Aravis cannot be ended: it is abandoned,
         and the camera closed if the call ever returns.
@@ -169,7 +175,9 @@ class AravisCamera(Camera):
         return info
 
     def start(self) -> None:
-        """Start streaming; frames and losses are counted from 0 again, frames left from before are dropped.
+        """Start the image stream; frames and losses are counted from 0 again.
+
+        Frames that are left from an earlier stream are dropped.
 
         Raises:
             CameraLost: the camera no longer answers.
@@ -190,9 +198,10 @@ class AravisCamera(Camera):
         self._last_frame_ns, self._last_device_ns = self._clock.monotonic_ns(), None
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next complete frame, or None if none arrived within `timeout_s` [s].
+        """Next complete frame of the stream, or None if none arrived within `timeout_s` [s].
 
-        The caller releases the frame's buffer.
+        The frame holds a grey image, the camera's time [ns] at the start of its exposure, and the host
+        monotonic time [ns] of its arrival. The caller releases the frame's buffer.
 
         Raises:
             CameraLost: the camera no longer answers, sent no complete frame for the configured `stall_s`, or
@@ -246,9 +255,9 @@ class AravisCamera(Camera):
         return ClockReading(ticks * 1_000_000_000 // self._ticks_hz, before_ns, after_ns)
 
     def _warn_no_latch(self) -> None:
-        """Give up reading the camera's clock, with a warning, if no latch ever succeeded.
+        """Give up latching (reading) the camera's clock, and add a warning, if no latch ever succeeded.
 
-        After a success a failure may be an isolated one, and nothing happens.
+        If one succeeded before, this failure may be an isolated one, and nothing happens.
         """
         if not self._latched_once:
             self._ticks_hz = 0
@@ -346,7 +355,7 @@ class AravisCamera(Camera):
     def _read_ticks_hz(self, device: Any) -> int:
         """Frequency of the camera's clock [Hz]; 0 and a warning if the camera does not report it.
 
-        Aravis then silently reports system time as the camera's (Aravis #153).
+        Without that frequency Aravis silently reports system time as the camera's time (Aravis #153).
 
         Raises:
             GLib.Error: the camera does not answer.
@@ -405,9 +414,9 @@ class AravisCamera(Camera):
     def _retention_us(self) -> int:
         """Frame retention time [us]: how long an incomplete frame waits for resent packets.
 
-        Aravis's default of 100 ms is too short on a busy computer. Meanwhile the frames behind the incomplete
-        one wait in buffers: the time is that in which they fill half of the buffers, but at least 100 ms and
-        at most 1 s.
+        It is the time in which newer frames fill half of the buffers, because they wait there behind the
+        incomplete one; but at least 100 ms and at most 1 s. Aravis's default of 100 ms is too short on a busy
+        computer.
         """
         held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
         return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))

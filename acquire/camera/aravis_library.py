@@ -22,7 +22,7 @@ _DRAIN_US = 10_000
 
 @cache
 def aravis_and_glib() -> tuple[Any, Any]:
-    """Load the Python bindings of Aravis and GLib, and return these two modules.
+    """Load the Python bindings of Aravis and GLib, and return these two modules in that order.
 
     Raises:
         CameraError: the bindings are not installed.
@@ -77,7 +77,7 @@ def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
 class Connection:
     """Aravis objects of one camera that are released together: stream, camera and device, then buffers.
 
-    The stream writes into `memory`, which must outlive it.
+    The stream writes images into `memory`, the memory of the buffers, which must outlive the stream.
     """
 
     camera: Any
@@ -97,8 +97,8 @@ class Connection:
 def drain(stream: Any, buffers: int) -> None:
     """Drop frames that were not read: return their buffers to the Aravis stream.
 
-    It ends when no frame arrives for 10 ms, or after `buffers` frames, because a camera that missed its stop
-    command goes on sending.
+    Ends when no frame arrives for 10 ms, or after `buffers` (a number of) frames, because a camera that
+    missed its stop command goes on sending.
     """
     for _ in range(buffers):
         buffer = stream.timeout_pop_buffer(_DRAIN_US)
@@ -133,5 +133,5 @@ def close_connection(connection: Connection, lost: bool) -> None:
 
 
 def reason(error: Any) -> str:
-    """Message of a GLib error in one line; "no reason given" if it is empty."""
+    """Message of a GLib error as one line of text; "no reason given" if it is empty."""
     return str(error.message).strip().replace("\n", " ") or "no reason given"

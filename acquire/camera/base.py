@@ -35,7 +35,7 @@ class Camera(ABC):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Limitations found since the camera was opened, one line each; empty if there are none."""
+        """Limitations of the camera found since it was opened, a line of text each; empty if none."""
         return ()
 
     @property
@@ -48,9 +48,12 @@ class Camera(ABC):
 
     @abstractmethod
     def open(self) -> CameraInfo:
-        """Connect, write every setting, read it back and compare; return the camera's identity.
+        """Connect, write every setting, read it back and compare.
 
         Address and settings are those of the rig file's section `camera`.
+
+        Returns:
+            The camera's identity: vendor, model, serial number and IP address.
 
         Raises:
             CameraNotFound: nothing answers at the address.
@@ -68,7 +71,10 @@ class Camera(ABC):
 
     @abstractmethod
     def read(self, timeout_s: float) -> Frame | None:
-        """Next complete frame, or None if none arrived within `timeout_s` [s].
+        """Next complete frame of the stream, or None if none arrived within `timeout_s` [s].
+
+        The frame holds a grey image, the camera's time [ns] at the start of its exposure, and the host
+        monotonic time [ns] of its arrival.
 
         Raises:
             CameraLost: the camera no longer answers, or sent no complete frame for the configured `stall_s`.

@@ -29,9 +29,10 @@ _HEARTBEAT_TIMEOUT_S = 3.2
 
 
 def identify_camera(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
-    """Identity of the camera at an IP address; None if no valid answer comes within `timeout_s` [s].
+    """Identity of the camera at an IP address: vendor, model, serial number and address.
 
-    The identity's own address is the one in the camera's answer.
+    The address in the identity is the one that the camera's answer contains. The result is None if no valid
+    answer comes within `timeout_s` [s].
     """
     answer = _exchange(address, _DISCOVERY, timeout_s)
     if len(answer) < _ANSWER_BYTES or answer[2:4] != b"\x00\x03":

@@ -22,11 +22,11 @@ class FrameLoss:
         self._last: tuple[int, int] | None = None
 
     def before(self, frame_id: int, device_time_ns: int) -> int:
-        """Number of frames lost between the last complete frame and this one; 0 for the first frame.
+        """Number of frames lost between the previous complete frame and the one given; 0 for the first frame.
 
-        Call once for every complete frame, in order. The larger of the two counts is returned, by id and by
-        time. The count by id is ignored where it is implausible, more than twice the count by time plus 1000:
-        a camera that repeats its ids does not count frames.
+        Call once for every complete frame, in order. Lost frames are counted both by id and by time, and the
+        larger count is returned. The count by id is ignored where it is implausible, more than twice that by
+        time plus 1000: a camera that repeats its ids does not count frames.
 
         Args:
             frame_id: block id of the frame, 16 bits (1-65535, then 1 again) or longer.

@@ -43,7 +43,7 @@ def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
 
 
 def _sockets() -> Iterator[socket.socket]:
-    """Yield a duplicate of each of this process's sockets; the caller closes it."""
+    """Yield a duplicate of each socket that this process has open; the caller closes the duplicate."""
     for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - iterdir fails on descriptors that vanish
         duplicate = -1
         try:

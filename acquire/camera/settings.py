@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Setting:
-    """One value to write to a camera, read back and compare."""
+    """One setting of a camera: wanted value, tolerance, unit, and functions to write and read it."""
 
     name: str
     """name in messages; that of the GenICam feature if the setting is written as a feature"""
@@ -38,7 +38,7 @@ class Setting:
         return abs(got - self.wanted) <= self.tolerance
 
     def text(self, value: float | str) -> str:
-        """Text of a value for messages, a number with its unit."""
+        """Text for messages of a value of this setting: a text as it is, a number with the unit."""
         return value if isinstance(value, str) else f"{value:g} {self.unit}"
 
 
@@ -81,9 +81,9 @@ def write_settings(camera: Any, config: CameraConfig) -> None:
 
 
 def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
-    """Yield the settings of the rig file's camera section, in an order that no camera refuses.
+    """Yield the settings (value, tolerance, how to write and read it) of the rig file's camera section.
 
-    Nothing is written to the camera here.
+    Their order is one that no camera refuses. Nothing is written to the camera here.
 
     Args:
         camera: the opened Aravis camera.
@@ -125,8 +125,8 @@ def _settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
 def _timing_settings(camera: Any, config: CameraConfig) -> Iterator[Setting]:
     """Yield the settings of trigger and, without a trigger, of the frame rate, in the order of writing.
 
-    TriggerMode is among them for every camera that has it: a camera that keeps its settings may wait for
-    pulses that never arrive.
+    TriggerMode is written on every camera that has it, even if no trigger is used: a camera that keeps its
+    settings may otherwise wait for pulses that never arrive.
 
     Args:
         camera: the opened Aravis camera.

@@ -46,7 +46,7 @@ READ_TIMEOUT_S: Final = 0.1
 
 @dataclass(frozen=True)
 class StreamStatus:
-    """Camera health: connection, frame rate, losses."""
+    """State of a camera and its stream: connection, frames read and lost, frame rate, warnings."""
 
     connected: bool
     """True if the camera is open and streams"""
@@ -118,7 +118,10 @@ class CameraStream:
         self._threads: list[threading.Thread] = []
 
     def start(self) -> CameraInfo:
-        """Open the camera, start streaming on both threads, and return the camera's identity.
+        """Open the camera, and start streaming on both threads.
+
+        Returns:
+            The camera's identity: vendor, model, serial number and IP address.
 
         Raises:
             CameraError: the camera is not found, refuses a setting, is controlled by another program, or no
@@ -146,18 +149,18 @@ class CameraStream:
 
     @property
     def borrowable_frames(self) -> int:
-        """Number of frames whose buffers may be borrowed (kept after `on_frame`) at a time.
+        """Number of frames whose buffers may be borrowed (kept after `on_frame` returns) at a time.
 
         It is 0 before `start`.
         """
         return self._borrowable_frames
 
     def latch(self) -> None:
-        """Request a latch (reading) of the camera's clock now instead of at the next interval."""
+        """Request a latch (reading) of the camera's clock now instead of at the end of the usual interval."""
         self._latch_now.set()
 
     def status(self) -> StreamStatus:
-        """Camera health now: connection, frame rate, losses, warnings."""
+        """State of the camera now: connection, frames read and lost since `start`, frame rate, warnings."""
         recent = list(self._recent)
         span = recent[-1] - recent[0] if len(recent) > 1 else 0
         return StreamStatus(
@@ -255,14 +258,16 @@ class CameraStream:
             self._lost_reported, self._reported_ns = self._lost, self._clock.monotonic_ns()
 
     def _mapped(self, frame: Frame, *, first: bool) -> Frame:
-        """Copy of a frame with its times on the host's clock, its number and the frames lost before it.
+        """Copy of a frame with host time of mid-exposure [ns], sequence number and lost frames added.
 
-        The number counts all complete frames of the stream. Also updates the stream's counts.
+        The time is host monotonic. The sequence number counts the complete frames of the stream from 0, over
+        reconnections too. The number of lost frames is the camera's own count, except after a reconnection:
+        then it is estimated from the time since the last frame before the camera was lost. Also updates the
+        stream's own counts.
 
         Args:
             frame: frame as the camera returned it.
-            first: True for the first frame since the camera was connected. The loss is then estimated from
-                the time since the last frame before that, if there was one.
+            first: True for the first frame since the camera was connected or reconnected.
         """
         mapper = self._mapper
         mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect if the clock is latched
