@@ -19,9 +19,9 @@ class StrikerState(enum.Enum):
 
     DISARMED: no strike allowed. HOMED: at a known place, torque on. ARMED: one strike allowed. COCKING:
     moving to the cocked (raised) angle. SETTLED: at rest there. RELEASED: swinging. CONTACT: retracting after
-    a contact, or beyond the impact point. MISS: retracting because neither came in time. CATCH: returning to
-    the cocked angle. VERIFY: checking the servo; DISARMED follows. Any state can go to FAULT, and only `home`
-    and `close` leave it.
+    a contact, or because the tip is beyond the impact point. MISS: retracting because the arm neither met a
+    contact nor passed that point in time. CATCH: returning to the cocked angle. VERIFY: checking the servo;
+    DISARMED follows. Any state can go to FAULT, and only `home` and `close` leave it.
     """
 
     DISARMED = "disarmed"
@@ -39,7 +39,10 @@ class StrikerState(enum.Enum):
 
 @dataclass(frozen=True)
 class StrikeOutcome:
-    """Contact time, tip speed, impulse and number of contacts of one strike, as the striker measured them."""
+    """Measurements of one strike: contact time [ns], tip speed [m/s], impulse [N s], number of contacts.
+
+    Contact time (host monotonic) and impulse are None if the striker did not measure them.
+    """
 
     contact_time_ns: int | None
     """host monotonic time of first contact [ns]; None if no contact was measured"""
@@ -61,7 +64,7 @@ class StrikeOutcome:
 
 @dataclass(frozen=True)
 class ServoHealth:
-    """Supply voltage, temperature and hardware error of the servo at the last reading."""
+    """Supply voltage [V], temperature [deg C] and hardware error of the servo at one reading."""
 
     read_ns: int
     """host monotonic time of the reading [ns]"""
@@ -90,11 +93,14 @@ class Striker(ABC):
     @property
     @abstractmethod
     def state(self) -> StrikerState:
-        """Current state of the striker in the strike sequence."""
+        """Current state of the striker, e.g. DISARMED, HOMED, ARMED or FAULT."""
 
     @property
     def health(self) -> ServoHealth | None:
-        """Last reading of the servo's health; None without a servo or a reading, or if its port was lost."""
+        """Supply voltage [V], temperature [deg C] and hardware error of the servo at its last reading.
+
+        None without a servo, before the first reading, or if the servo's port was lost.
+        """
         return None
 
     @abstractmethod
@@ -116,11 +122,11 @@ class Striker(ABC):
         The state is HOMED afterwards.
 
         Args:
-            stopped: called after earlier stop requests are cleared; True if a stop was requested since this
-                order.
+            stopped: function that returns True if a stop was requested after this homing was ordered; called
+                once stop requests received so far are cleared.
 
         Raises:
-            StrikerStopped: a stop was requested since this order, or while the arm moves.
+            StrikerStopped: a stop was requested after this homing was ordered, or while the arm moves.
             StrikerRefused: a strike is allowed or running (the manual striker only).
             StrikerError: the servo failed.
         """
@@ -148,11 +154,15 @@ class Striker(ABC):
 
     @abstractmethod
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Swing once, retract after the contact, count the contacts, disarm; return the measurements.
+        """Swing once, retract after the contact, count the contacts, and disarm; return the measurements.
 
         Args:
             strike_id: id of the strike in the events.
             tip_speed_m_s: tip speed to command [m/s].
+
+        Returns:
+            Contact time (host monotonic) [ns], tip speed [m/s], impulse [N s] and number of contacts; time
+            and impulse are None if they were not measured.
 
         Raises:
             StrikerRefused: not armed and settled, the arming expired, or the speed is outside the servo's

@@ -52,7 +52,10 @@ class MonotonicClock(Protocol):
 
 
 def attempts(clock: MonotonicClock) -> Iterator[int]:
-    """Yield attempt numbers 0, 1, ...: at least MIN_ATTEMPTS (3), and for at least MIN_RETRY_S (0.5 s)."""
+    """Yield 0, 1, ... to count the attempts at a request to the servo, until they suffice to give up.
+
+    That is after at least MIN_ATTEMPTS (3) attempts and at least MIN_RETRY_S (0.5 s).
+    """
     end_ns = clock.monotonic_ns() + round(MIN_RETRY_S * 1e9)
     count = 0
     while count < MIN_ATTEMPTS or clock.monotonic_ns() < end_ns:
@@ -62,7 +65,10 @@ def attempts(clock: MonotonicClock) -> Iterator[int]:
 
 @dataclass(frozen=True)
 class Block:
-    """Consecutive registers of the servo, read at one instant between two readings of the host clock."""
+    """Bytes of consecutive registers of the servo, read at one instant; the host's times before and after.
+
+    The times are host monotonic [ns]. A flag marks that the servo reports a hardware error.
+    """
 
     data: bytes
     """bytes of the control table"""
@@ -206,8 +212,8 @@ class ServoBus:
     def read_block(self, address: int, size: int, interrupted: Callable[[], bool] = never) -> Block | None:
         """Read consecutive bytes of the servo's control table in one transaction.
 
-        Lost answers are not requested again: the next sample is as good. This is a plain read, because sync
-        and fast reads discard the status error, and with it ALERT (the report of a hardware error).
+        A lost answer is not requested again, because any later reading serves as well. This is a plain read:
+        sync and fast reads discard the status error, and with it ALERT (the report of a hardware error).
 
         Args:
             address: address of the first byte.
@@ -240,7 +246,9 @@ class ServoBus:
         return Block(bytes(data), before_ns, after_ns, self.alert)
 
     def read(self, register: Register) -> int:
-        """Value of a register, signed if the register is; the reading is repeated if the answer is lost.
+        """Value of a register of the servo, as an integer; the reading is repeated if the answer is lost.
+
+        Signed registers give signed values.
 
         Raises:
             StrikerLost: no answer after several attempts, or the port failed or is closed.

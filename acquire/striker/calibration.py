@@ -1,5 +1,6 @@
-"""Calibration of a bare striker: swing ratio, effective mass and restitution.
+"""Calibration of a striker by swings in the air and at bodies of known mass.
 
+The results are swing ratio (reached over commanded tip speed), effective mass of the tip and restitution.
 They enter the energy of a strike (section 1.5 of docs/explanation/method.md).
 
 A tip of effective mass m_s that meets a free body of mass m_b at speed v loses the speed
@@ -29,7 +30,10 @@ MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
 
 @dataclass(frozen=True)
 class MeasuredSwing:
-    """Tip speed and its loss, measured in one calibration swing in the air or at a body."""
+    """One calibration swing in the air or at a body: commanded and reached tip speed, and its loss [m/s].
+
+    The loss of tip speed is that at the contact with the body, whose mass [kg] is given too.
+    """
 
     command_m_s: float
     """commanded tip speed"""
@@ -47,7 +51,7 @@ class MeasuredSwing:
 
 @dataclass(frozen=True)
 class SwingRatio:
-    """Ratio of reached to commanded tip speed."""
+    """Ratio of reached to commanded tip speed: mean, its standard deviation, scatter between swings."""
 
     mean: float
     """mean over the swings, weighted by inverse variance"""
@@ -59,7 +63,7 @@ class SwingRatio:
 
 @dataclass(frozen=True)
 class StrikerParameters:
-    """Effective mass and restitution of the striker, with standard deviations."""
+    """Effective mass [kg] and coefficient of restitution of the striker's tip, with standard deviations."""
 
     effective_mass_kg: float
     """effective mass of the tip: the arm's moment of inertia about its axis, over its length squared"""
@@ -72,10 +76,11 @@ class StrikerParameters:
 
 
 def swing_ratio(swings: Sequence[MeasuredSwing]) -> SwingRatio:
-    """Ratio of reached to commanded tip speed: mean weighted by inverse variance, its sd, and the scatter.
+    """Ratio of reached to commanded tip speed: mean with standard deviation, and scatter of the swings.
 
-    The mean's standard deviation (sd) is the larger of two: that from the scatter between swings, and that
-    from the standard deviations of the swings' speeds.
+    The mean is weighted by inverse variance. Its standard deviation is the larger of two: that from the
+    scatter between swings, and that from the standard deviations of the swings' speeds. The scatter is the
+    standard deviation of single swings, 0 for one swing.
 
     Args:
         swings: at least one swing, in the air or at a body.
@@ -90,18 +95,18 @@ def swing_ratio(swings: Sequence[MeasuredSwing]) -> SwingRatio:
 
 
 def estimate_striker(prior: StrikerParameters, swings: Sequence[MeasuredSwing]) -> StrikerParameters:
-    """Posterior of effective mass m_s and restitution e, given a prior and the swings at bodies.
+    """Posterior of a striker's effective mass m_s and coefficient of restitution e, from swings at bodies.
 
-    Unknowns: ln m_s, ln(1 + e) and the common relative error of all speed losses; Gauss-Newton from the
-    prior.
+    Unknowns: ln m_s, ln(1 + e) and a relative error that the speed losses of all swings share. They are
+    found by Gauss-Newton steps that begin at the prior.
 
     Args:
-        prior: values and standard deviations before the swings, e.g. those of the rig file.
+        prior: m_s [kg] and e before the swings, with standard deviations, e.g. those of the rig file.
         swings: swings in any order; only those at a body with a positive, significant loss of speed count.
 
     Returns:
-        The estimate with its standard deviations, e limited to 0-1; `prior` itself (not a copy) if no swing
-        counts.
+        m_s [kg] and e with their standard deviations, e limited to 0-1; `prior` itself (not a copy) if no
+        swing counts.
     """
     hits = [
         each

@@ -70,7 +70,10 @@ MIN_READS = 8
 
 @dataclass(frozen=True)
 class ImpactMeasurement:
-    """Time of first contact, arm velocity and loss of velocity, with standard deviations."""
+    """Impact of the arm: time of first contact [ns], angular velocity before it and its loss [rad/s].
+
+    The time is host monotonic; each value has a standard deviation. The loss is None if not significant.
+    """
 
     time_ns: int
     """host monotonic time of first contact [ns]"""
@@ -89,16 +92,17 @@ class ImpactMeasurement:
 def fit_contact(
     samples: Sequence[Sample], turned_ns: int, arm_length: float, restitution: float
 ) -> ImpactMeasurement | None:
-    """Estimate the arm's impact from its constant speed, the contact, and the servo's recovery of speed.
+    """Estimate the arm's impact on the object (time, velocity, loss of velocity) by a fit to the samples.
 
-    The arm angle x [rad] is modelled by x'(t) = b - d lost(t - tc) - d_r lost_r(t - tc): tc is the time of
-    first contact, b the angular velocity before it, d the drop (loss of angular velocity), `lost` the
-    fraction of the drop that is lost and not yet recovered by the servo at the rate r [1/s], lost_r its
-    derivative by r, and d_r = d times the error of r. The velocity register shows x' after the filter and
-    lag that `estimate_register` found. tc, the duration of the contact, the force law and the register model
-    are scanned. The other parameters (x(tc), b, d, d_r) are linear and integrated out, d and d_r with priors.
-    The prior of tc is the time at angle 0 (the impact point) with the tails of a Cauchy distribution, so that
-    a clear drop elsewhere prevails.
+    The fit models the arm's constant speed, the contact, and the servo's recovery of speed. The arm angle x
+    [rad] follows x'(t) = b - d lost(t - tc) - d_r lost_r(t - tc): tc is the time of first contact, b the
+    angular velocity before it, d the drop (loss of angular velocity), `lost` the fraction of the drop that is
+    lost and not yet recovered by the servo at the rate r [1/s], lost_r its derivative by r, and d_r = d times
+    the error of r. The velocity register shows x' after the filter and lag that `estimate_register` found.
+    tc, the duration of the contact, the force law and the register model are scanned. The other parameters
+    (x(tc), b, d, d_r) are linear and integrated out, d and d_r with priors. The prior of tc is the time at
+    angle 0 (the impact point) with the tails of a Cauchy distribution, so that a clear drop elsewhere
+    prevails.
 
     Without a significant drop, or with fewer than 8 reads in the last 50 ms of the swing, the time is that at
     angle 0, and the drop is None.
@@ -111,8 +115,9 @@ def fit_contact(
         restitution: restitution of the contact, 0-1; determines the shape of its force.
 
     Returns:
-        The impact. None if fewer than two samples precede `turned_ns`; also if no significant drop is found,
-        and the tip did not come within 3 mm of the impact point or the arm did not move forward.
+        Host monotonic time of first contact [ns], angular velocity before it and its drop [rad/s], with
+        standard deviations. None if fewer than two samples precede `turned_ns`; also if no significant drop
+        is found, and the tip did not come within 3 mm of the impact point or the arm did not move forward.
     """
     swing = [s for s in samples if s.time_ns <= turned_ns]
     if len(swing) < 2:
@@ -162,10 +167,10 @@ def fit_contact(
 
 
 def _zero_crossing(samples: Sequence[Sample], arm_length: float) -> ImpactMeasurement | None:
-    """Impact at angle 0, interpolated between the reads on either side of it, without a loss of speed.
+    """Impact estimated as the arm's passage of angle 0 (the impact point), without a loss of speed.
 
-    Used if the host paused during the swing. If no read reached angle 0, the time is at most that of the last
-    read.
+    The time is interpolated between the reads on either side of angle 0; if no read reached angle 0, it is
+    at most that of the last read. Used if the host paused during the swing, so that few reads exist.
 
     Args:
         samples: samples of the swing in order, at least two.
@@ -189,7 +194,7 @@ def _zero_crossing(samples: Sequence[Sample], arm_length: float) -> ImpactMeasur
 
 @dataclass(frozen=True)
 class _ConstantSpeedFit:
-    """Straight line x = position + velocity * t of the arm angle x, fitted to the reads."""
+    """Straight line x = position + velocity * t of arm angle x [rad] over time t [s], fitted to the reads."""
 
     position: float
     """arm angle at t = 0 [rad]"""
@@ -202,7 +207,12 @@ class _ConstantSpeedFit:
 
 
 def _fit_constant_speed(reads: Reads) -> _ConstantSpeedFit:
-    """Least-squares fit of a constant angular velocity to all position and velocity reads."""
+    """Least-squares fit of a constant angular velocity of the arm to all position and velocity reads.
+
+    Returns:
+        Arm angle [rad] at time 0 of the reads, angular velocity [rad/s] with its standard deviation, and
+        chi squared (sum of squared residuals over their variances).
+    """
     one, zero = np.ones_like(reads.time), np.zeros_like(reads.time)
     x_sd, v_sd = reads.position_sd, np.full_like(one, VELOCITY_SD)
     A = np.concatenate(
@@ -219,7 +229,10 @@ def _fit_constant_speed(reads: Reads) -> _ConstantSpeedFit:
 
 @dataclass(frozen=True)
 class _ImpactFits:
-    """Fits of g hypotheses: combinations of contact time, duration, force law and register model."""
+    """Fits of the arm's motion for g hypotheses on contact time, duration, force law and register model.
+
+    Each fit has parameters, their covariance, chi squared (misfit) and prior probability.
+    """
 
     time: NDArray[np.float64]
     """(g,) time of first contact tc [s], from the origin of the reads' times"""
@@ -238,14 +251,17 @@ class _ImpactFits:
 def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _ImpactFits:
     """Least-squares fits of all hypotheses on contact time, duration, force law and register model.
 
-    Contact times after the last read are left out, because they do not show; so are those in the first third
-    of the reads' time or over 20 ms before its origin, because too little of the speed before the contact
-    would be known.
+    Contact times after the last read are left out, because they do not show. So are those in the first third
+    of the time before the reads' origin (their time 0) or over 20 ms before it, because too little of the
+    speed before the contact would be known.
 
     Args:
         reads: reads of the swing near the contact.
-        models: hypotheses about the velocity register.
+        models: hypotheses about the velocity register (filter, lag, phase of renewal).
         restitution: restitution of the contact, 0-1.
+
+    Returns:
+        One fit per hypothesis: contact time, parameters, covariance, chi squared and prior probability.
     """
     tc = np.arange(max(-SEARCH_BEFORE_S, 0.67 * reads.time[0]), reads.time[-1], CONTACT_TIME_STEP_S)
     u = reads.time[None, :] - tc[:, None]
@@ -282,10 +298,10 @@ def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: flo
 
 
 def _interpolate_course(course: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values at times `u` [s] of any shape, interpolated in a course (n,) of samples.
+    """Values at times `u` [s] of any shape, interpolated in a course (n,) of samples over time.
 
-    The samples begin at time 0 and are RESPONSE_STEP_S apart. The value is 0 before time 0, and the last
-    sample's after the course's end.
+    The samples begin at time 0 and are RESPONSE_STEP_S apart. Before time 0 the value is 0, after the
+    course's end that of the last sample.
     """
     return np.interp(u.ravel(), np.arange(len(course)) * RESPONSE_STEP_S, course, left=0.0).reshape(u.shape)
 
@@ -317,11 +333,12 @@ def _loss_courses(
 
 @cache
 def _contact_force(restitution: float, exponent: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Time over duration (n,), and force (n,) in arbitrary units, of a contact; the force never pulls.
+    """Course of a contact's force: time (n,) over the contact's duration, force (n,) in arbitrary units.
 
     With x the dimensionless depth: x'' = -x^k (1 + c x') for a sphere on a plane, k = 1.5 (Hunt and Crossley
     1975); x'' = -x - c x' for a linear spring and damper, k = 1 (Kelvin and Voigt; Nagurka and Huang 2004);
     from x = 0, x' = 1. The damping c is found by bisection so that x' at the end is minus the restitution.
+    The force never pulls.
 
     Args:
         restitution: speed after the contact over speed before it, 0-1.

@@ -36,7 +36,7 @@ EEPROM_END = 64
 
 @dataclass(frozen=True)
 class Register:
-    """One register of the servo's control table."""
+    """One register of the servo's control table: the vendor's name, address and number of bytes."""
 
     name: str
     """the vendor's name"""
@@ -51,9 +51,9 @@ class Register:
         return self.name in SIGNED
 
     def decode(self, data: bytes) -> int:
-        """Value of the register from the first `size` bytes of `data`, signed if the register is.
+        """Value of the register from the first `size` bytes of `data`, which are little-endian.
 
-        Needed because the SDK returns unsigned numbers only.
+        Signed registers give signed values. Needed because the SDK returns unsigned numbers only.
         """
         return int.from_bytes(data[: self.size], "little", signed=self.signed)
 
@@ -64,7 +64,9 @@ class Register:
 
 @cache
 def control_table(model: int) -> dict[str, Register]:
-    """Registers of a servo model by the vendor's names, without those for indirect addressing.
+    """Mapping of the vendor's register names to the registers of a servo model.
+
+    Registers for indirect addressing are left out.
 
     Args:
         model: model number as returned by a ping; a key of MODEL_FILES.

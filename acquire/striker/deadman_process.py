@@ -22,12 +22,11 @@ READY, DISMISSED = b"!", b"."
 
 
 def main() -> None:
-    """Wait for the end of the parent; 0.13 s later send the packet that switches the torque off.
+    """Wait for the end of the parent process; 0.13 s later send the packet that switches the torque off.
 
     The packet is sent three times. The command line gives the file descriptor of the serial port, and the
-    packet in hexadecimal. A "!" on
-    standard output shows that the process is ready. The end of standard input shows that the parent has
-    ended. If a "." arrives there first, nothing is sent.
+    packet in hexadecimal. A "!" on standard output shows that the process is ready. The end of standard
+    input shows that the parent has ended. If a "." arrives there first, nothing is sent.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

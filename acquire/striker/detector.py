@@ -43,9 +43,10 @@ class ContactDetector:
     def must_turn_back(self, sample: Sample) -> bool:
         """True if the arm must turn back now; call once with every sample of the swing, in order.
 
-        The reason is that the tip is more than 2 mm beyond the impact point (angle 0), or a contact: from
-        20 mm before that point on, three consecutive samples are slower by 8 % (at least 0.06 rad/s) than the
-        mean of the last 12 others, which must exceed 0.7 of the commanded velocity.
+        There are two reasons. Either the tip is more than 2 mm beyond the impact point (angle 0). Or there is
+        a contact: from 20 mm before the impact point on, three consecutive samples are slow, that is, slower
+        by 8 % (at least 0.06 rad/s) than the mean velocity of the last 12 samples that were not slow. That
+        mean must exceed 0.7 of the commanded velocity.
         """
         if sample.position_rad > self._beyond:
             return True
@@ -61,11 +62,11 @@ class ContactDetector:
 
 
 def count_contacts(samples: Sequence[Sample], contact_ns: int, turned_ns: int, arm_length: float) -> int:
-    """Number of contacts between arm and object that may have occurred, at least one.
+    """Number of contacts between arm and object that may have occurred in a strike, at least one.
 
-    It is one, plus every new approach of the arm after it moved back. A second contact while the arm brakes
-    does not show in the samples: it is counted unless the arm was commanded to turn back within 30 ms of the
-    first, when the struck object left faster than the arm followed and has not yet slowed to the arm's speed.
+    The count is one, plus every new approach of the arm to the object after the arm moved back. A second
+    contact while the arm brakes does not show in the samples. It is counted too, unless the arm was commanded
+    to turn back within 30 ms of the first: the struck object then still leaves faster than the arm follows.
     If the samples never show the arm moving back, the number is two.
 
     Args:

@@ -93,14 +93,14 @@ class DynamixelStriker(Striker):
 
     @property
     def state(self) -> StrikerState:
-        """Current state of the striker in the strike sequence."""
+        """Current state of the striker, e.g. DISARMED, HOMED, ARMED or FAULT."""
         return self._status.state
 
     @property
     def health(self) -> ServoHealth | None:
-        """Last reading of the servo's health, taken about once a second while no call runs.
+        """Supply voltage [V], temperature [deg C] and hardware error of the servo at its last reading.
 
-        None if it was not read yet, or the port was lost.
+        It is read about once a second while no call runs. None if it was not read yet, or the port was lost.
         """
         return self._health
 
@@ -159,11 +159,11 @@ class DynamixelStriker(Striker):
         The state is HOMED afterwards. A port that was lost is opened again.
 
         Args:
-            stopped: called after earlier stop requests are cleared; True if a stop was requested since this
-                order.
+            stopped: function that returns True if a stop was requested after this homing was ordered; called
+                once stop requests received so far are cleared.
 
         Raises:
-            StrikerStopped: a stop was requested since this order, or while the arm moves.
+            StrikerStopped: a stop was requested after this homing was ordered, or while the arm moves.
             StrikerError: the servo is not found, does not answer, reports a hardware error again, or the arm
                 does not come to rest; the state is FAULT then.
         """
@@ -227,13 +227,18 @@ class DynamixelStriker(Striker):
         self._enter(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Swing once, retract after the contact, count the contacts, disarm; return the measurements.
+        """Swing once, retract after the contact, count the contacts, and disarm; return the measurements.
 
-        If the arm does not reach the impact point, it retracts and the outcome has no contact.
+        If the arm does not reach the impact point, it retracts, and the outcome has no contact.
 
         Args:
             strike_id: id of the strike in the events.
             tip_speed_m_s: tip speed to command [m/s].
+
+        Returns:
+            Contact time (host monotonic) [ns], tip speed [m/s], impulse [N s] and number of contacts. Without
+            a contact, time and impulse are None, the others 0. The impulse is also None if no significant
+            loss of speed was measured.
 
         Raises:
             StrikerRefused: not armed and settled, the arming expired, or the speed is outside the limits.
@@ -348,7 +353,7 @@ class DynamixelStriker(Striker):
             self._emit(kind, host_time_ns=now_ns)
 
     def _run_guarded(self, action: Callable[[], Any]) -> Any:
-        """Run an action and return its result; a stop holds the arm, an error switches the torque off.
+        """Run an action of the striker and return its result; a stop holds the arm, an error ends the torque.
 
         Raises:
             StrikerStopped: a stop was requested during the action.
@@ -369,7 +374,8 @@ class DynamixelStriker(Striker):
     def _hold(self) -> None:
         """Hold the braked arm at its position with torque on; the state is DISARMED and not homed afterwards.
 
-        If the servo fails, the state is FAULT instead. The stop request is cleared and reported as an event.
+        Called after a stop request, which is cleared and reported as an event. If the servo fails, the state
+        is FAULT instead.
         """
         self._stop_requested = False
         try:
@@ -417,7 +423,8 @@ class DynamixelStriker(Striker):
     def _watch_idle(self) -> None:
         """Run the idle thread: read servo and clock while no call runs, disarm when the arming expires.
 
-        It ends when the striker is closed.
+        It also restarts the process that switches the torque off when this one dies. If the servo fails, the
+        state is FAULT. The thread ends when the striker is closed.
         """
         while not self._closing.wait(IDLE_S):
             if not self._call_lock.acquire(blocking=False):

@@ -46,7 +46,7 @@ class ManualStriker(Striker):
 
     @property
     def state(self) -> StrikerState:
-        """Current state of the striker in the strike sequence."""
+        """Current state of the striker, e.g. DISARMED, HOMED, ARMED or SETTLED."""
         return self._status.state
 
     def open(self) -> None:
@@ -56,7 +56,7 @@ class ManualStriker(Striker):
         """Go to state HOMED without any motion.
 
         Args:
-            stopped: True if a stop was requested since this order.
+            stopped: function that returns True if a stop was requested after this homing was ordered.
 
         Raises:
             StrikerStopped: `stopped` returned True.
@@ -86,7 +86,7 @@ class ManualStriker(Striker):
         self._enter(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Wait 5 s while the person strikes, then disarm.
+        """Wait 5 s while the person strikes, then disarm; return the outcome, in which nothing is measured.
 
         Contact time and impulse in the outcome are None, the number of contacts is 0, and the tip speed is
         the requested one with itself as standard deviation.

@@ -46,7 +46,7 @@ POLL_S = 0.002
 
 
 class MotionStopped(Exception):
-    """Signal that a stop was requested while the arm moved; the arm has been braked."""
+    """Exception: a stop was requested while the arm moved; the arm has been braked."""
 
 
 class ArmMotion:
@@ -75,13 +75,16 @@ class ArmMotion:
     def swing(
         self, samples: list[Sample], is_last: Callable[[Sample], bool], is_overdue: Callable[[int], bool]
     ) -> bool:
-        """Read samples at 1 kHz until `is_last` is true, and return True; False if time runs out first.
+        """Read samples at 1 kHz during a swing until `is_last` is true, and append them to `samples`.
 
         Args:
             samples: list to which the samples are appended.
             is_last: called with every sample; True ends the reading.
             is_overdue: called with the host monotonic time [ns] of the servo's last answer; True once the
                 time limit has passed.
+
+        Returns:
+            True once `is_last` was true; False if `is_overdue` was true before.
 
         Raises:
             MotionStopped: a stop was requested.
@@ -147,9 +150,10 @@ class ArmMotion:
         )
 
     def _at_rest(self, sample: Sample) -> bool:
-        """True if the arm rests at the cocked angle in this sample.
+        """True if the arm stands still at the cocked (raised) angle in the given sample.
 
-        If the servo's watchdog has stopped it elsewhere, it is sent on slowly.
+        The servo's bus watchdog stops the motor after silence on the bus. If the arm stands still elsewhere
+        because of that, it is ordered to move on slowly to the cocked angle.
         """
         there = abs(sample.position_rad - self._config.cocked_angle_rad) <= SETTLED_TICKS * TICK_RAD
         still = abs(sample.velocity_rad_s) <= SETTLED_UNITS * VELOCITY_UNIT_RAD_S
@@ -166,9 +170,9 @@ class ArmMotion:
     def _brake(self) -> None:
         """Bring a moving arm to rest with as little waiting as possible; its position is not held yet.
 
-        The last samples give its velocity, and the current limit the time that full reverse current needs to
-        stop it. So the brake waits for no answer, which could be late or lost. Without a sample of the last
-        80 ms the arm counts as standing and nothing is done.
+        The last samples give the arm's velocity, and the current limit gives the time in which full reverse
+        current stops it. So the brake waits for no answer, which could be late or lost. Without a sample of
+        the last 80 ms the arm counts as standing and nothing is done.
         """
         now_ns = self._clock.monotonic_ns()
         if not self._recent or now_ns - self._recent[-1].time_ns > MAX_SAMPLE_AGE_NS:

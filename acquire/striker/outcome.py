@@ -23,11 +23,11 @@ def strike_outcome(
     released_ns: int,
     turned_ns: int,
 ) -> StrikeOutcome:
-    """Contact time, tip speed, impulse and number of contacts of one strike, with standard deviations.
+    """Contact time [ns], tip speed [m/s], impulse [N s] and number of contacts of one strike.
 
-    The impulse is m_s * (v - v'), with m_s the effective mass of the tip, v and v' its speed before and after
-    the contact; None if no significant loss of speed was measured. Without an impact, contact time and
-    impulse are None, the other measurements 0.
+    All but the number have standard deviations. The impulse is m_s * (v - v'), with m_s the effective mass of
+    the tip, v and v' its speed before and after the contact; None if no significant loss of speed was
+    measured. Without an impact, contact time and impulse are None, the other measurements 0.
 
     Args:
         config: section `striker` of the rig file, with arm length and effective mass.

@@ -30,7 +30,7 @@ _PING, _READ = 1, 2
 
 
 def never() -> bool:
-    """Return False: default of the callbacks that can interrupt a wait."""
+    """Return False: default of the functions that a waiting read calls to ask if it is interrupted."""
     return False
 
 
@@ -83,9 +83,10 @@ class BlockingPort(PortHandler):
         termios.tcflush(self.ser.fileno(), termios.TCIFLUSH)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802 - the SDK's name
-        """Read `length` bytes, or fewer if the wait times out or is interrupted.
+        """Wait for and return `length` received bytes; fewer if the wait times out or is interrupted.
 
-        The time-out is the one that `setPacketTimeout` started. Bytes beyond `length` are kept.
+        The time-out is the one that `setPacketTimeout` started. Further received bytes are kept for the next
+        call.
 
         Raises:
             OSError: the port hung up.
@@ -108,7 +109,7 @@ class BlockingPort(PortHandler):
         return result
 
     def isPacketTimeout(self) -> bool:  # noqa: N802 - the SDK's name
-        """True if the wait for an answer timed out or was interrupted."""
+        """True if the wait for the servo's answer timed out or was interrupted."""
         return self.interrupted() or bool(super().isPacketTimeout())
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802 - the SDK's name

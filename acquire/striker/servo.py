@@ -76,7 +76,11 @@ def hardware_error_text(status: int) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One reading of the servo in arm angles: 0 at the impact point, positive towards the object."""
+    """One reading of the servo: arm angle [rad], angular velocity [rad/s], current [A], its clock [ms].
+
+    The angle is 0 at the impact point, positive towards the object. Host monotonic times [ns] before and
+    after the reading are included.
+    """
 
     host_before_ns: int
     """host monotonic time before the request was sent [ns]"""
@@ -219,14 +223,14 @@ class Servo:
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
-        """Read tick, current, velocity and position of the servo at one instant.
+        """Read arm angle [rad], angular velocity [rad/s], motor current [A] and servo clock at one instant.
 
         Args:
             interrupted: called while waiting; True ends the wait for the answer.
 
         Returns:
-            The sample; None if the answer is lost, the wait was interrupted, the servo refused the reading,
-            or the values are impossible.
+            These values with the host's times before and after the reading; None if the answer is lost, the
+            wait was interrupted, the servo refused the reading, or the values are impossible.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
@@ -252,11 +256,16 @@ class Servo:
         )
 
     def require_sample(self) -> Sample:
-        """Read a sample; the reading is repeated for half a second, and at least three times, if it fails.
+        """Read the arm's angle [rad], velocity [rad/s] and motor current [A], with the times of the reading.
+
+        A failed reading is repeated for half a second, at least three readings in all.
+
+        Returns:
+            The first reading that succeeds.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
-            StrikerLost: the servo does not answer.
+            StrikerLost: no reading succeeds, or the port failed or is closed.
         """
         for _ in attempts(self._clock):
             sample = self.sample()
@@ -265,7 +274,7 @@ class Servo:
         raise StrikerLost(f"{self._config.port}: the servo no longer answers; check its power and cable")
 
     def health(self) -> ServoHealth:
-        """Read supply voltage [V], temperature [deg C] and hardware error of the servo.
+        """Read and return supply voltage [V], temperature [deg C] and hardware error of the servo.
 
         Raises:
             StrikerLost: the servo does not answer.
@@ -277,7 +286,7 @@ class Servo:
         )
 
     def hardware_error(self) -> str | None:
-        """Read the servo's hardware error and describe it; None if it reports none.
+        """Read the servo's hardware error and return a description of it; None if the servo reports none.
 
         Raises:
             StrikerLost: the servo does not answer.
@@ -373,10 +382,10 @@ class Servo:
     def move_to(self, angle: float, velocity: float, acceleration: float) -> None:
         """Start to move to an arm angle; returns as soon as the servo has confirmed the order.
 
-        If the watchdog stopped the arm because this host paused, it is cleared and the order repeated.
-        Profile Acceleration, Profile Velocity and Goal Position are neighbours and written at once, so that a
-        retraction costs one transaction. The goal is checked here, because the servo's position limits do not
-        bind in mode 5 (current-based position).
+        If the servo's bus watchdog stopped the arm because this host paused, it is cleared and the order
+        repeated. Profile Acceleration, Profile Velocity and Goal Position are neighbours and written at once,
+        so that a retraction costs one transaction. The goal is checked here, because the servo's position
+        limits do not bind in mode 5 (current-based position).
 
         Args:
             angle: arm angle to reach [rad].
@@ -443,7 +452,7 @@ class Servo:
         return BRAKE_TIME_FACTOR * abs(velocity) / self.full_acceleration_rad_s2
 
     def damp(self) -> None:
-        """Set the servo's gains so that it no longer controls the position and only damps the motion.
+        """Set the servo's gains so that it only damps the arm's motion and no longer controls the position.
 
         Does not wait for an answer.
 

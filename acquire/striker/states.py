@@ -41,7 +41,10 @@ MOVING = frozenset(GUARD_S)
 
 @dataclass(frozen=True)
 class StrikerStatus:
-    """State of a striker, with the times that limit it."""
+    """State of a striker (e.g. ARMED), whether it is homed, and the times that limit state and arming.
+
+    The times are host monotonic [ns]: when the state began, and when the strike was allowed.
+    """
 
     state: StrikerState
     """current state of the strike sequence"""
@@ -111,9 +114,9 @@ def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool
 
 
 def is_overdue(status: StrikerStatus, now_ns: int) -> bool:
-    """True if, at `now_ns` (host monotonic time), the state has lasted longer than its limit in GUARD_S.
+    """True if the striker's state has lasted longer, at `now_ns`, than its limit in the table GUARD_S [s].
 
-    False if GUARD_S has no limit for the state.
+    False if GUARD_S has no limit for the state. `now_ns` is host monotonic time [ns].
     """
     guard_s = GUARD_S.get(status.state)
     return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9

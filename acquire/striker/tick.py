@@ -18,12 +18,12 @@ PERIOD_NS = 500_000_000
 class TickClock:
     """Continuous device time from the servo's tick, which counts 1 ms and wraps at 32768.
 
-    Each read bounds the servo's clock: at some time between `host_before_ns` and `host_after_ns` it showed at
-    least the tick's value and less than 1 ms more. The intersection of these bounds over 5-10 s determines
-    the servo's clock to about 0.4 ms.
+    Each read of the servo bounds its clock: at some time between `host_before_ns` and `host_after_ns`
+    (host monotonic) the clock showed at least the tick's value and less than 1 ms more. The intersection of
+    these bounds over 5-10 s determines the servo's clock to about 0.4 ms.
 
     Args:
-        sink: called with each published clock sample.
+        sink: called with each published clock sample (device time with the host times around it).
     """
 
     def __init__(self, sink: ClockSink) -> None:

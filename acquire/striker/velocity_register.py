@@ -66,7 +66,7 @@ MIN_READS = 16
 
 @dataclass(frozen=True)
 class RegisterModel:
-    """Hypothesis about the servo's velocity register, with its probability.
+    """Hypothesis about the servo's velocity register, with its probability: filter, lag, renewal phase.
 
     The velocity passes a first-order filter, then a lag; the register shows it as it was at the last renewal,
     once a millisecond at a fixed phase.
@@ -86,7 +86,10 @@ class RegisterModel:
 
 @dataclass(frozen=True)
 class Reads:
-    """Samples of the servo as arrays (n,), and the standard deviations of their values."""
+    """Samples of the servo as arrays (n,): time [s], arm angle [rad], velocity [rad/s], read duration [s].
+
+    Methods give the standard deviations of these values.
+    """
 
     origin_ns: int
     """host monotonic time of time 0 [ns]"""
@@ -101,10 +104,10 @@ class Reads:
 
     @classmethod
     def from_samples(cls, samples: Sequence[Sample], origin_ns: int) -> Reads:
-        """Arrays of samples, which are in order of time.
+        """Arrays of time, arm angle, velocity and read duration, from samples in order of time.
 
         A sample's time [s] is that at which the servo probably took it, 0.35 of the read's duration after the
-        read's begin, from `origin_ns`, a host monotonic time.
+        read's begin. Time 0 is `origin_ns`, a host monotonic time.
         """
         return cls(
             origin_ns,
@@ -126,9 +129,10 @@ class Reads:
         return np.hypot(POSITION_SD, self.width / math.sqrt(12) * np.abs(self.velocity))
 
     def age(self, phase_ns: int | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Time since the velocity register's last renewal (n,) [s], and its standard deviation (n,) [s].
+        """Age of each value in the velocity register when it was read (n,) [s], and the age's sd (n,) [s].
 
-        Both are taken over the possible sampling times within each read.
+        The age is the time since the register's last renewal. Mean and standard deviation (sd) are taken over
+        the possible sampling times within each read.
 
         Args:
             phase_ns: time of the renewals (host monotonic, modulo 1 ms) [ns]; None if they are irregular. The
@@ -147,12 +151,12 @@ class Reads:
         return age, renewed.std(axis=1)
 
     def velocity_sd(self, age_sd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Standard deviation of each velocity (n,) [rad/s], with that due to the age of its value.
+        """Standard deviation of each velocity (n,) [rad/s], with that due to the unknown age of its value.
 
         With fewer than two reads the part due to the age is left out.
 
         Args:
-            age_sd: (n,) standard deviation of the time since the register's last renewal [s].
+            age_sd: (n,) standard deviation of the age, the time since the register's last renewal [s].
         """
         if len(self.time) < 2:
             return np.full_like(self.time, VELOCITY_SD)
@@ -268,10 +272,11 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
 
 
 def _scores(reads: Reads) -> NDArray[np.float64]:
-    """Minus twice the log-likelihood of the reads, for every phase, filter time constant and lag tried.
+    """Minus twice the log-likelihood of the reads, for each hypothesis about the velocity register.
 
-    The motion is the smooth one (cubic spline) that fits the values of position and velocity registers best.
-    The time of the first read must be near 0.
+    A hypothesis has one phase of the renewals, one filter time constant and one lag. The motion is the smooth
+    one (cubic spline) that fits the values of position and velocity registers best. The time of the first
+    read must be near 0.
 
     Returns:
         Array (phases, time constants, lags) in the order of PHASES_NS, TAU_GRID_S and LAG_GRID_S, up to a
