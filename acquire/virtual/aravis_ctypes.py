@@ -72,11 +72,11 @@ class AravisLibrary:
         self.object_unref = function(gobject, "g_object_unref", None, pointer)
 
     def write_register(self, fake: int, address: int, value: int) -> None:
-        """Write one 32-bit register of the fake camera (an ArvFakeCamera*) at a register address."""
+        """Write `value` to the 32-bit register at `address` of the fake camera (an ArvFakeCamera*)."""
         self.fake_write_register(fake, address, value)
 
     def read_register(self, fake: int, address: int) -> int:
-        """Value of one 32-bit register of the fake camera (an ArvFakeCamera*) at a register address."""
+        """Value of the 32-bit register at `address` of the fake camera (an ArvFakeCamera*)."""
         value = ctypes.c_uint32()
         self.fake_read_register(fake, address, ctypes.byref(value))
         return value.value

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ring:
-    """Horizontal rectangle with 45 degree corners, an outline of a bottle; all lengths in mm."""
+    """Horizontal outline of a bottle at one height: a rectangle with corners cut off at 45 degrees.
+
+    All lengths are in mm, heights over the bottle's base.
+    """
 
     z: float
     """height over the base"""
@@ -27,7 +30,10 @@ class Ring:
     """length that a cut corner takes off both of its sides"""
 
     def vertices(self) -> NDArray[np.float64]:
-        """Corners (8, 3) [mm] of the octagon, counter-clockwise seen from above."""
+        """Corners (8, 3) [mm] of the octagonal outline, counter-clockwise seen from above.
+
+        The origin is in the middle of the bottle's base, z upwards.
+        """
         x, y, c = self.half_x, self.half_y, self.corner
         outline = [
             (x, c - y),
@@ -50,10 +56,13 @@ BOTTLES: dict[str, tuple[Ring, ...]] = {
 
 
 def convex_parts(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], ...]:
-    """Convex parts of a bottle, one between each two neighbouring rings, as corners (16, 3) [mm] each.
+    """Convex parts of a bottle, one between each two neighbouring rings, from the base up.
 
     Args:
         rings: octagonal outlines from the base up.
+
+    Returns:
+        Corners (16, 3) [mm] of each part, those of the lower ring first.
     """
     return tuple(np.concatenate([low.vertices(), high.vertices()]) for low, high in pairwise(rings))
 

@@ -46,7 +46,7 @@ thread"""
 
 
 class WorldSource:
-    """Image source that renders the poses in the world's pose ring (a ring buffer in a mapped file)."""
+    """Image source that renders the poses in the virtual world's pose ring (ring buffer in a mapped file)."""
 
     def __init__(self, ring: PoseRing, renderer: Renderer) -> None:
         self._ring, self._renderer = ring, renderer
@@ -113,8 +113,8 @@ def serve(
 ) -> None:
     """Run the camera until SIGTERM or SIGINT, or until `parent_alive` returns False.
 
-    Handlers of both signals are installed. At the end the statistics are written to `camera.json` in the
-    run's folder and printed as one JSON line.
+    Handlers of both signals are installed. At the end the camera's statistics (frames, delays, lost packets,
+    processor time) are written to `camera.json` in the run's folder and printed as one JSON line.
 
     Args:
         source: source of the images.

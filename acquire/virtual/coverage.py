@@ -47,7 +47,7 @@ class Box:
         )
 
     def within(self, outer: Box) -> tuple[slice, slice]:
-        """Slices (rows, columns) that select this box in an array that holds only the pixels of `outer`."""
+        """Slices (rows, columns) that select this box in an array of the pixels of the box `outer` only."""
         rows = slice(self.top - outer.top, self.bottom - outer.top)
         return rows, slice(self.left - outer.left, self.right - outer.left)
 
@@ -128,7 +128,9 @@ def _accumulate_coverage(
     width: int,
     height: int,
 ) -> NDArray[np.float32]:
-    """Image (height, width) of the running sum, along each row, of areas added to single pixels.
+    """Image (height, width): for each pixel the sum of the areas added to it and to pixels left of it.
+
+    The pixels left of it are those in its row.
 
     Args:
         pixel: (n,) pixel of each area, as row * (width + 1) + column.
@@ -148,10 +150,14 @@ def _accumulate_coverage(
 def _ragged_ranges(
     first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Expand n ranges of integers: index of the range (m,) and integer (m,) of all their members in order.
+    """All integers of n ranges, one range after the other, with the number of the range of each.
 
-    Range i is first[i], first[i] + 1, ... with count[i] integers (none if negative); `first` and `count` are
-    (n,).
+    Args:
+        first: (n,) first integer of each range.
+        count: (n,) number of consecutive integers in each range; none if negative.
+
+    Returns:
+        For each of the m integers in all ranges: number of its range (m,), and the integer (m,).
     """
     count = np.maximum(count, 0)
     index = np.repeat(np.arange(len(count)), count)

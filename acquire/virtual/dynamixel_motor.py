@@ -55,7 +55,10 @@ class Motor:
         self._watchdog_tripped = False
 
     def hold(self, position: float) -> None:
-        """Restart the goal trajectory at rest at `position` [rad], and clear the controller's integral."""
+        """Restart the goal trajectory, which the controller follows, at rest at `position` [rad].
+
+        The controller's integral is cleared.
+        """
         self.reference, self._reference_velocity, self._integral = position, 0.0, 0.0
 
     def step(self, registers: Registers, position: float, velocity: float, dt: float) -> float:

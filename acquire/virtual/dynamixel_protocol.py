@@ -45,7 +45,10 @@ ALERT = 0x80
 
 @dataclass(frozen=True)
 class Packet:
-    """Received packet; byte stuffing is undone."""
+    """Received Dynamixel 2.0 packet: servo id, instruction, parameters, and whether its CRC is right.
+
+    Byte stuffing (an FD inserted after FF FF FD) is undone.
+    """
 
     id: int
     """id of the servo that it is addressed to; 254 for all servos"""
@@ -71,7 +74,7 @@ _CRC_TABLE = _crc_table()
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/BUYPASS of a packet without its CRC, as the protocol uses it.
+    """CRC-16/BUYPASS check sum, as an integer, of the bytes of a Dynamixel packet without its CRC field.
 
     Polynomial 0x8005, start 0, not reflected (vendor's e-manual, "CRC calculation").
     """
@@ -103,7 +106,7 @@ class Parser:
     def feed(self, data: bytes) -> list[Packet]:
         """Add received bytes, and return the packets that they complete, in order; empty if none.
 
-        A packet with a wrong CRC is returned too, with `intact` False.
+        A packet with a wrong CRC is returned too, marked as not intact.
         """
         self._buffer += data
         packets: list[Packet] = []

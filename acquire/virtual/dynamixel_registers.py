@@ -116,8 +116,8 @@ class Registers:
         """Read `size` bytes from `address` as over the bus.
 
         Returns:
-            NONE and the bytes; or ACCESS and no bytes if `size` is 0 or the first or last address is in no
-            register.
+            StatusError.NONE and the bytes; or StatusError.ACCESS and no bytes if `size` is 0 or the first or
+            last address is in no register.
         """
         if size == 0 or address not in self._defined or address + size - 1 not in self._defined:
             return StatusError.ACCESS, b""
@@ -131,10 +131,10 @@ class Registers:
             data: values of whole registers, little-endian; bytes for gaps between registers are skipped.
 
         Returns:
-            NONE and the names of the written registers; or the reason of the refusal and no names: ACCESS (no
-            register, read only, EEPROM with torque on), LENGTH (part of a register), RANGE (out of range, or
-            a goal after the bus watchdog tripped), LIMIT (beyond a limit register), or RESULT (torque on in
-            spite of a hardware error).
+            StatusError.NONE and the names of the written registers; or the StatusError that states the reason
+            of the refusal, and no names: ACCESS (no register, read only, EEPROM with torque on), LENGTH (part
+            of a register), RANGE (out of range, or a goal after the bus watchdog tripped), LIMIT (beyond a
+            limit register), or RESULT (torque on in spite of a hardware error).
         """
         written: list[tuple[str, int]] = []
         offset = 0

@@ -81,10 +81,10 @@ class HardwareError:
 
 @dataclass(frozen=True)
 class WireTime:
-    """Delay of the servo's answers on a wire.
+    """Delay of the servo's answers on a wire, with the constant part `adapter_ns` of the USB adapter.
 
-    It is the sum of the transmission time of request and answer at the baud rate, the time in the register
-    Return Delay Time, and the constant `adapter_ns`.
+    The delay is the sum of the transmission time of request and answer at the baud rate, the time in the
+    register Return Delay Time, and `adapter_ns` [ns].
     """
 
     adapter_ns: int = 0
@@ -260,7 +260,7 @@ class DynamixelServo:
     def next_answer_ns(self) -> int | None:
         """Host monotonic time [ns] at which the next delayed answer is due; None if no answer waits.
 
-        None waits if the servo was made without delay (`wire`), because `service` then sends all at once.
+        A servo made without delay (`wire` None) sends every answer within `service`, so that none waits.
         """
         return self._answers[0][0] if self._answers else None
 
@@ -281,7 +281,11 @@ class DynamixelServo:
                 self._answers.append((due_ns, answer))
 
     def _handle(self, packet: Packet, now_ns: int) -> bytes:
-        """Execute a packet, and return the bytes of its answer; empty if there is none."""
+        """Execute a packet received at `now_ns` (host monotonic), and return the bytes of the servo's answer.
+
+        Empty if the servo does not answer: to a sync write, to a packet for another servo or with a servo's
+        answer, or to a damaged packet for all servos.
+        """
         if packet.instruction == Instruction.SYNC_WRITE:
             if packet.intact and len(packet.parameters) >= 4:
                 self._sync_write(packet.parameters)

@@ -58,7 +58,7 @@ VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """Settings made by the client: region of the sensor, exposure [us] and gain [dB]."""
+    """Settings made by the client: region of the sensor [px], exposure [us] and gain [dB]."""
 
     width: int
     """width of the region [px]"""
@@ -94,7 +94,7 @@ class ImageSource(Protocol):
 
 @dataclass(frozen=True)
 class CameraStatistics:
-    """Frames sent, rendering time and delays of the virtual camera since it was made."""
+    """Frames sent by the virtual camera since it was made, with rendering time and delays [ms]."""
 
     frames: int
     """number of frames sent"""
@@ -223,7 +223,7 @@ class VirtualGigeCamera:
 
     @property
     def statistics(self) -> CameraStatistics:
-        """Frames sent, rendering time and delays since the camera was made."""
+        """Frames sent since the camera was made, with mean rendering time [ms] and delays [ms]."""
         return CameraStatistics(
             self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
         )
@@ -290,7 +290,7 @@ class VirtualGigeCamera:
             self._condition.notify_all()
 
     def _on_claim(self) -> None:
-        """Stop the stream if no client holds control: the client that started it left without stopping it.
+        """Stop the image stream if no client holds control: the one that started it left without stopping it.
 
         Called when a client asks for control, before the fake camera grants it.
         """
@@ -351,12 +351,12 @@ class VirtualGigeCamera:
     def _is_wanted(self, run: int) -> bool:
         """True while the camera streams and `run` is the number of the current stream.
 
-        The number changes with every start and stop: a killed client's stream ends when the next one starts.
+        The number changes with every start and stop, so that a killed client's stream ends at the next start.
         """
         return self._streaming and run == self._run
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:
-        """Wait until the source can render up to `end_ns` (host monotonic), and return True.
+        """True once the image source can render up to `end_ns` (host monotonic) [ns]; waits for that.
 
         False if stream number `run` ended before.
         """

@@ -111,8 +111,8 @@ def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.soc
     """Replace the control sockets of Aravis's fake camera by a private loopback socket, and return that.
 
     The fake's listening address can only be set to that of a network interface, which 127.0.0.21 is not.
-    `dup2` swaps the file behind the descriptor that its thread polls. If it has several sockets, the others
-    become silent ones.
+    `dup2` swaps the file behind the descriptor that the fake's thread polls. If the fake has several sockets,
+    the others are replaced by sockets that never receive anything.
 
     Args:
         descriptors_before: file descriptors that were open before the fake was made.
@@ -363,7 +363,10 @@ class StreamRelay:
         self._thread.start()
 
     def send_to(self, destination: Address) -> None:
-        """Set the client's IP address and port; an empty address or port 0 means that no client listens."""
+        """Set the IP address and port of the client to which images are sent.
+
+        An empty address or port 0 means that no client listens.
+        """
         self._destination = destination if destination[0] and destination[1] else None
 
     def resend(self, frame_id: int, first: int, last: int) -> None:

@@ -28,7 +28,11 @@ bound deeper inside"""
 
 @dataclass(frozen=True)
 class HiddenBody:
-    """True mass properties of one object, in O (the object's frame, that of its shape file)."""
+    """True mass properties of one object, in O (the object's frame, that of its shape file).
+
+    They are mass [kg], centre of mass [m], inertia about it [kg m2], the masses of the three regions [kg]
+    (shell, upper and lower part of the interior), and the plane and shell thickness [m] that divide these.
+    """
 
     mass_kg: float
     """total mass"""

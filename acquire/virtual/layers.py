@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Layer:
-    """Grey levels and covered fraction of the pixels within a box of the image."""
+    """Grey levels times covered fraction, and covered fraction 0..1, of the pixels in a box of the image."""
 
     box: Box
     """pixels that the layer may cover"""
@@ -29,9 +29,10 @@ class Layer:
 
 @dataclass(frozen=True)
 class Outline:
-    """Directed boundary lines of areas in the image, for k sub-exposures (poses during one exposure).
+    """Directed boundary lines of areas in the image [px], for k sub-exposures (poses during one exposure).
 
-    The inside of a line is on its right as seen in the image (x right, y down), going from start to end.
+    The inside of a line is on its right as seen in the image (x right, y down), going from start to end. Each
+    line has the steps, inside minus outside, of grey level and of cover (1 where an area covers the image).
     """
 
     start: NDArray[np.float64]
@@ -55,8 +56,8 @@ def cut_lines(
         pieces: (n,) number of pieces of each line, at least 1.
 
     Returns:
-        Points (p, d) along the lines, and the index (q,) of each piece's start point; its end point is the
-        next.
+        Points (p, d) along the lines, line after line, and for each of the q pieces the index (q,) of its
+        start point. The end point of a piece is the point after its start point.
     """
     share = [np.linspace(0.0, 1.0, count + 1)[:, None] for count in pieces]
     points = np.concatenate([a + s * (b - a) for a, b, s in zip(first, last, share, strict=True)])
@@ -64,7 +65,7 @@ def cut_lines(
 
 
 def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
-    """Layer of a filled outline, averaged over its sub-exposures (poses during one exposure).
+    """Layer of the areas within an outline, averaged over its sub-exposures (poses during one exposure).
 
     None if the outline has no lines or lies outside the image of width x height px.
     """
@@ -93,7 +94,8 @@ def bounding_box(layers: Sequence[Layer]) -> Box:
 def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
     """Layer `back` with the layers `front` drawn over it in order, each hiding the area that it covers.
 
-    The result's box contains all of them. `back` itself is changed and returned if its box already does.
+    The result's box contains the boxes of all these layers. If the box of `back` does already, `back` itself
+    is changed and returned.
     """
     box = bounding_box([back, *front])
     found = back
@@ -110,7 +112,7 @@ def overlay(back: Layer, front: Sequence[Layer]) -> Layer:
 
 
 def compose(front_to_back: Sequence[Layer]) -> Layer:
-    """Combine one or more layers that hide one another, given from front to back, into one layer.
+    """Combine one or more layers that hide one another, given from front to back, and return one layer.
 
     In a shared pixel the front layer takes its cover first, and layers behind it only what is left; two
     layers that meet at an edge fill it without a seam. A single layer is returned as it is.
@@ -128,7 +130,10 @@ def compose(front_to_back: Sequence[Layer]) -> Layer:
 
 
 def paint(scene: NDArray[np.float32], item: Layer) -> None:
-    """Draw a layer over the image `scene` (height, width), grey levels, in place."""
+    """Draw a layer of grey levels over the image `scene` (height, width), in place.
+
+    The layer hides the image in proportion to the fraction of each pixel that it covers.
+    """
     target = scene[item.box.slices]
     target *= 1.0 - item.cover
     target += item.light

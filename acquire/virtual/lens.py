@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Lens:
-    """Projection of a station's camera from W, the world frame, to pixels.
+    """Projection of points in W, the world frame, to pixels of a station's camera.
 
     Args:
         station: camera matrix, distortion and pose.

@@ -32,7 +32,10 @@ _CYLINDER_SEGMENTS = 96
 
 @dataclass(frozen=True)
 class _Lump:
-    """Ball of mass inside the parcel; the seed of the object shifts it by up to 3 mm along each axis."""
+    """Ball of mass inside the parcel: nominal centre [m], radius [m] and share of the interior's mass.
+
+    The share is of the mass on the ball's side of the plane that divides the interior.
+    """
 
     centre_m: tuple[float, float, float]
     """nominal centre in O, the object's frame"""
@@ -43,10 +46,11 @@ class _Lump:
 
 @dataclass(frozen=True)
 class _Recipe:
-    """Nominal region masses, and the plane that divides the interior; a seed perturbs both.
+    """Nominal mass distribution of an object: masses [kg] of shell, upper and lower part, dividing plane.
 
-    The masses follow Table 2 of the paper (VISAPP 2013), where the interior's mass is always in the upper
-    part; carton and parcel have mass in the lower part too.
+    The plane divides the interior into the two parts; lumps, if given, hold their mass. A seed perturbs all
+    of these. The masses follow Table 2 of the paper (VISAPP 2013), where the interior's mass is always in the
+    upper part; carton and parcel have mass in the lower part too.
     """
 
     masses_kg: tuple[float, float, float]
@@ -81,7 +85,10 @@ _LUMP_SHIFT_M = 0.003
 
 @dataclass(frozen=True)
 class VirtualObject:
-    """Object of the virtual rig; lengths in m, in O (the shape file's frame)."""
+    """Object of the virtual rig: object file, surface mesh, convex parts, friction, true mass properties.
+
+    Lengths are in m, in O (the object's frame, that of its shape file); only the shape file itself is in mm.
+    """
 
     spec: ObjectSpec
     """parsed object file"""
@@ -110,7 +117,8 @@ def load_object(name: str, seed: int) -> VirtualObject:
 
     The seed changes each region's mass by up to 5 % (all are then scaled to the fixed total mass), shifts the
     plane that divides the interior by up to 3 mm and turns it by 2.4 degrees (rms), shifts the parcel's balls
-    of mass by up to 3 mm along each axis, and draws the friction from the table's range.
+    of mass by up to 3 mm along each axis, and draws the coefficient of friction from TABLE_FRICTION (0.6 to
+    0.8).
 
     Args:
         name: one of OBJECT_NAMES.
@@ -161,7 +169,11 @@ def _data(file: str) -> bytes:
 
 
 def _fill(name: str, spec: ObjectSpec, rng: np.random.Generator) -> HiddenBody:
-    """True mass properties of an object; region masses, dividing plane and lumps are perturbed with `rng`."""
+    """True mass properties of the object called `name`, with a mass distribution perturbed by `rng`.
+
+    `rng` perturbs the masses of shell, upper and lower part, the plane that divides the interior, and the
+    centres of the balls of mass, if the object has such. `spec` gives total mass and shell thickness.
+    """
     recipe = _RECIPES[name]
     masses = np.array(recipe.masses_kg) * (1 + rng.uniform(-0.05, 0.05, 3))
     masses *= spec.mass_kg / masses.sum()
@@ -199,7 +211,10 @@ def _spec(name: str) -> ObjectSpec:
 
 @cache
 def _mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (n, 3) [m, in O] and triangles (m, 3), normals outward, of an object's surface."""
+    """Surface of the object called `name`: vertices (n, 3) [m, in O] and triangles (m, 3).
+
+    O is the object's frame. Triangles are indices of vertices, with normals outward.
+    """
     shape = _spec(name).shape
     if shape.box is not None:
         return _box_mesh(np.array(shape.box.size_m) / 2)
@@ -212,7 +227,10 @@ def _mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 @cache
 def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (n, 3) [m, in O] spread over an object's body, and their depths (n,) [m] below its surface."""
+    """Points (n, 3) [m] spread over the body of the object called `name`, and their depths (n,) [m].
+
+    Points are in O, the object's frame; depths are below its surface.
+    """
     spec = _spec(name)
     vertices, faces = _mesh(name)
     if spec.shape.box is not None:

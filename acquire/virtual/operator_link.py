@@ -65,7 +65,7 @@ class OperatorLink:
         )
 
     def truth(self) -> str:
-        """Path of the file with the world's true poses and contacts; on return it is complete up to now.
+        """Path of the file with the world's true poses and contacts; all of them so far are in it on return.
 
         Raises:
             AcquireError: the world does not answer.

@@ -43,7 +43,10 @@ class PoseRingError(AcquireError):
 
 @dataclass(frozen=True)
 class SampledPoses:
-    """Poses of object and arm at n times."""
+    """Poses of object and arm at n times: position [m], unit quaternion, arm angle [rad], hinge point [m].
+
+    Poses are in W, the world frame; the quaternion (w, x, y, z) is from O, the object's frame, to W.
+    """
 
     p_world_object: NDArray[np.float64]
     """(n, 3) position of the object's origin in W, the world frame [m]"""
@@ -55,7 +58,10 @@ class SampledPoses:
     """(n, 3) point on the arm's hinge in W [m]"""
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
-        """Iterate over the four arrays: `p, q, angle, axis = ring.poses_at(times)`."""
+        """Iterate over four arrays: positions, quaternions, arm angles and hinge points.
+
+        This allows `p, q, angle, axis = ring.poses_at(times)`.
+        """
         return iter((self.p_world_object, self.q_world_object_wxyz, self.arm_angle, self.arm_axis_world))
 
 
@@ -78,7 +84,9 @@ class PoseRing:
 
     @classmethod
     def create(cls, path: Path, capacity: int = 16384) -> PoseRing:
-        """Create an empty ring for writing, with file mode 0600; an existing file is replaced.
+        """Create an empty pose ring for writing, with file mode 0600, and return it.
+
+        An existing file is replaced.
 
         Args:
             path: path of the file.
@@ -157,7 +165,7 @@ class PoseRing:
         return int(self._time[(count - 1) % self._capacity])
 
     def poses_at(self, times_ns: ArrayLike | Sequence[int]) -> SampledPoses:
-        """Poses of object and arm interpolated at the given times.
+        """Positions, quaternions, arm angles and hinge points interpolated at the given times.
 
         The interpolation is linear in position and angle, and normalised-linear in rotation. For times before
         the oldest pose in the ring or after the newest, that pose is returned.
@@ -176,10 +184,11 @@ class PoseRing:
                 return _interpolate(time, row, wanted)
 
     def _newest(self, oldest_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-        """Times (n,) [ns], rows (n, 11) and the first one's number of the newest poses, in order of time.
+        """Newest poses in order of time: times (n,) [ns], rows (n, 11), and the number of the first pose.
 
-        They reach back to `oldest_ns` if the ring still holds a pose of that time. A row is position (3),
-        quaternion (4), arm angle, hinge point (3). The number counts all poses ever written, from 0.
+        They reach back to `oldest_ns` if the ring still holds a pose of that time. A row is position (3) [m],
+        quaternion (4), arm angle [rad], hinge point (3) [m]. Poses are numbered from 0, counting all ever
+        written.
 
         Raises:
             PoseRingError: the ring is empty.

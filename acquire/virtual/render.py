@@ -100,8 +100,8 @@ class Renderer:
             q_wxyz: (k, 4) unit quaternions (w, x, y, z) from O, the object's frame, to W.
             arm_angle: (k,) angles of the arm [rad], 0 when it hangs, positive towards +x.
             arm_axis_world: (k, 3) points on the arm's hinge in W [m].
-            exposure_us: exposure of the whole frame.
-            gain_db: gain of the sensor.
+            exposure_us: exposure of the whole frame [us].
+            gain_db: gain of the sensor [dB].
         """
         pose = np.column_stack([p_world_object, q_wxyz, arm_angle, arm_axis_world]).astype(np.float64)
         pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
@@ -175,7 +175,10 @@ class Renderer:
         return self._arm_layer
 
     def _expose_region(self, box: Box) -> None:
-        """Update noise-free grey levels and their noise's standard deviation within a box of the image."""
+        """Redraw the noise-free grey levels and the noise's standard deviation within a box of the image.
+
+        They are computed from the scene by blur, vignetting, exposure and gain, and stored in the renderer.
+        """
         around = box.grown(_PSF_REACH, self._width, self._height)
         exposure_us, gain_db = self._settings
         light = _blur(self._scene[around.slices])[box.within(around)]
@@ -201,7 +204,10 @@ def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _without_contained(boxes: list[Box]) -> list[Box]:
-    """Boxes from large to small, without those that lie inside a larger or equal one."""
+    """Boxes of pixels, from large to small, without those that lie inside another one.
+
+    Of equal boxes one is kept.
+    """
     kept: list[Box] = []
     for box in sorted(boxes, key=lambda b: -(b.right - b.left) * (b.bottom - b.top)):
         inside = (

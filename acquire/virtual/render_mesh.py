@@ -25,7 +25,8 @@ _FLAT = 1e-7
 class FaceGroup:
     """Connected faces of a mesh without a concave edge: seen from outside, none hides another.
 
-    f is the number of faces (triangles). Their boundaries are cut into m short pieces between n points.
+    A group has f faces (triangles), with corners and normals. The boundaries between faces are cut into m
+    short pieces, which connect n points; for each piece the faces on both sides are given.
     """
 
     vertices: NDArray[np.float64]

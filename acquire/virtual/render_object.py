@@ -30,7 +30,7 @@ so that a round wall has few"""
 
 @dataclass(frozen=True)
 class _Card:
-    """Tag on its white card, which is stuck to one group of the object's faces."""
+    """Tag on its white card, which is stuck to one group of the object's faces: pose and boundary lines."""
 
     group: int
     """index of the group of faces that the card is on"""

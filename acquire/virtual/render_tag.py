@@ -25,10 +25,12 @@ RIM_CELLS = 1
 
 @dataclass(frozen=True)
 class Lines:
-    """Directed straight boundary lines of a tag on its white card.
+    """Directed straight boundary lines of a tag on its white card, with their steps in grey level.
 
-    The inside of a line is on its right, going from start to end and looking at the card. A cell is one black
-    or white square of the tag.
+    The inside of a line is the side on its right, going from start to end and looking at the card. It may be
+    black, white, or beyond the card: each line has the grey level inside minus that outside. Its step in
+    cover is 1 or -1 on the card's rim (-1 if the inside is beyond the card), and 0 within the card. A cell is
+    one black or white square of the tag.
     """
 
     points: NDArray[np.float64]
@@ -40,7 +42,7 @@ class Lines:
     value: NDArray[np.float64]
     """(m,) grey levels inside minus outside"""
     cover: NDArray[np.float64]
-    """(m,) cover inside minus outside: 1 on the card's rim, 0 within the card"""
+    """(m,) cover inside minus outside: 1 or -1 on the card's rim, 0 within the card"""
     tag_cells: int
     """number of cells along an edge of the black square"""
 
@@ -49,9 +51,9 @@ class Lines:
 def tag_lines(family: TagFamily, marker_id: int) -> Lines:
     """Boundary lines of a tag on its white card, in pieces short enough for lens distortion to bend them.
 
-    The lines are the longest straight runs of equal step in grey level, cut into pieces of about two cells
-    (squares of the tag). Orientation as in OpenCV's detector: the first row of `generateImageMarker` is the
-    top (+y), its first corner the top left (-x, +y).
+    Coordinates are in cells (squares of the tag) from the card's centre. The lines are the longest straight
+    runs of equal step in grey level, cut into pieces of about two cells. Orientation as in OpenCV's detector:
+    the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
 
     Args:
         family: family of tags (dictionary of codes).
@@ -79,15 +81,15 @@ def tag_lines(family: TagFamily, marker_id: int) -> Lines:
 
 
 def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:
-    """Runs of equal non-zero grey-level steps along grid lines, as (line, from, to, step).
+    """Runs of equal non-zero steps in grey level along the grid lines between the cells of a tag's card.
 
     Args:
-        steps: (l, c) steps across l grid lines, at c cells along each; the first and last cell of a line lie
-            outside the card.
+        steps: (l, c) steps across l grid lines, at c cells (squares) along each; the first and last cell of a
+            line lie outside the card.
 
     Returns:
-        Number of the line, first and last grid point of the run (0 at the card's edge), and step in grey
-        level, for each run.
+        For each run: number of the grid line, first and last grid point of the run (0 at the card's edge),
+        and step in grey level.
     """
     found = []
     for line, row in enumerate(steps):

@@ -30,7 +30,7 @@ def brightness(exposure_us: float, gain_db: float) -> float:
 
 
 def gain_factor(gain_db: float) -> float:
-    """Amplitude ratio of a gain in dB; 20 dB give 10."""
+    """Ratio of signal amplitudes for a gain in dB; 10 for 20 dB."""
     return 10.0 ** (gain_db / 20.0)
 
 
@@ -56,7 +56,7 @@ def noise_sd(clean: NDArray[np.float32], gain_db: float) -> NDArray[np.float32]:
 
 
 class NoiseBank:
-    """Store of normal noise drawn once; each frame uses a section of it at a random offset.
+    """Store of normal noise drawn once; each frame uses a part of the store, from a random offset on.
 
     Args:
         rng: generator of noise and offsets.

@@ -23,7 +23,7 @@ WIDTH_PX, HEIGHT_PX = 656, 492
 
 @dataclass(frozen=True)
 class Station:
-    """Camera of one virtual rig: true calibration and pose."""
+    """Camera of one virtual rig: true camera matrix [px], distortion, and pose in W, the world frame [m]."""
 
     K: NDArray[np.float64]
     """(3, 3) camera matrix [px]"""
@@ -34,11 +34,11 @@ class Station:
 
 
 def station(seed: int) -> Station:
-    """Station for a seed: camera with 2.6 px/mm at the pivot, nearly at its nominal pose.
+    """True camera calibration and pose of the virtual rig with a seed: nearly the nominal ones.
 
-    The nominal camera is at (0.03, -0.55, 0.08) m in W, the world frame (pivot at y = 0), and looks along +y.
-    The seed shifts it by up to 2 mm and turns it by up to 0.3 degrees, per axis, and changes principal point
-    (up to 4 px) and distortion.
+    The nominal camera is at (0.03, -0.55, 0.08) m in W, the world frame (pivot at y = 0), and looks along +y;
+    it has 2.6 px/mm at the pivot. The seed shifts it by up to 2 mm and turns it by up to 0.3 degrees, per
+    axis, and changes principal point (up to 4 px) and distortion.
     """
     rng = np.random.default_rng((seed, 0x57A7))
     K = np.array([[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]])
@@ -55,10 +55,11 @@ def station(seed: int) -> Station:
 
 
 def calibration_sheet(seed: int) -> dict[str, Any]:
-    """Values of a seed's station for its rig file.
+    """True values of the virtual rig with a seed, for its rig file, as a nested dictionary.
 
-    Keys: camera (width and height [px], K [px], distortion, T_world_camera [m]), striker (arm_length_m,
-    effective_mass_kg), g_m_s2, and table_friction (the least possible coefficient of friction).
+    Keys: camera (width and height [px], K (camera matrix) [px], distortion, T_world_camera (pose) [m]),
+    striker (arm_length_m, effective_mass_kg), g_m_s2, and table_friction (the least possible coefficient of
+    friction).
     """
     rig = station(seed)
     return {

@@ -34,9 +34,10 @@ def merge_truth(recording: Path, truth_file: Path) -> None:
 
 
 def _messages(truth_file: Path, anchor_ns: int) -> Iterator[tuple[topics.Topic, int, bytes]]:
-    """Yield topic, log time [ns] and bytes of each message of a truth file, the mass properties last.
+    """Yield the messages of a truth file as topic, log time [ns] and bytes; the mass properties come last.
 
-    `anchor_ns` is wall time minus host monotonic time [ns].
+    The log time is wall time: world time (host monotonic) plus `anchor_ns`, wall time minus host monotonic
+    time [ns]. The mass properties get the log time of the first message, or `anchor_ns` if there is no other.
     """
     first_ns = 0
     bodies: list[pb.TruthBody] = []

@@ -59,7 +59,7 @@ class TruthWriter:
 
 
 def read_truth_file(path: Path) -> Iterator[TruthMessage]:
-    """Yield all messages of a truth file in order: the body (mass properties), then poses and contacts.
+    """Yield all messages of a truth file in order: first the mass properties, then poses and contacts.
 
     Raises:
         AcquireError: the file cannot be read, ends within a message, or holds a damaged message or one of

@@ -51,7 +51,10 @@ _DROP_M = 0.0001
 
 @dataclass(frozen=True)
 class WorldState:
-    """State of object and arm at one instant, in W (world frame, z up)."""
+    """State at one instant: pose and velocity of the object, angle and angular velocity of the arm.
+
+    Vectors are in W (world frame, z up); lengths in m, angles in rad, time in ns (host monotonic).
+    """
 
     time_ns: int
     """world time (host monotonic) [ns]"""
@@ -75,7 +78,11 @@ class WorldState:
 
 @dataclass(frozen=True)
 class StrikerContact:
-    """Completed contact of the striker's tip with the object, or completed push by a finger."""
+    """Completed contact of the striker's tip with the object, or completed push by a finger.
+
+    It has time of first contact (host monotonic) [ns], impulse [N s], point in W, the world frame [m], and
+    duration [s].
+    """
 
     time_ns: int
     """world time of first contact (host monotonic) [ns]"""
@@ -232,7 +239,7 @@ class World:
         return self._at_rest
 
     def arm(self) -> tuple[float, float]:
-        """Angle [rad], 0 when hanging and positive towards +x, and angular velocity [rad/s] of the arm."""
+        """Angle of the arm [rad], 0 when hanging, positive towards W's +x; its angular velocity [rad/s]."""
         return float(self._qpos[7]), float(self._qvel[6])
 
     def state(self) -> WorldState:
@@ -266,8 +273,9 @@ class World:
     def _tick_near(self, torque: float, reach: float) -> None:
         """Step one tick (1 ms) in which the object moves, is pushed, or may be near the striker's tip.
 
-        Only the arm is integrated if the object rests, is not pushed, and the tip proves to be farther than
-        `reach` [m] from it.
+        Only the arm is integrated if the object rests, is not pushed, and the tip cannot touch it: it is
+        farther from the object than `reach` [m], or still passes through it after a placing. `torque` is the
+        motor's torque on the arm [N m].
         """
         data = self._data
         clearance = self._clearance()
@@ -290,9 +298,9 @@ class World:
         self._update_rest(near=near or pushed)
 
     def _apply_push(self) -> bool:
-        """Apply the force of the current push for this millisecond; True if there is one.
+        """Apply to the object the force of a push under way, for this millisecond; True if there was one.
 
-        After the last millisecond the push is removed and reported as a contact.
+        After its last millisecond the push is removed and reported as a contact; the result is then False.
         """
         push = self._push
         applied = self._data.xfrc_applied[self._object_body]
@@ -324,7 +332,7 @@ class World:
         self._qpos[7], self._qvel[6] = angle, velocity
 
     def _clearance(self) -> float:
-        """Lower bound of the gap between the tip sphere and the object's convex hull [m].
+        """Lower bound of the gap [m] between the sphere of the arm's tip and the object's convex hull.
 
         Negative if they overlap.
         """
@@ -344,9 +352,9 @@ class World:
             self._data.qvel[0:6] = 0.0
 
     def _accumulate_contact(self, now_ns: int) -> None:
-        """Add the striker tip's normal force in the step that ended at `now_ns` to the contact's impulse.
+        """Add the impulse of the striker tip's normal force in one time step to the contact's total impulse.
 
-        The first force begins a contact.
+        `now_ns` is the end of the time step. The first force begins a contact.
         """
         data = self._data
         for i in range(data.ncon):
@@ -363,10 +371,11 @@ class World:
             self._contact.last_ns = now_ns
 
     def _contact_age_ns(self, distance: float) -> int:
-        """Time [ns] from first touch to the end of this time step: one to two time steps.
+        """Time [ns] from the tip's first touch of the object to the end of the present time step.
 
-        It is one step plus the time in which the tip, at its present speed, covers the penetration at the
-        step's begin. `distance` is the signed gap [m] between tip and object, negative where they overlap.
+        It is one time step, plus at most one more: the penetration at the step's begin over the tip's present
+        speed. `distance` is the signed gap [m] between tip and object at the step's begin, negative where
+        they overlap.
         """
         speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
         return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))
@@ -381,7 +390,10 @@ class World:
 
 @dataclass
 class _OpenContact:
-    """Contact of the striker's tip in progress."""
+    """Contact of the striker's tip that has not ended: first and last touch [ns], impulse so far [N s].
+
+    The times are world time (host monotonic).
+    """
 
     first_ns: int
     """world time of first touch [ns]"""
@@ -395,7 +407,7 @@ class _OpenContact:
 
 @dataclass
 class _Push:
-    """Push by a finger in progress."""
+    """Push by a finger in progress: the forces [N] that remain, and its point, impulse and duration."""
 
     first_ns: int
     """world time of its start [ns]"""

@@ -79,9 +79,10 @@ def model_xml(virtual_object: VirtualObject, gravity_world: NDArray[np.float64])
 
 
 def _striker_shapes(virtual_object: VirtualObject) -> tuple[str, str]:
-    """MJCF assets and geoms (XML text each) of the object's shape for collisions with the striker's tip.
+    """Object's shape for collisions with the striker's tip: texts of assets and of geoms in MJCF.
 
-    A box or cylinder needs no assets (empty text); other shapes give one mesh per convex part.
+    MJCF is MuJoCo's XML. A box or cylinder needs no assets (empty text); other shapes give one mesh per
+    convex part.
     """
     shape = virtual_object.spec.shape
     collide = 'contype="0" conaffinity="2"'

@@ -102,7 +102,7 @@ class WorldProcess:
         self._truth.close()
 
     def run(self, parent_alive: Callable[[], bool]) -> None:
-        """Step in real time until `stopped` is set, or until `parent_alive` returns False.
+        """Step the simulated world in real time until `stopped` is set, or `parent_alive` returns False.
 
         The request "quit" sets `stopped`; `parent_alive` is called twice a second.
         """
@@ -145,7 +145,7 @@ class WorldProcess:
                 self._receive(source)
 
     def _catch_up(self, now_ns: int) -> None:
-        """Step the world to `now_ns` (host monotonic).
+        """Step the simulated world to `now_ns` (host monotonic) [ns].
 
         If it is more than 10 ms behind, the servo's bus is served after every 10 ms of physics, so that the
         servo answers in time.
@@ -287,7 +287,7 @@ class WorldProcess:
 
 
 def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
-    """Message with the object's true mass properties and the station's true parameters.
+    """Protobuf message with the object's true mass properties and the station's true parameters.
 
     Args:
         virtual_object: the object.
@@ -313,7 +313,10 @@ def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float
 
 
 def main() -> None:
-    """Run the world process with the command line's arguments until it is asked to end."""
+    """Run the world process with the command line's arguments until it is asked to end.
+
+    It is asked by SIGTERM, SIGINT or the request "quit" on its control socket; it also ends with its parent.
+    """
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--object", choices=OBJECT_NAMES, required=True, help="object to simulate")
     parser.add_argument("--seed", type=int, required=True, help="seed of object, station and servo noise")
