@@ -34,7 +34,11 @@ THREE_ERRORS_AS_ONE = 2.5 / 3.30
 
 @dataclass(frozen=True)
 class Agreement:
-    """Result of the test of one centre of mass for all recordings against one for each recording."""
+    """Result of the test of one centre of mass for all recordings against one for each recording.
+
+    It holds the largest shift of a recording's own centre of mass [m], and the decrease of chi^2 with its
+    critical value.
+    """
 
     largest_shift: float
     """Largest distance [m] of a recording's own centre of mass from the first recording's."""
@@ -45,7 +49,7 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """True if one centre of mass explains all recordings: `chi_squared` is within `limit`."""
+        """True if one centre of mass explains all recordings: `chi_squared` is at most its critical value."""
         return self.chi_squared <= self.limit
 
 
@@ -56,21 +60,24 @@ def agreement(
     systematic: SystematicErrors,
     prior: ComPrior,
 ) -> Agreement:
-    """Likelihood-ratio test of one centre of mass c for all recordings against one for each.
+    """Test whether all recordings have one centre of mass c: likelihood ratio against one c for each.
 
-    Errors that strikes share are shared in both hypotheses. The test is linear about `com`: the residuals'
-    covariance contains the strikes' noise, the shared errors and the common c; the shift of c of each further
-    recording has the prior's sd.
+    The test is linear about `com`, the estimate from all strikes. With one c, the covariance of the residuals
+    contains the strikes' noise, the errors that strikes share, and the prior of c. With one c for each
+    recording, every recording but the first has a shift of its c as a further unknown, whose sd is that of
+    the prior of c.
 
     Args:
         planes: Equi-planes of the strikes used: per strike, the plane through pivot line and c.
         recorded_in: (strikes,) number of each strike's recording; the smallest counts as the first one.
         com: Centre of mass c estimated from all strikes, in the object frame O, with their robust weights.
-        systematic: Standard deviations of the shared errors (tilt, scale, edge radius) used for `com`.
+        systematic: Standard deviations of the errors that strikes share (tilt, scale, edge radius), as used
+            for `com`.
         prior: Prior of c that `com` was estimated with.
 
     Returns:
-        Largest shift of c [m], decrease of chi^2 and its critical value; the test holds for one recording.
+        Largest shift of c [m], decrease of chi^2 and its critical value. With a single recording the shift
+        and the decrease are 0 and the critical value is infinite, so that the test always holds.
     """
     model = JointModel(planes, systematic)
     at = np.concatenate([com.position, np.zeros(model.count - COM.stop)])
@@ -96,7 +103,8 @@ def agreement(
 class EstimatorDisagreement:
     """Two estimators of one strike's motion that differ in phi or k by more than `MAX_SIGMAS` sd.
 
-    phi is the balance angle, k the rate constant of the tip's pendulum equation.
+    phi is the balance angle, at which the centre of mass stands above the edge; k the rate constant of the
+    pendulum equation theta'' = -k sin(phi - theta) of the tipping angle theta.
     """
 
     strike_id: str
@@ -116,14 +124,15 @@ class EstimatorDisagreement:
 def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisagreement, ...]:
     """Pairs of estimators of one strike whose phi or k differ by more than `MAX_SIGMAS` sd.
 
-    The estimator used is compared with each alternative. Skipped are motions without a fit, alternatives
-    whose assumptions are violated (the fit lists them), and alternatives without k (sign_change) of strikes
-    that did not tip over: they do not pass the balance that it looks for. Both estimators use the same
-    frames; adding their variances therefore overstates the expected difference.
+    The fit used for a strike is compared with each alternative, the fit of the same frames by another
+    estimator. The sd is that of two independent fits; since the frames are the same, it overstates the
+    expected difference. Not compared are motions without a fit and alternatives with violated assumptions
+    (the fit lists them). An alternative without k finds phi as the angle of balance; of a strike that did not
+    tip past the balance it is not compared.
 
     Args:
         motions: Motions of the strikes, with their fits: balance angle phi [rad] and rate constant k
-            [rad/s^2] of the tip's pendulum equation.
+            [rad/s^2] of the pendulum equation theta'' = -k sin(phi - theta) of the tipping angle theta.
 
     Returns:
         One entry per alternative that differs, in the order of the motions; empty if none does.
@@ -142,7 +151,11 @@ def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisa
 
 
 def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> EstimatorDisagreement | None:
-    """Disagreement of the fit `other` with the one used, in k or else in phi; None if there is none."""
+    """Disagreement between the fit used and the fit `other` of one strike's motion; None if they agree.
+
+    They are compared in the balance angle phi and, if both have one, in the rate constant k; they disagree if
+    either differs by more than `MAX_SIGMAS` sd. The one that differs by more sd is reported.
+    """
     off = other.phi - fit.phi
     sigmas = abs(off) / float(np.sqrt(fit.covariance[0, 0] + other.covariance[0, 0]))
     if fit.k is not None and other.k is not None:
@@ -158,7 +171,10 @@ def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> Estimator
 
 @dataclass(frozen=True)
 class CentreDifference:
-    """Difference between the centre of mass by the paper's method (VISAPP 2013) and ours."""
+    """Distance between the centre of mass by the paper's method and the joint estimate of it, also in sd.
+
+    The paper is VISAPP 2013.
+    """
 
     distance: float
     """Distance between the two [m]."""
@@ -174,19 +190,20 @@ class CentreDifference:
 def centre_difference(
     paper: PaperCentre, planes: Sequence[EquiPlane], com: CentreOfMass, prior: ComPrior
 ) -> CentreDifference:
-    """Difference between the paper's centre of mass and ours, with its significance.
+    """Distance between the paper's centre of mass and the joint estimate of it, with its significance.
 
-    The paper (VISAPP 2013) states no standard deviation: each of its planes is given the variance of its
-    angle plus that of a uniform error of up to `paper.err`.
+    The paper (VISAPP 2013) states no standard deviation. Each of its planes is therefore given the variance
+    of its balance angle plus that of a uniform error of up to `paper.err`, the half-angle of the paper's
+    regions.
 
     Args:
         paper: The paper's centre of mass, found from `planes`, in the object frame O.
         planes: Equi-planes (planes through pivot line and centre of mass) at the paper's balance angles.
-        com: Our centre of mass of the same body, in O.
+        com: Joint estimate of the centre of mass of the same body, in O.
         prior: Prior of the centre of mass, used for both.
 
     Returns:
-        Distance [m], and the difference as one standardised error.
+        Distance [m], and the size of the difference in sd, scaled to be judged as a single normal error.
     """
     off = paper.position - com.position
     information = np.diag(prior.sd**-2)

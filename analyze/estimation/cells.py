@@ -23,7 +23,10 @@ ASSUMED_SHELL_FRACTION = 0.025
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells that fill the body, each in the shell (the outer wall) or in the interior."""
+    """Cells that fill the body, each in the shell (the outer wall) or in the interior.
+
+    For each cell: centroid, volume and moment of inertia per kilogram about its own centroid.
+    """
 
     points: Array
     """(n, 3) centroids [m], in the object frame O."""
@@ -39,7 +42,7 @@ class Cells:
 
     @property
     def volumes(self) -> Array:
-        """Volumes (n,) of all cells, of shell and interior [m^3]."""
+        """Volumes (n,) [m^3] of all n cells, those of the shell and those of the interior."""
         return self.shell + self.interior
 
     @property
@@ -70,9 +73,10 @@ class ShellCells:
 
 
 def cells_from_voxels(voxels: Voxels) -> Cells:
-    """Cells of a voxelised body; a voxel that the shell's inner side cuts becomes two cells.
+    """Cells of a voxelised body, each wholly in the shell (the outer wall) or in the interior.
 
-    A part in the shell, or in the interior, of at most `MIN_CELL_FRACTION` (0.001) of its voxel is left out.
+    A voxel that the shell's inner side cuts becomes two cells. A cell of at most `MIN_CELL_FRACTION` (0.001)
+    of its voxel is left out.
     """
     shell, volumes = voxels.shell, voxels.volumes
     in_wall, inside = shell > MIN_CELL_FRACTION, shell < 1 - MIN_CELL_FRACTION
@@ -90,12 +94,12 @@ def cells_from_voxels(voxels: Voxels) -> Cells:
 
 
 def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
-    """Inertia tensor (3, 3) [kg m^2] of n cells about a point, axes of the object frame O.
+    """Inertia tensor (3, 3) [kg m^2] of n cells about a given point, axes of the object frame O.
 
     Args:
         cells: Cells of the body.
         masses: (n,) masses of the cells [kg].
-        about: (3,) the point [m], in O.
+        about: (3,) the given point [m], in O.
     """
     arm = cells.points - about
     second = (arm * masses[:, None]).T @ arm
@@ -103,9 +107,9 @@ def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
 
 
 def candidate_shell_thicknesses(model: ObjectModel) -> Array:
-    """Candidate thicknesses (5,) [m] of a shell whose thickness is not given, in a geometric series.
+    """Five thicknesses (5,) [m] to try for a shell (outer wall) whose thickness is not given.
 
-    They range from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
+    They form a geometric series from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
     """
     return model.volume ** (1 / 3) * np.geomspace(
         MIN_SHELL_FRACTION, MAX_SHELL_FRACTION, SHELL_THICKNESS_COUNT
@@ -113,8 +117,8 @@ def candidate_shell_thicknesses(model: ObjectModel) -> Array:
 
 
 def shell_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
-    """Thickness of the shell [m]: as the object file gives it, otherwise assumed from the object's size.
+    """Thickness [m] of the shell (outer wall): from the object file, otherwise assumed from the size.
 
-    The assumed thickness is `ASSUMED_SHELL_FRACTION` of the cube root of the volume.
+    The assumed thickness is `ASSUMED_SHELL_FRACTION` of the cube root of the body's volume.
     """
     return spec.shell_thickness_m or ASSUMED_SHELL_FRACTION * model.volume ** (1 / 3)

@@ -26,15 +26,20 @@ def centre_of_mass(
     """Centre of mass c (3,) [m] nearest all equi-planes, n_j.(c - p_j) = 0, from balance angles phi alone.
 
     The equi-plane of strike j passes through its pivot line and c; n_j is its unit normal, p_j a point on the
-    line and R_j the distance of c from it. Unknowns beside c are the shared errors, with priors
-    (joint_model.py): the lean of the vertical from the table's normal towards x and y of the world frame W,
-    the shape's scale, the edges' radius, per axis the edge's place forward, its own radius and, per heading,
-    an angle, and per resting face its place along its normal; every levelling of the table (set-up with one
-    tilt) has its own lean. Repeats of one axis therefore average their own scatter only. The lean changes phi
-    of a tip at heading h (direction on the table) by lean . (cos h, sin h): strikes over one edge at two
-    headings, best 180 deg apart, separate the lean from all else (half the difference of their phi).
-    Residuals are angles, about n_j.(c - p_j) / R_j at the measured phi_j; weights then follow R_j and no c is
-    favoured for being near an edge.
+    line and R_j the distance of c from the line. The residual of a strike is an angle, about n_j.(c - p_j) /
+    R_j at the measured phi_j, so that no c is favoured for lying near an edge.
+
+    Errors that strikes share are unknowns beside c, each with a prior (joint_model.py):
+
+    - for all strikes: the shape's scale and the edges' radius;
+    - for each levelling (set-up of the table with one tilt): the lean of the vertical from the table's normal
+      towards x and y of the world frame W;
+    - for each pivot axis: the edge's place forward, its own radius and, per heading, an angle;
+    - for each resting face: its place along its normal.
+
+    Repeats about one axis therefore average only their own scatter. The lean changes phi of a tip at heading
+    h (direction on the table) by lean . (cos h, sin h). Strikes over one edge at two headings, best 180 deg
+    apart, separate the lean from all other errors: it makes half the difference of their phi.
 
     Args:
         planes: Equi-planes in the object frame O, one per strike.
@@ -42,7 +47,8 @@ def centre_of_mass(
         prior: Prior of c; determines the directions that strikes do not observe.
 
     Returns:
-        c [m] in O with covariance, residual [m] and share of information per strike, and the table's tilts.
+        c [m] in O with covariance; per strike the distance of c from its plane [m] and its share of the
+        information; the tilt of each levelling.
 
     Raises:
         EstimationError: there is no plane.
@@ -53,17 +59,18 @@ def centre_of_mass(
 
 
 def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
-    """Centre of mass with covariance, residuals and shares of information, from a joint solution.
+    """Centre of mass c with its covariance, taken from the solution of the joint problem of all strikes.
 
     Args:
         solution: Solution of the joint problem, by the strikes' balance angles phi alone or with their rate
             constants k too.
-        prior: Prior of the centre of mass c that the problem was solved with.
+        prior: Prior of c that the problem was solved with.
 
     Returns:
-        c in the object frame O; it counts as observed if the sd of its least certain direction is below
-        `UNOBSERVED_FRACTION` of the prior's. The strikes' planes through pivot line and c are corrected for
-        the estimated tilt.
+        c [m] in the object frame O with covariance; it counts as observed if the sd of its least certain
+        direction is below `UNOBSERVED_FRACTION` of the prior's. Per strike: the plane through pivot line and
+        c, corrected for the estimated tilt of the table; the distance of c from the plane [m]; its share of
+        the information about c. Also the estimated tilts.
     """
     model, x, covariance = solution.model, solution.x, solution.covariance
     position = x[COM]
@@ -97,7 +104,10 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
 
 def _precision_of_phi(solution: JointSolution) -> Array:
-    """Marginal precision (strikes,) [1/rad^2] of the balance angles, rate constants k integrated out."""
+    """Precision 1 / variance (strikes,) [1/rad^2] of each strike's balance angle, if its k is not known.
+
+    That is the marginal precision: the rate constant k of the motion is integrated out.
+    """
     inverse = solution.data.precisions
     used = solution.data.uses_k > 0
     # Schur complement, where a k is used.
@@ -106,10 +116,10 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 
 
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
-    """Estimated tilt of the table (2,) [rad], with covariance and prior sd, on levelling `level` from 0.
+    """Estimated tilt of the table (2,) [rad] in levelling number `level`, with covariance and prior sd.
 
-    The tilt is the lean of the vertical from the table's normal towards x and y of the world frame W; a
-    levelling is a set-up of the table with one unknown tilt.
+    The tilt is the lean of the vertical from the table's normal towards x and y of the world frame W. A
+    levelling is a set-up of the table with one unknown tilt; levellings count from 0.
     """
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)

@@ -21,10 +21,10 @@ SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Leave-one-out prediction of a strike's phi and k, compared with the measured ones.
+    """Prediction of a strike's phi and k from all other strikes, compared with the measured values.
 
-    phi is the balance angle, k = m g R / I_edge the rate constant of the tip's pendulum equation, with R the
-    distance of the centre of mass from the edge and I_edge the moment about it.
+    phi is the balance angle, k = m g R / I_edge the rate constant of the tipping motion, with m the mass, g
+    gravity, R the distance of the centre of mass from the edge and I_edge the moment of inertia about it.
     """
 
     strike_id: str
@@ -50,15 +50,16 @@ class LeaveOneOut:
 
     @property
     def agrees(self) -> bool:
-        """True if a strike's measured balance angle and k agree with the prediction within `SIGMAS` sd."""
+        """True if a strike's balance angle and rate constant k are as predicted, within `SIGMAS` sd."""
         return self.sigmas <= SIGMAS
 
 
 @dataclass(frozen=True)
 class GravityEstimate:
-    """Gravity g estimated from the strikes alone, relative to the stated one.
+    """Gravity g estimated from the strikes, as a relative difference from the g stated with the recording.
 
-    Axes at different distances R from the centre of mass separate g from the moments of inertia.
+    The strikes separate g from the moments of inertia if axes have different distances from the centre of
+    mass.
     """
 
     relative: float
@@ -68,21 +69,22 @@ class GravityEstimate:
 
     @property
     def agrees(self) -> bool:
-        """True if estimated and stated gravity agree within `SIGMAS` standard deviations."""
+        """True if gravity estimated from the strikes differs from the stated one by at most `SIGMAS` sd."""
         return abs(self.relative) <= SIGMAS * self.sd
 
 
 def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
-    """Leave-one-out predictions of every strike's balance angle phi and ln k, linear about the solution.
+    """Predict every strike's balance angle phi and ln k from all other strikes, and compare.
 
-    phi and the rate constant k carry all the information that the tipping angle theta(t) has about the body;
-    the prediction of theta(t) itself is in motion/predicted_motion.py.
+    The joint problem is not solved again for each strike: the strike is taken out linearly about the solution
+    of all. phi and the rate constant k of the motion carry all the information that the tipping angle
+    theta(t) has about the body; the prediction of theta(t) itself is in motion/predicted_motion.py.
 
     Args:
-        solution: Joint solution of all strikes.
+        solution: Solution of the joint problem of all strikes.
 
     Returns:
-        One prediction per strike, in the order of the solution's planes.
+        One prediction with its comparison per strike, in the order of the solution's planes.
     """
     model, x, weight = solution.model, solution.x, solution.weight
     information = np.linalg.inv(solution.covariance)
@@ -131,7 +133,7 @@ def estimated_gravity(
     moments: MomentModel,
     initial: JointSolution,
 ) -> GravityEstimate:
-    """Gravity's magnitude estimated from phi and k of all strikes, relative to the stated one.
+    """Gravity estimated from phi and k of all strikes, as a relative difference from the stated one.
 
     The joint problem is solved again with `OPEN_GRAVITY_RELATIVE_SD` as gravity's relative sd.
 
@@ -156,12 +158,13 @@ def estimated_gravity(
 def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> float:
     """Distance of the centre of mass outside the shape's hull in standard deviations; 0 if it lies inside.
 
-    It is the largest distance over all planes of the hull, each divided by the sd along its normal.
+    Outside each plane of the hull the distance is divided by the sd along the plane's normal; the largest of
+    these ratios is returned.
 
     Args:
         com: (3,) centre of mass [m], in the object frame O.
         covariance: (3, 3) covariance of `com` [m^2].
-        hull_planes: (p, 4) outward n and d of the hull's planes, n.x + d = 0 [m].
+        hull_planes: (p, 4) outward unit normal n and offset d [m] of the hull's p planes n.x + d = 0.
     """
     height = hull_planes[:, :3] @ com + hull_planes[:, 3]
     sd = np.sqrt(np.einsum("pi,ij,pj->p", hull_planes[:, :3], covariance, hull_planes[:, :3]))
@@ -169,13 +172,14 @@ def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> fl
 
 
 def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[str]:
-    """Ids of axes whose moment no mass distribution within the hull with centre of mass c can have.
+    """Ids of the pivot axes whose measured moment of inertia no mass within the shape's hull can have.
 
-    I_c,l / m = g R / k - (R + rho)^2, the moment per kilogram about the line l through c parallel to the
-    axis, must not be negative, and not above the second moments about c across the axis: along any direction
-    these are at most (b - c)(c - a) where the body extends from a to b (Bhatia and Davis 2000). R is the
-    distance of c from the centre line of the edge's rounding, rho its radius, k the rate constant fitted to
-    the strike. A bound counts as crossed by more than `SIGMAS` standard deviations.
+    The moment per kilogram about the line l through the centre of mass c, parallel to the axis, is I_c,l / m
+    = g R / k - (R + rho)^2. Here m is the mass, g gravity, R the distance of c from the centre line of the
+    edge's rounding, rho the radius of the edge, k the rate constant fitted to the strike's motion. It is
+    impossible if it is negative, or above its bound (b1 - c1)(c1 - a1) + (b2 - c2)(c2 - a2): 1 and 2 are the
+    coordinates across the axis, along which the body extends from a to b (Bhatia and Davis 2000). An axis is
+    listed if one of its strikes crosses zero or the bound by more than `SIGMAS` standard deviations.
 
     Args:
         solution: Joint solution with k; strikes whose k is not used are skipped.
@@ -207,7 +211,11 @@ def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[st
 
 @dataclass(frozen=True)
 class Checks:
-    """Results of all checks of one joint solution: predictions, gravity, moments, centre of mass."""
+    """Results of all checks of one joint solution (the estimate from all strikes).
+
+    They are: predictions of each strike from the others, gravity by the strikes, axes with an impossible
+    moment of inertia, and the distance of the centre of mass outside the hull.
+    """
 
     left_out: tuple[LeaveOneOut, ...]
     """Leave-one-out predictions, one per strike."""
@@ -227,7 +235,7 @@ def check_solution(
     solution: JointSolution,
     hull: tuple[Array, Array],
 ) -> Checks:
-    """Check a joint solution: leave-one-out predictions, gravity, moments and centre of mass.
+    """Check a joint solution: each strike predicted from the others, gravity, moments, centre of mass.
 
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and centre of mass), in the object
@@ -235,7 +243,7 @@ def check_solution(
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
-        solution: Solution of the joint problem of these four.
+        solution: Solution of the joint problem of planes, errors, prior and moments above.
         hull: Vertices (h, 3) [m] and planes (p, 4) (outward n.x + d = 0) of the shape's hull, in O.
 
     Returns:

@@ -18,16 +18,16 @@ AXIS_TOLERANCE = 1e-3
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane of one strike in the object frame O, from the fit that its motion uses.
+    """Equi-plane of one strike in the object frame O, by the fit that its motion uses.
 
     Args:
         strike_id: Id of the strike, unique in the recording.
-        planned: Rest pose of the object, and its pivot in O.
+        planned: Planned strike: rest pose of the object, and its pivot edge in O.
         motion: Motion of the strike, with a fit.
 
     Returns:
-        Plane through the pivot's centre line and the centre of mass, with the fit's balance angle, rate
-        constant k (None if the fit has none) and their errors.
+        Plane through the centre line of the pivot edge's rounding and the centre of mass, with the fit's
+        balance angle, rate constant k (None if the fit has none) and their errors.
 
     Raises:
         EstimationError: the motion has no fit, or the plan's pivot does not lie along the world's y at rest.
@@ -40,17 +40,17 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
 
 
 def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -> EquiPlane:
-    """Equi-plane of one strike in the object frame O, from the fit of any estimator.
+    """Equi-plane of one strike in the object frame O, by a given fit of its motion.
 
     Args:
         strike_id: Id of the strike, unique in the recording.
-        planned: Rest pose of the object, and its pivot in O.
+        planned: Planned strike: rest pose of the object, and its pivot edge in O.
         fit: Balance angle phi [rad], rate constant k [rad/s^2] and their covariance (2, 2). If the contact
             rolls on a curve, its circle of curvature replaces the pivot's point and radius.
 
     Returns:
-        Plane through the pivot's centre line and the centre of mass, with the fit's phi, k (None if the fit
-        has none) and their errors.
+        Plane through the centre line of the pivot edge's rounding and the centre of mass, with the fit's phi,
+        k (None if the fit has none) and their errors.
 
     Raises:
         EstimationError: the plan's pivot does not lie along the world's y at rest.
@@ -95,10 +95,11 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
 
 
 def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
-    """Unit normal (3,) of an equi-plane, n = (Rot(-phi) up) x l, in the object frame O.
+    """Unit normal (3,) of an equi-plane, n = (`up` turned by -phi about l) x l, in the object frame O.
 
-    The plane passes through the pivot's centre line and the centre of mass (VISAPP 2013, eq. 4). For a point
-    c in the plane, at distance R from the pivot's centre line through p: d(n.(c - p))/dphi = -R.
+    The plane passes through the centre line of the pivot edge's rounding and the centre of mass (VISAPP 2013,
+    eq. 4). With p a point on the centre line and c a point of the plane at distance R from that line,
+    d(n.(c - p))/dphi = -R.
 
     Args:
         direction: (3,) unit pivot axis l in O; a positive turn about it tips the object.
@@ -109,10 +110,11 @@ def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
 
 
 def upright_in_gravity(plane: EquiPlane, lean: float) -> EquiPlane:
-    """Equi-plane corrected for the lean of the vertical from the table's normal; a copy with a new normal.
+    """Copy of an equi-plane with its normal corrected for the vertical's lean from the table's normal.
 
-    Uncorrected, the plane is perpendicular to the table at balance and misses the centre of mass by R times
-    the lean, with R its distance from the pivot's centre line.
+    An equi-plane passes through the centre line of the pivot edge's rounding and the centre of mass, at
+    distance R. Uncorrected, it is perpendicular to the table at balance and misses the centre of mass by R
+    times the lean.
 
     Args:
         plane: Equi-plane as fitted.
@@ -122,12 +124,13 @@ def upright_in_gravity(plane: EquiPlane, lean: float) -> EquiPlane:
 
 
 def balance_direction(direction: Array, up: Array, phi: float) -> Array:
-    """Unit vector (3,) from the pivot's centre line to the centre of mass: `up` turned by -phi about l.
+    """Unit vector (3,) from pivot line to centre of mass: `up` turned by -phi about the pivot axis.
 
-    It points upwards in the world when the object stands at balance.
+    The pivot line is the centre line of the edge's rounding. The vector points upwards in the world when the
+    object stands at balance.
 
     Args:
-        direction: (3,) unit pivot axis l in the object frame O; a positive turn about it tips the object.
+        direction: (3,) unit pivot axis in the object frame O; a positive turn about it tips the object.
         up: (3,) unit vector in O that points upwards at rest.
         phi: Balance angle [rad], at which the centre of mass stands above the contact.
     """
@@ -138,10 +141,10 @@ def standing_angle(points: Array, direction: Array, up: Array, pivot: Array) -> 
     """Tipping angle (...) [rad] at which points stand above the pivot line, between -pi and pi.
 
     Args:
-        points: (..., 3) points [m], in the object frame O.
-        direction: (3,) unit direction of the line in O; a positive turn about it tips the object.
-        up: (3,) unit vector in O that points upwards at rest.
-        pivot: (3,) point on the line [m], in O.
+        points: (..., 3) points [m], in the object frame O; one angle is returned for each.
+        direction: (3,) unit direction of the pivot line in O; a positive turn about it tips the object.
+        up: (3,) unit vector in O that points upwards at rest, where the angle is 0.
+        pivot: (3,) point on the pivot line [m], in O.
     """
     arm = points - pivot
     return np.arctan2(-(arm @ np.cross(direction, up)), arm @ up)

@@ -55,9 +55,9 @@ class Container(ShellCells):
     def heights(self, along: Array) -> tuple[Array, Array]:
         """Heights (n,) and half heights (n,) [m] of all cells along the unit vector `along` (3,).
 
-        Heights are from the origin of the object frame O.
-        A half height is half the pitch, reduced so that the cell does not extend beyond the ends of the
-        inside, but not below `MIN_HALF_HEIGHT_FRACTION` of the pitch.
+        A height is that of the cell's centroid above the origin of the object frame O; a half height is half
+        the cell's extent. It is half the pitch, reduced so that the cell does not extend beyond the ends of
+        the inside (the space within the shell), but not below `MIN_HALF_HEIGHT_FRACTION` of the pitch.
         """
         height = self.cells.points @ along
         low, high = self.ends(along)
@@ -68,7 +68,7 @@ class Container(ShellCells):
         )
 
     def ends(self, along: Array) -> tuple[float, float]:
-        """Lowest and highest place [m] of the inside along the unit vector `along` (3,).
+        """Lowest and highest place [m] of the inside (the space within the shell) along unit `along` (3,).
 
         They are the ends of the hull, moved inwards by the shell's thickness, and are measured from the
         origin of the object frame O.
@@ -103,7 +103,10 @@ class Marginal:
 
 @dataclass(frozen=True)
 class FillLevel:
-    """Posterior of a filling (level, mass, density) and of the shell around it."""
+    """Posterior of a filling (level, filled share, mass, density) and of the shell around it.
+
+    Each quantity has mean, sd and 95 % interval.
+    """
 
     along: Array
     """(3,) unit vector u in the object frame O that pointed upwards when the object was filled."""
@@ -135,15 +138,16 @@ def fill_level(
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
-        shells: One if the shell's thickness is given; otherwise several, thinnest first, to interpolate
-            between.
+        shells: The body with its shell (outer wall): one entry if the shell's thickness is given; otherwise
+            one for each of several thicknesses, thinnest first, to interpolate between.
         along: (3,) direction in the object frame O that pointed upwards when the object was filled; any
             length.
         density: Density of the filling; None if it is not known.
         rng: Random generator of the draws; the same seed gives the same result.
 
     Returns:
-        Mean, sd and 95 % interval of each quantity; the shell's thickness only if several shells are given.
+        Mean, sd and 95 % interval of each quantity; the level is measured from O's origin along `along`. The
+        shell's thickness is included only if several shells are given.
 
     Raises:
         EstimationError: one of the shells leaves no inside.
@@ -167,7 +171,9 @@ def _refined_grid(
     whole: tuple[float, float],
     about: Array,
 ) -> _Grid:
-    """Grid whose levels cover the posterior closely, after at most `_MAX_REFINEMENTS` refinements.
+    """Posterior on a grid of shell thicknesses and fill levels, its levels narrowed to the likely ones.
+
+    The range of levels is narrowed at most `_MAX_REFINEMENTS` times; the number of levels stays the same.
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
@@ -257,10 +263,11 @@ class _Grid:
         self.log = prior - 0.5 * self.chi2 - 0.5 * np.linalg.slogdet(self.precision)[1]
 
     def near(self) -> tuple[float, float]:
-        """Lowest and highest level [m] for a finer grid to cover: those near the data's maximum.
+        """Lowest and highest level [m] that a finer grid must cover, about the level of the smallest chi^2.
 
-        They are this grid's levels with a chi^2, for the best thickness, that may be within
-        `_MAX_CHI2_EXCESS` of the smallest, and the next one on either side.
+        Each level's chi^2 is that of its best thickness. Between two levels of this grid it may be lower;
+        levels where it may be within `_MAX_CHI2_EXCESS` of the smallest are covered, and the next level on
+        either side.
         """
         least = np.min(self.chi2, axis=0)
         padded = np.concatenate([[np.inf], least, [np.inf]])
@@ -275,9 +282,9 @@ class _Grid:
         return float(self.levels[first]), float(self.levels[last])
 
     def best(self) -> tuple[Array, float]:
-        """Centre of mass (3,) [m] and rms of the standardised residuals at the smallest chi^2 of the grid.
+        """Centre of mass (3,) [m] and misfit of the model at the grid's smallest chi^2.
 
-        The centre of mass is the model's, in the object frame O.
+        The centre of mass is in the object frame O. The misfit is the rms of the standardised residuals.
         """
         t, h = np.unravel_index(int(np.argmin(self.chi2)), self.chi2.shape)
         masses = np.clip(self.masses[t, h], 0.0, None)
@@ -326,8 +333,9 @@ def _contents(
 ) -> tuple[Array, Array, Array]:
     """Volume and moments of the shell, of the inside below each level, and of the whole inside.
 
-    They are f = 4 + a numbers at unit density: volume [m^3], first moment about the measured centre of mass
-    [m^4], and moments of inertia about the a measured directions through `about` [m^5].
+    The inside is the space within the shell. Each has f = 4 + a numbers at unit density: volume [m^3], first
+    moment about the measured centre of mass [m^4], and moments of inertia about the a measured directions
+    through `about` [m^5].
 
     Args:
         shell: Cells for one thickness of the shell.
@@ -347,9 +355,9 @@ def _contents(
 
 
 def _interpolated(nodes: Array, at: Array, values: Array) -> Array:
-    """Linear interpolation (t, ...) at `at` (t,) of `values` (n, ...) given at ascending `nodes` (n,).
+    """Values (t, ...) at `at` (t,) by linear interpolation of `values` (n, ...) at ascending `nodes` (n,).
 
-    A single node gives its `values` unchanged.
+    If there is a single node, its `values` are returned unchanged.
     """
     if len(nodes) == 1:
         return values
@@ -361,7 +369,7 @@ def _interpolated(nodes: Array, at: Array, values: Array) -> Array:
 
 
 def _marginal(draws: Array, widest: float) -> Marginal:
-    """Mean, sd and shortest 95 % interval of `draws` (n,) of one quantity.
+    """Mean, sd and shortest 95 % interval of `draws` (n,) of one quantity, and if it is observed.
 
     The quantity counts as observed if the interval is narrower than `_UNOBSERVED_WIDTH` of `widest`, the
     width of the range of possible values.

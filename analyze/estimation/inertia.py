@@ -51,10 +51,13 @@ def shape_prior(cells: Cells) -> MomentPrior:
 
 
 def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
-    """Moment of inertia about the contact line at balance, I_edge = m g R / k [kg m^2] (method.md, 5).
+    """Moment of inertia of a tipping object about its contact line at balance, m g R / k [kg m^2].
+
+    It is I_edge of method.md, section 5.
 
     Args:
-        plane: Plane of the strike through pivot line and centre of mass, with its rate constant k [rad/s^2].
+        plane: Plane of the strike through pivot line and centre of mass, with the rate constant k [rad/s^2]
+            of its motion.
         distance: Distance R of the centre of mass from the centre line of the edge's rounding [m].
         scale: Mass m and gravity g.
 
@@ -69,10 +72,10 @@ def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
 def inertial_parameters_from_joint(
     solution: JointSolution, com_prior: ComPrior, scale: Scale
 ) -> InertialParameters:
-    """Mass, centre of mass and inertia tensor of a joint solution, with their covariance (10, 10).
+    """Mass, centre of mass and inertia tensor with covariance (10, 10), from the solution of all strikes.
 
-    Motions determine the inertia per kilogram and the mass is stated, so the two are independent. Directions
-    that no axis observes are determined by the shape's prior.
+    The strikes' motions determine the inertia per kilogram and the mass is stated, so the two are
+    independent. Directions that no axis observes are determined by the shape's prior.
 
     Args:
         solution: Solution of the joint problem of all strikes' balance angles and rate constants k.
@@ -80,8 +83,9 @@ def inertial_parameters_from_joint(
         scale: Mass and gravity that the problem was solved with.
 
     Returns:
-        Parameters of the body that tipped, in the object frame O. A tensor entry counts as measured if its
-        sd is below `MEASURED_FRACTION` of the prior's; axes with a k have their moments, sorted by id.
+        Parameters of the body that tipped, in the object frame O. A tensor entry counts as measured if its sd
+        is below `MEASURED_FRACTION` of the prior's. For each pivot axis with a k that was used, sorted by id:
+        the moments about its edge and about its parallel through the centre of mass.
     """
     model, x, P = solution.model, solution.x, solution.covariance
     J, by = unit_inertia(x[SECOND])
@@ -135,11 +139,13 @@ def inertial_parameters_from_joint(
 
 
 def _with_mass(rows: Array, P: Array, values: Array, scale: Scale) -> Array:
-    """Covariance (1 + n, 1 + n) of the mass and n quantities, which are proportional to it or independent.
+    """Joint covariance (1 + n, 1 + n) of the mass and n quantities derived from the joint estimate.
+
+    Each quantity is proportional to the mass or independent of it.
 
     Args:
-        rows: (n, count) derivatives of the quantities by the unknowns.
-        P: (count, count) covariance of the unknowns.
+        rows: (n, count) derivatives of the quantities by the joint estimate's unknowns.
+        P: (count, count) covariance of these unknowns.
         values: (n,) values of the quantities; 0 for those that do not depend on the mass.
         scale: Mass with its standard deviation.
     """

@@ -38,7 +38,7 @@ GYRATION_OVER_COM_SD = 0.5
 
 @dataclass(frozen=True)
 class UnitPrior:
-    """Prior of the inertia tensor about the centre of mass per kilogram, from the shape."""
+    """Prior of the inertia tensor about the centre of mass per kilogram: mean and sd by the shape [m^2]."""
 
     mean: Array
     """(3, 3) mean [m^2]."""
@@ -52,7 +52,7 @@ MomentPrior = Callable[[Array], UnitPrior]
 
 @dataclass(frozen=True)
 class MomentModel:
-    """Mass, gravity and prior of the moments: the inputs needed to use the strikes' rate constants k.
+    """Mass, gravity and prior of the inertia: the inputs needed to use the strikes' rate constants k.
 
     k = m g R / I_edge [rad/s^2], with m the mass, g gravity, R the distance of the centre of mass from the
     edge and I_edge the moment of inertia about the edge.
@@ -66,9 +66,10 @@ class MomentModel:
 
 @dataclass(frozen=True)
 class StrikeData:
-    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k).
+    """Measured ln k of all strikes, and the matrices that whiten the residuals of (phi, ln k).
 
-    phi is the balance angle, k the rate constant of the tip's pendulum equation.
+    phi is the balance angle, k the rate constant of the tipping motion. Whitened residuals are independent
+    and have unit sd.
     """
 
     log_k: Array
@@ -80,9 +81,9 @@ class StrikeData:
 
     @property
     def parts(self) -> Array:
-        """Number (strikes,) of measured quantities of each strike, 1 or 2.
+        """Number (strikes,) of measured quantities used of each strike: 1 (balance angle) or 2 (also k).
 
-        They are the balance angle and, where it is used, the rate constant k.
+        k is the rate constant of the tipping motion.
         """
         return 1.0 + self.uses_k
 
@@ -94,10 +95,10 @@ class StrikeData:
 
 @dataclass(frozen=True)
 class JointSolution:
-    """Robust maximum of the posterior of centre of mass, second moments and shared errors.
+    """Estimate of centre of mass, second moments and shared errors from all strikes, with covariance.
 
-    Shared errors are those common to several strikes: table tilt, shape scale, edges. With the covariance,
-    and the data and model that the maximum was found with.
+    It is the robust maximum of their posterior. Shared errors are those common to several strikes: table
+    tilt, shape scale, edges. The data and the model of the estimate are included.
     """
 
     model: JointModel
@@ -127,7 +128,7 @@ def solve_joint(
 
     Gauss-Newton with the exact Jacobian and robust weights, at most `MAX_ITERATIONS` steps. A strike far off
     all others loses weight (Huber 1964, with redescending weights). If the strikes scatter more than their
-    standard deviations allow, all random parts are widened (Birge 1932).
+    standard deviations allow, their own errors are taken as larger by the excess (Birge 1932).
 
     Args:
         planes: Equi-planes (plane through pivot line and c) in the object frame O with their balance angles
@@ -138,7 +139,8 @@ def solve_joint(
         initial: Solution of a problem with the same unknowns, to start from; ignored if their number differs.
 
     Returns:
-        Unknowns at the maximum of the posterior, with covariance and robust weights.
+        Unknowns (c, second moments, shared errors) at the maximum of the posterior, with covariance and the
+        strikes' robust weights.
     """
     model = JointModel(planes, systematic, None if moments is None else moments.scale)
     data = _strike_data(planes, systematic, moments is not None)
@@ -176,10 +178,11 @@ def solve_joint(
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
-    """Measured ln k of the strikes, and the whitening matrices of (phi, ln k).
+    """Measured ln k of the strikes, and the matrices that whiten (phi, ln k).
 
-    k, the rate constant, is used if `with_k`, for planes that have one. The sd of phi, the balance angle,
-    includes the scatter from strike to strike (`strike_angle_sd`).
+    Whitened errors are independent and have unit sd. phi is the balance angle; its sd includes the scatter
+    from strike to strike (`strike_angle_sd`). k is the rate constant of the motion; it is used only if
+    `with_k` is True, and only of planes that have a k with an sd.
     """
     n = len(planes)
     covariance = np.tile(np.eye(2), (n, 1, 1))
@@ -199,8 +202,8 @@ def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with
 def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
     """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count).
 
-    phi is the balance angle, k the rate constant, count the number of unknowns. Residuals are modelled minus
-    measured at the unknowns `x` (count,); 0 for an ln k that is not used.
+    phi is the balance angle, k the rate constant of the motion, count the number of unknowns. A residual is
+    the modelled minus the measured value, at the unknowns `x` (count,); it is 0 for an ln k that is not used.
     """
     log_k, by_log_k = model.log_k(x)
     both = np.stack([model.residual(x), (log_k - data.log_k) * data.uses_k], axis=1)
@@ -209,10 +212,11 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
 
 
 def _information(rows: Array, weight: Array) -> Array:
-    """Information (count, count) about the unknowns that the strikes contribute: an inverse covariance.
+    """Information (count, count) that the strikes contribute about the unknowns, an inverse covariance.
 
     Args:
-        rows: (strikes, 2, count) derivatives of the standardised residuals by the unknowns.
+        rows: (strikes, 2, count) derivatives by the unknowns of the standardised residuals of balance angle
+            and ln k (rate constant).
         weight: (strikes,) robust weights.
     """
     flat = rows.reshape(-1, rows.shape[-1])
@@ -220,9 +224,10 @@ def _information(rows: Array, weight: Array) -> Array:
 
 
 def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
-    """Deviation (6,) of the inertia per kilogram from the shape's prior, over its sd, and derivative.
+    """Difference (6,) of the inertia per kilogram from its prior by the shape, in sd, and its derivative.
 
-    The entries are in the order xx, yy, zz, xy, xz, yz; the derivative by the unknowns `x` is (6, count).
+    The entries of the tensor are in the order xx, yy, zz, xy, xz, yz; the derivative by the unknowns `x` is
+    (6, count).
     """
     J, by = unit_inertia(x[SECOND])
     sd = symmetric_entries(shape.sd)
@@ -232,7 +237,9 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 
 
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
-    """Information (count, count) of the priors, an inverse covariance, linear about the unknowns `x`.
+    """Information (count, count) that the priors contribute about the unknowns, an inverse covariance.
+
+    It is linear about the unknowns `x`.
 
     Args:
         diagonal: (count,) inverse variances of the unknowns' own priors.
@@ -259,15 +266,16 @@ def _step(
 
     Args:
         model: Model of balance angle phi and ln k (rate constant) of the strikes.
-        data: Measured ln k and whitening matrices.
+        data: Measured ln k and the matrices that whiten (phi, ln k).
         prior: Prior mean (count,) and inverse variances (count,) of the unknowns, and the shape's prior.
         x: (count,) unknowns before the step.
         weight: (strikes,) robust weights.
-        z: (strikes, 2) standardised residuals at `x`.
-        rows: (strikes, 2, count) derivatives of `z`.
+        z: (strikes, 2) standardised residuals of (phi, ln k) at `x`.
+        rows: (strikes, 2, count) derivatives of `z` by the unknowns.
 
     Returns:
-        The unknowns with `z` and `rows` there; the given three if none of twelve step sizes suffices.
+        The unknowns after the step, with `z` and `rows` there; the given `x`, `z` and `rows` if none of
+        twelve step sizes suffices.
     """
     start, diagonal, shape = prior
 
@@ -297,7 +305,8 @@ def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float
 
     Args:
         precision: (count, count) information of the priors.
-        rows: (strikes, 2, count) derivatives of the standardised residuals.
+        rows: (strikes, 2, count) derivatives by the unknowns of the standardised residuals of balance angle
+            and ln k (rate constant).
         weight: (strikes,) robust weights.
     """
     information = _information(rows, weight)
@@ -305,10 +314,11 @@ def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float
 
 
 def _initial_weights(planes: Sequence[EquiPlane], sd: Array) -> Array:
-    """Initial robust weights (strikes,), from the distance to the median phi of three or more repeats.
+    """Initial robust weights (strikes,), below 1 for a strike whose phi is far from that of its repeats.
 
-    phi is the balance angle, `sd` (strikes,) its standard deviation [rad]. Repeats share axis, heading
-    (direction of the tip on the table) and levelling of the table; with fewer than three the weight is 1.
+    phi is the balance angle, `sd` (strikes,) its standard deviation [rad]. Strikes are repeats of each other
+    if they share the axis, the heading (direction of the tip on the table) and the levelling (set-up of the
+    table). With three or more, the weight follows from the distance to their median phi; with fewer it is 1.
     """
     weight = np.ones(len(planes))
     for i, plane in enumerate(planes):

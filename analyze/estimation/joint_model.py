@@ -47,13 +47,16 @@ MIN_DISTANCE = 1e-3
 class JointModel:
     """Model of balance angle phi and ln k of all strikes as functions of one vector x of unknowns.
 
-    k is the rate constant of the tip's pendulum equation. x (count,) holds the centre of mass c (3) [m, in
-    the object frame O], the second moments' six numbers (second_moments.py), then the shared errors, each in
-    units of its sd: the vertical's lean from the table's normal towards x and y of the world frame W, the
-    shape's scale, the edges' radius, gravity, four per axis (the edge's place forward, an angle, its own
-    radius, a part of k), the place of each face rested on (all its edges lie in it), two of lean for each
-    further levelling of the table, and an angle for each further heading of an axis (the camera sees another
-    side).
+    k is the rate constant of the tipping motion. x (count,) holds the centre of mass c (3) [m, in the object
+    frame O], the second moments' six numbers (second_moments.py), then the errors that strikes share, each in
+    units of its sd:
+
+    - the vertical's lean from the table's normal towards x and y of the world frame W (first levelling);
+    - the shape's scale, the edges' common radius, gravity;
+    - four per pivot axis: the edge's place forward, an angle, its own radius, an error of k;
+    - the place of each face rested on (all its edges lie in it);
+    - two of lean for each further levelling (set-up of the table with one lean);
+    - an angle for each further heading (direction of the tip) of an axis: the camera sees another side.
 
     Attributes:
         planes: equi-planes of the strikes, whose phi the model is compared with.
@@ -121,28 +124,25 @@ class JointModel:
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd
 
     def tilt_terms(self, level: int) -> slice:
-        """Indices among the unknowns of the two lean errors of levelling number `level`, from 0.
+        """Place in the vector of unknowns, as a slice, of the two errors of lean of levelling `level`.
 
         A levelling is a set-up of the table with one unknown lean of the vertical towards x and y of the
-        world frame W.
+        world frame W; levellings count from 0.
         """
         start = TILT.start if level == 0 else self._further_levels + LEVEL_TERMS * (level - 1)
         return slice(start, start + LEVEL_TERMS)
 
     def start(self, com: Array, inertia: Array) -> Array:
-        """Unknowns (count,) for a centre of mass and an inertia, with all errors that strikes share zero.
+        """Vector of unknowns (count,) with the given centre of mass and inertia, and all shared errors 0.
 
         Args:
             com: (3,) centre of mass [m], in the object frame O.
-            inertia: (3, 3) inertia about it per kilogram [m^2].
+            inertia: (3, 3) inertia tensor about the centre of mass per kilogram [m^2].
         """
         return np.concatenate([com, log_cholesky(inertia), np.zeros(self.count - SECOND.stop)])
 
     def residual(self, x: Array) -> Array:
-        """Modelled minus measured balance angle phi (strikes,) [rad], in [-pi, pi).
-
-        It is taken at the unknowns `x` (count,).
-        """
+        """Modelled minus measured balance angle (strikes,) [rad], in [-pi, pi), at unknowns `x` (count,)."""
         forward, height = self._across(x)
         angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
@@ -150,8 +150,8 @@ class JointModel:
     def design(self, x: Array) -> Array:
         """Derivative (strikes, count) of the balance angles [rad] by the unknowns, at unknowns `x` (count,).
 
-        By the centre of mass c it is n / R, with n the unit normal of the plane through c and the pivot's
-        centre line, R the distance of c from that line.
+        The part by the centre of mass c is n / R [rad/m], with n the unit normal of the plane through c and
+        the pivot's centre line, R the distance of c from that line.
         """
         forward, height = self._across(x)
         R = self.distances(x)
@@ -168,26 +168,29 @@ class JointModel:
         return self._lean + np.array([self._turn[i, where] @ x[where] for i, where in enumerate(terms)])
 
     def distances(self, x: Array) -> Array:
-        """Distances R (strikes,) [m] of the centre of mass from each strike's pivot centre line.
+        """Distances R (strikes,) [m] of the centre of mass from each strike's pivot line.
 
-        They are at least `MIN_DISTANCE`; `x` (count,) are the unknowns.
+        The pivot line is the centre line of the edge's rounding. R is at least `MIN_DISTANCE`; `x` (count,)
+        are the unknowns.
         """
         return np.maximum(np.hypot(*self._across(x)), MIN_DISTANCE)
 
     def distance_design(self, x: Array) -> Array:
-        """Derivative (strikes, count) of the distances R [m] of the centre of mass from the centre lines.
+        """Derivative (strikes, count) of the distances [m] of the centre of mass from the pivot lines.
 
-        It is by the unknowns, at `x` (count,).
+        A pivot line is the centre line of an edge's rounding. The derivative is by the unknowns, at `x`
+        (count,).
         """
         forward, height = self._across(x)
         R = self.distances(x)
         return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
 
     def about_com(self, x: Array) -> tuple[Array, Array]:
-        """Moment l.J.l (strikes,) [m^2] about the line through the centre of mass, and its derivative.
+        """Moment of inertia per kilogram (strikes,) [m^2] about the centre of mass along each pivot.
 
-        The line is parallel to the pivot. J is the inertia per kilogram about the centre of mass, l the
-        pivot's unit direction; the derivative by the unknowns `x` is (strikes, count).
+        It is l.J.l about the pivot's parallel through the centre of mass, with J the inertia tensor per
+        kilogram about the centre of mass and l the pivot's unit direction. Returned as a pair with its
+        derivative (strikes, count) by the unknowns `x`.
         """
         J, by = unit_inertia(x[SECOND])
         rows = np.zeros((len(self.planes), self.count))
@@ -198,8 +201,8 @@ class JointModel:
         """Moment per kilogram about the contact line, l.J.l + (R + rho)^2 (strikes,) [m^2].
 
         J is the inertia per kilogram about the centre of mass, l the pivot's unit direction, rho the edge's
-        radius, R the distance of the centre of mass from its centre line. Returned as a pair with its
-        derivative (strikes, count) by the unknowns `x`.
+        radius, R the distance of the centre of mass from the centre line of the edge's rounding. Returned as
+        a pair with its derivative (strikes, count) by the unknowns `x`.
         """
         about_com, by_second = self.about_com(x)
         lever = self.distances(x) + self._radius + self._radius_error @ x
@@ -219,18 +222,19 @@ class JointModel:
         return self._log_g + np.log(R / about_edge) + self._k_error @ x, rows
 
     def _across(self, x: Array) -> tuple[Array, Array]:
-        """Forward and upward components, each (strikes,) [m], of the arm from centre line to centre of mass.
+        """Forward and upward components, each (strikes,) [m], of the arm from pivot line to centre of mass.
 
-        The centre line is that of the pivot edge, shifted by the errors (scale, radius, place of the edge)
-        in the unknowns `x` (count,).
+        Forward is the horizontal direction of the tip at rest. The pivot line is the centre line of the
+        edge's rounding, shifted by the errors of scale, radius and place in the unknowns `x` (count,).
         """
         arm = x[COM] - self._point - self._shift @ x
         return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
 
     def _rows(self, across: Array) -> Array:
-        """Derivative (strikes, count) by the unknowns of the arm's components along `across` (strikes, 3).
+        """Derivative (strikes, count) by the unknowns of the component of each strike's arm along `across`.
 
-        The arm leads from a strike's centre line to the centre of mass.
+        The arm leads from the strike's pivot line to the centre of mass; `across` (strikes, 3) holds one
+        direction per strike, taken as constant.
         """
         rows = -np.einsum("si,sic->sc", across, self._shift)
         rows[:, COM] = across
@@ -238,8 +242,9 @@ class JointModel:
 
 
 def _face(plane: EquiPlane) -> tuple[str, str]:
-    """Key of the resting face whose place error a strike shares: its id, or the axis id if it is unknown.
+    """Key of the face that the object rests on before a strike; equal keys share one place error.
 
-    The pair (face, "") or ("", axis id) keeps the two kinds of id apart.
+    It is (id of the face, ""), or ("", id of the pivot axis) if the face is not known: a pair, so that the
+    two kinds of id cannot be confused.
     """
     return (plane.face, "") if plane.face else ("", plane.axis_id)

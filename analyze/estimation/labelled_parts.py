@@ -26,16 +26,17 @@ MIN_VOLUME_FRACTION = 1e-3
 def parts_of_bodies(
     labels: Sequence[PartLabel], bodies: Sequence[Body], name: str
 ) -> list[tuple[str, MassProperties]]:
-    """Parts that an object's labels make of the closed bodies of its mesh.
+    """Parts of an object, each made of the closed bodies of its mesh that one label names.
 
     Args:
-        labels: Labels of bodies, which count them from 1.
+        labels: Labels, each with a name and the numbers of its bodies, which count from 1.
         bodies: Closed bodies of the mesh, largest first.
         name: Name of the shape file, for messages.
 
     Returns:
-        Name and uniform solid (in the object frame O) of each label, then of the unlabelled bodies as `rest`
-        if they hold more than `MIN_VOLUME_FRACTION` of the volume.
+        Name and uniform solid (volume, centroid and inertia per kilogram, in the object frame O) of each
+        label, then of the unlabelled bodies as `rest` if they hold more than `MIN_VOLUME_FRACTION` of the
+        volume.
 
     Raises:
         ShapeError: a label names a body that the mesh does not have.
@@ -58,9 +59,9 @@ def parts_of_bodies(
 
 
 def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list[tuple[str, MassProperties]]:
-    """Parts that an object's labels make of its shell (outer wall) and of layers of its interior.
+    """Parts of an object that its labels name: the shell (outer wall) and layers of the interior.
 
-    A cell that a layer's end cuts belongs to it in part.
+    A cell that a layer's end cuts belongs to the layer in part.
 
     Args:
         labels: Labels of the shell and of layers.
@@ -68,8 +69,8 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
         name: Name of the object, for messages.
 
     Returns:
-        Name and uniform solid (in the object frame O) of each label, then of the remainder as `rest` if it
-        holds more than `MIN_VOLUME_FRACTION` of the volume.
+        Name and uniform solid (volume, centroid and inertia per kilogram, in the object frame O) of each
+        label, then of the remainder as `rest` if it holds more than `MIN_VOLUME_FRACTION` of the volume.
 
     Raises:
         ShapeError: a part holds at most 0.1 % (`MIN_VOLUME_FRACTION`) of the volume, or two layers overlap.
@@ -97,9 +98,7 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
 
 
 def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
-    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of solids taken together.
-
-    All have one density.
+    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of several solids of one density.
 
     Args:
         solids: Solids that do not overlap, at least one with a volume.
@@ -116,9 +115,10 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Fraction (cells,) of each cell between a layer's ends; 0 for a label without ends.
+    """Fraction (cells,) of each cell's height that lies between the two ends of a labelled layer.
 
-    The ends are in metres from the origin of the object frame O along the layer's direction.
+    The ends are in metres from the origin of the object frame O along the layer's direction; the fraction is
+    0 for a label without ends.
     """
     low, high = label.between_m or (0.0, 0.0)
     height = cells.points @ (np.array(label.along) / np.linalg.norm(label.along))
@@ -127,9 +127,9 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
-    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of the solid in some cells.
+    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of a uniform solid made of cells.
 
-    The solid is uniform. Centroid and axes of the inertia are those of the object frame O.
+    Centroid and axes of the inertia are those of the object frame O.
 
     Args:
         cells: Cells of the body.

@@ -21,14 +21,18 @@ RELATIVE_STEP = 1e-6
 
 
 def can_subtract(markers: Sequence[MarkerSpec]) -> bool:
-    """True if the pose of every marker with a mass is known; also if no marker has a mass."""
+    """True if the mass of all markers (printed tags) can be subtracted: each with a mass has a pose.
+
+    Also True if no marker has a mass.
+    """
     return all(marker.T_object_marker is not None for marker in markers if marker.mass_kg > 0)
 
 
 def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) -> InertialParameters:
     """Mass, centre of mass and moments of the object without its markers, in the object frame O.
 
-    Quantities of single strikes (residuals, distances, planes, weights) stay those of the body that tipped.
+    Markers are printed tags glued to the object. Quantities of single strikes (residuals, distances, planes,
+    weights) stay those of the body that tipped.
 
     Args:
         whole: Parameters of the object with its markers.
@@ -105,12 +109,13 @@ def _point_inertia(place: Array) -> Array:
 
 
 def _lever(com: Array, plane: EquiPlane, direction: Array) -> float:
-    """Distance R + rho [m] of the centre of mass from the contact line at balance.
+    """Distance R + rho [m] of the centre of mass from the line of contact with the table at balance.
+
+    R is the distance from the centre line of the edge's rounding, rho the radius of the rounding.
 
     Args:
-        com: (3,) centre of mass [m], in the object frame O; R is its distance from the line below.
-        plane: Equi-plane of a strike, for a point on the centre line of the edge's rounding and its radius
-            rho.
-        direction: (3,) unit direction of that line, in O.
+        com: (3,) centre of mass [m], in the object frame O.
+        plane: Equi-plane of a strike, which gives a point on the centre line, and rho.
+        direction: (3,) unit direction of the centre line, in O.
     """
     return float(np.linalg.norm(np.cross(com - plane.point, direction))) + plane.edge_radius

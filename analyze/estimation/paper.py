@@ -103,11 +103,12 @@ def _grid(lower: Array, step: Array) -> Array:
 def _overlap(
     planes: Sequence[EquiPlane], points: Array, err: float, reach: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Two masks (n,) of points: within `reach` of every strike's region, and inside every region.
+    """Two masks (n,) of points: True within `reach` of every region, and True inside every region.
+
+    The region of a strike holds the points whose angle about the pivot is within `err` of the balance angle.
 
     Args:
-        planes: Equi-planes, one per region: points whose angle about the pivot is within `err` of the plane's
-            balance angle.
+        planes: Equi-planes of the strikes, one per region, for pivot and balance angle.
         points: (n, 3) points [m], in the object frame O.
         err: Half-angle of the regions [rad].
         reach: Distance from a region within which a point still counts in the first mask [m].
@@ -127,8 +128,8 @@ def _overlap(
 class PaperInertia:
     """Moment of inertia about an edge by the paper's mean over stage two (VISAPP 2013, eq. 5).
 
-    It is the mean of m norm(g x r) / alpha; stage two is the motion after balance, alpha the angular
-    acceleration, r the arm from edge to centre of mass.
+    Stage two is the motion after balance. The moment is the mean of m norm(g x r) / alpha, with m the mass, g
+    gravity, alpha the angular acceleration and r the arm from edge to centre of mass.
     """
 
     i_edge: float
@@ -143,9 +144,10 @@ def paper_axis_inertia(
 ) -> PaperInertia | None:
     """Moment of inertia about a strike's edge by VISAPP 2013, eq. 5, for a given centre of mass.
 
-    It is the mean of m g R sin(theta - phi) / alpha over the samples of stage two (the motion after balance)
-    that are further than `MIN_ANGLE_PAST_BALANCE` past phi and have alpha > 0; R is the distance of the
-    centre of mass from the edge, alpha is theta differentiated twice.
+    It is the mean of m g R sin(theta - phi) / alpha over samples of stage two, the motion after balance. m g
+    is the weight, R the distance of the centre of mass from the edge, phi the balance angle; alpha is the
+    tipping angle theta differentiated twice. Samples count if they are further than `MIN_ANGLE_PAST_BALANCE`
+    past phi and have alpha > 0.
 
     Args:
         plane: Equi-plane of the strike, for its pivot line.
@@ -155,7 +157,7 @@ def paper_axis_inertia(
         weight: Weight m g of the object [N].
 
     Returns:
-        The moment and the share of samples excluded; None if stage two is missing or has fewer than
+        The moment [kg m^2] and the share of samples excluded; None if stage two is missing or has fewer than
         `MIN_STAGE_TWO_SAMPLES` samples, or no sample is usable.
     """
     angle = motion.angle
@@ -188,7 +190,8 @@ def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
 class PaperRegions:
     """Masses of shell, upper and lower part by the paper's method (VISAPP 2013, eqs. 8 and 9, 3.3.2).
 
-    The dividing plane separates the interior into the upper and the lower part.
+    The dividing plane separates the interior into the upper and the lower part; it is included, and so are
+    the moments about the edges as the method corrects them.
     """
 
     masses: Array
@@ -206,17 +209,19 @@ class PaperRegions:
 def paper_regions(
     planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], mass: float, cells: Cells
 ) -> PaperRegions | None:
-    """Masses of shell, upper and lower part by the paper's sweep of the dividing plane and of I.
+    """Masses of shell, upper and lower interior by the method of VISAPP 2013, 3.3.2.
 
-    VISAPP 2013, 3.3.2. I is the moment about the edge; the interior is divided into the parts above and below
-    the plane. Interpretations where the paper is ambiguous: m_j is a region's mass (its sums are divided by
-    N_j, its number of voxels); the three parallel axes pass through the pivot, the centre of mass c, and the
-    pivot's mirror image in c, thus cross one straight line and determine the total mass; the dividing plane
-    sweeps along the body's principal directions.
+    The plane that divides the interior, and the moment I about the edge, are swept over ranges of values. The
+    paper is read as follows where it is ambiguous:
+
+    - m_j is a region's mass: its sums are divided by N_j, its number of voxels;
+    - the three parallel axes pass through the pivot, the centre of mass c, and the pivot's mirror image in c;
+      they cross one straight line, and thus determine the total mass;
+    - the dividing plane sweeps along the body's principal directions.
 
     Args:
         planes: Equi-planes (for their pivot lines) in the object frame O, one per axis.
-        com: (3,) centre of mass [m, in O], taken as exact.
+        com: (3,) centre of mass c [m, in O], taken as exact.
         i_edge: Moment of inertia about the edge by axis id [kg m^2]; axes without one are left out.
         mass: Mass of the object [kg].
         cells: Cells of the body.
@@ -244,7 +249,10 @@ def paper_regions(
 
 @dataclass(frozen=True)
 class _Solution:
-    """Region masses for one axis: the solution whose centre of mass is closest to the given one, c."""
+    """Masses of shell, upper and lower interior for one pivot axis, by the paper's method.
+
+    Of all solutions for the axis, its centre of mass is the closest to the given centre of mass c.
+    """
 
     axis_id: str
     """Id of the pivot axis."""
@@ -264,7 +272,7 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """All b positions of the dividing plane, with the moments of the three regions per kilogram.
+    """All b positions of the plane that divides the interior, with moments per kilogram of the regions.
 
     The regions are the shell, and the interior above and below the plane.
     """
@@ -281,9 +289,10 @@ class _Sweep:
 
 
 def _sweep(cells: Cells) -> _Sweep:
-    """Candidate dividing planes, `PLANE_STEPS` evenly spaced along each principal direction of the body.
+    """Candidate planes to divide the interior, `PLANE_STEPS` along each principal direction of the body.
 
-    Planes for which a region (shell, upper or lower part) holds less than one voxel are left out.
+    They are evenly spaced. Returned with the moments of shell, upper and lower part. Planes for which one of
+    these holds less than one voxel are left out.
     """
     normals: list[Array] = []
     offsets: list[float] = []
@@ -310,10 +319,11 @@ def _sweep(cells: Cells) -> _Sweep:
 
 
 def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
-    """Moments of inertia (b, 3) [m^2] of the regions per kilogram: the coefficients of VISAPP 2013, eq. 9.
+    """Moments of inertia (b, 3) [m^2] per kilogram of shell, upper and lower part, for b planes.
 
-    The axis passes through `point` (3,) [m] along the unit `direction` (3,), both in the object frame O. The
-    regions are the shell, and the interior above and below each of b dividing planes.
+    The planes divide the interior into the part above and the part below. The moments are the coefficients of
+    VISAPP 2013, eq. 9. The axis passes through `point` (3,) [m] along the unit `direction` (3,), both in the
+    object frame O.
     """
     across = np.eye(3) - np.outer(direction, direction)
     about = np.einsum("brij,ij->br", sweep.second, across)
@@ -323,7 +333,9 @@ def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
 def _axis_solution(
     plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, sweep: _Sweep
 ) -> _Solution | None:
-    """Region masses by VISAPP 2013, eq. 9, for one axis: those with the centre of mass closest to `com`.
+    """Masses of shell, upper and lower interior by VISAPP 2013, eq. 9, for one pivot axis.
+
+    Of all solutions, that with the centre of mass closest to `com`.
 
     Args:
         plane: Equi-plane of a strike about the axis, for its pivot line.

@@ -55,7 +55,7 @@ def whitening_matrix(covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class MeasuredMoments:
-    """Measured mass, centre of mass c and moments about `a` axes through c, with their covariance."""
+    """Measured mass, centre of mass c and moments of inertia about a axes through c, with covariance."""
 
     mass: float
     """Mass [kg]."""
@@ -69,10 +69,11 @@ class MeasuredMoments:
     """(4 + a, 4 + a) covariance of mass, c and the moments, in this order."""
 
     def whitening(self) -> tuple[Array, Array]:
-        """Whitening matrix W (4 + a, 4 + a) of (mass, first moment, moments), and W times their values.
+        """Whitening matrix W (4 + a, 4 + a) of the measurements, and the measurements (4 + a,) times W.
 
-        The moments are those about a axes; W makes the errors independent and of unit sd. The first moment is
-        taken about the measured centre of mass, where its value is 0; the values are (4 + a,).
+        The measurements are mass, first moment (3) and the moments of inertia about a axes. The first moment
+        is taken about the measured centre of mass, where it is 0. W makes the errors independent and of unit
+        sd.
         """
         target = np.concatenate([[self.mass], np.zeros(3), self.moments])
         covariance = self.covariance.copy()
@@ -83,11 +84,10 @@ class MeasuredMoments:
         return whiten, whiten @ target
 
     def by_cell(self, cells: Cells, about: Array) -> Array:
-        """Mass, first moment [m] and moments [m^2] per kilogram in each of n cells, (n, 4 + a).
+        """Mass, first moment and moments of inertia (n, 4 + a) of a kilogram in each of n cells.
 
-        The moments of inertia are those about the a measured directions. The first moment is taken about the
-        measured centre of mass, the moments of inertia about lines through `about` (3,) [m], in the object
-        frame O.
+        Columns: 1; the first moment (3) [m] about the measured centre of mass; the moments of inertia [m^2]
+        about the a measured directions through `about` (3,) [m], in the object frame O.
         """
         arm = cells.points - about
         off_axes = np.sum(arm**2, axis=1)[:, None] - (arm @ self.directions.T) ** 2
@@ -97,7 +97,7 @@ class MeasuredMoments:
 
 @dataclass(frozen=True)
 class PartMasses:
-    """Posterior of the masses of an object's n labelled parts."""
+    """Posterior of the masses of an object's n labelled parts: means, covariance and 95 % intervals."""
 
     names: tuple[str, ...]
     """Names of the parts."""
@@ -192,12 +192,13 @@ def part_masses(
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
-    """Whitened design matrix (4 + a, n) of the parts per kilogram, and whitened measurements (4 + a,).
+    """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the problem of n parts' masses.
 
-    Rows: mass, first moment (3), a moments of inertia. The moments of inertia are taken about `about` (3,)
-    [m], in the object frame O: they were measured about the true centre of mass c, which the parts' own c
-    estimates better than the measured one; for a slender body, m times the squared error of c about its
-    length exceeds the error of the moment.
+    A column of the matrix is the contribution of a kilogram in one part; the rows are mass, first moment (3)
+    and a moments of inertia. The moments of inertia are taken about `about` (3,) [m], in the object frame O.
+    They were measured about the true centre of mass, which the estimated parts give better than the measured
+    one does: for a slender body, the mass times the squared error of the centre of mass along its length
+    exceeds the error of the moment.
     """
     columns = []
     for part in parts:
@@ -229,10 +230,11 @@ def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
 
 
 def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
-    """Draws (draws, n) of n masses from a normal distribution, each mass bounded by 0 and `most` (n,).
+    """Random draws (draws, n) of n masses from a normal distribution, each bounded by 0 and `most` (n,).
 
-    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. All chains begin
-    at `start` (n,); their first `_BURN_IN_STEPS` steps are dropped.
+    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. The draws are the
+    positions of `_CHAINS` Markov chains, which all begin at `start` (n,); their first `_BURN_IN_STEPS` steps
+    are dropped.
     """
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
@@ -257,11 +259,11 @@ def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.ra
 def _draw_on_lines(
     x: Array, direction: Array, mean: Array, precision: Array, most: Array, rng: np.random.Generator
 ) -> Array:
-    """One draw (m, n) on each of m lines x + t direction, from a normal distribution within bounds.
+    """One draw (m, n) on each of m lines x + t d, from a bounded normal distribution of n quantities.
 
-    Along a line the log density is -(b t + a t^2 / 2), with a = d.precision.d, b = d.precision.(x - mean) and
-    d the direction. `x` and `direction` are (m, n), the bounds 0 and `most` (n,); `mean` (n,) and `precision`
-    (n, n), the inverse covariance, are those before truncation.
+    Along a line the log density is -(b t + a t^2 / 2), with a = d.precision.d and b = d.precision.(x - mean).
+    `x` and `direction` d are (m, n), the bounds 0 and `most` (n,); `mean` (n,) and `precision` (n, n), the
+    inverse covariance, are those before truncation.
     """
     by_precision = direction @ precision
     a = np.sum(by_precision * direction, axis=1)

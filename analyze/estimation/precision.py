@@ -23,7 +23,11 @@ MIN_GROUPS = 3
 
 @dataclass(frozen=True)
 class Precision:
-    """Repeatability and reproducibility of one quantity, in its unit; a group has one set of conditions."""
+    """Repeatability and reproducibility of one quantity, in its unit, from groups of repeated results.
+
+    A group has one set of conditions. Repeatability is the scatter within a group; reproducibility adds the
+    scatter between groups.
+    """
 
     mean: float
     """Mean of the groups' means."""
@@ -41,13 +45,14 @@ class Precision:
 
 
 def precision(groups: Sequence[Sequence[float]]) -> Precision:
-    """Repeatability and reproducibility by one-way analysis of variance (ISO 5725-2, 7.4.5).
+    """Scatter of results within and between groups, by one-way analysis of variance (ISO 5725-2, 7.4.5).
 
     Args:
         groups: Results of each group; at least one group, none empty, of equal or unequal size.
 
     Returns:
-        Mean and standard deviations in the results' unit, with degrees of freedom.
+        Mean; standard deviations within groups (repeatability), between them, and of both together
+        (reproducibility), in the results' unit, with degrees of freedom.
     """
     sizes = np.array([len(group) for group in groups], dtype=np.float64)
     means = np.array([np.mean(group) for group in groups])
@@ -81,7 +86,7 @@ def mandel_h(means: Sequence[float]) -> Array | None:
 
 
 def mandel_h_limit(groups: int, chance: float = OUTLIER_SIGNIFICANCE) -> float:
-    """Critical value of the size of Mandel's h at significance `chance` (ISO 5725-2, table A.1).
+    """Critical value of abs(h), Mandel's h, at significance `chance` (ISO 5725-2, table A.1).
 
     h is the deviation of a group's mean from the mean of all means, over their standard deviation; there are
     `groups` of them, at least three.

@@ -11,7 +11,10 @@ from analyze.types import Array
 
 @dataclass(frozen=True)
 class TiltPrior:
-    """Prior of the vertical's lean from the table's normal towards x and y of the world frame W."""
+    """Prior of the vertical's lean from the table's normal towards x and y of the world frame W.
+
+    It has a mean and an sd for each direction [rad].
+    """
 
     lean: tuple[float, float]
     """Mean [rad]."""
@@ -58,7 +61,7 @@ class SystematicErrors:
 
 @dataclass(frozen=True)
 class ComPrior:
-    """Prior of the centre of mass before any strike, from the shape's bounding box."""
+    """Prior of the centre of mass before any strike, from the shape's bounding box: mean and sd [m]."""
 
     mean: Array
     """(3,) mean [m], in the object frame O."""
@@ -80,10 +83,11 @@ class ComPrior:
 
 @dataclass(frozen=True)
 class Scale:
-    """Mass and gravity with their standard deviations, and the sd of the shared error of k.
+    """Mass and gravity with their standard deviations, and the sd of the error of k that strikes share.
 
-    k = m g R / I_edge [rad/s^2] is the rate constant fitted to each strike's motion, R the distance of the
-    centre of mass from the edge, I_edge the moment about it; strikes on one axis share an error of k.
+    k = m g R / I_edge [rad/s^2] is the rate constant fitted to each strike's motion, with m g the weight, R
+    the distance of the centre of mass from the edge and I_edge the moment of inertia about it. Strikes on one
+    axis share an error of k.
     """
 
     mass: float

@@ -56,9 +56,9 @@ MAX_RATE_SD = 0.05
 
 @dataclass(frozen=True)
 class RateEstimate:
-    """Estimate of the true over the stated frame rate, from axes at different distances R.
+    """Estimate of the ratio of true to stated frame rate, from axes at different distances.
 
-    R is the distance of the centre of mass from the axis.
+    A distance is that of the centre of mass from the axis.
     """
 
     ratio: float
@@ -74,7 +74,7 @@ class RateEstimate:
 
 @dataclass(frozen=True)
 class RateCheck:
-    """Bounds and estimate of the true over the stated frame rate of one recording."""
+    """Bounds and estimate of the ratio of true to stated frame rate of one recording."""
 
     low: float
     """Smallest ratio that some filling of the shape allows."""
@@ -96,11 +96,14 @@ def rate_check(
     moments: MomentModel,
     points: Array,
 ) -> RateCheck | None:
-    """Bounds of the true over the stated frame rate, and its estimate from axes at different distances.
+    """Bounds and estimate of the ratio of true to stated frame rate, from one recording's strikes.
+
+    The bounds hold for any filling of the shape. The estimate needs pivot axes at different distances from
+    the centre of mass.
 
     Args:
         planes: Equi-planes of one recording's strikes (plane through pivot line and centre of mass), in the
-            object frame O, with the rate constants k [rad/s^2] of their tips at the stated frame rate.
+            object frame O, with the rate constants k [rad/s^2] of their motions at the stated frame rate.
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
@@ -120,15 +123,15 @@ def rate_check(
 
 
 def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[float, float] | None:
-    """Smallest and largest true over stated frame rate, for any masses with the c estimated from phi.
+    """Smallest and largest ratio of true to stated frame rate at which some filling of the shape fits k.
 
-    phi are the balance angles, c the centre of mass and R its distance from an edge. If the strikes
-    contradict each other at every rate, all tolerances are widened, up to `TOLERANCE_FACTORS`, until they do
-    not. If phi leaves c open (edges of one corner), so that no R is known, each strike bounds the rate by
-    itself.
+    The filling is any distribution of mass over `points` that has the centre of mass c estimated from the
+    balance angles phi. k is the rate constant of a strike's motion. If the strikes contradict each other at
+    every rate, all tolerances are widened, up to `TOLERANCE_FACTORS`, until they do not. If phi leaves c open
+    (edges of one corner), so that its distance from no edge is known, each strike bounds the rate by itself.
 
     Args:
-        by_phi: Joint solution by phi alone; its planes have rate constants k at the stated frame rate.
+        by_phi: Joint solution by phi alone; its planes have k at the stated frame rate.
         scale: Gravity, and the error of k that strikes share.
         points: (n, 3) places [m, in the object frame O] where mass can be.
 
@@ -179,11 +182,12 @@ def _extremes(
     """Smallest and largest s = 1 / r^2 of one strike, for any masses with their centre on its equi-plane.
 
     r is the true over the stated frame rate. s = (k / g) I_edge / (m R), with k the rate constant, g gravity,
-    I_edge the moment about the edge and R the distance of the centre from it, is a ratio of two sums over the
-    mass shares: a linear programme in the shares over R (Charnes and Cooper 1962).
+    m the mass, I_edge the moment of inertia about the edge and R the distance of the centre of mass from it.
+    This is a ratio of two sums over the shares of mass at the points, and its extremes a linear programme in
+    the shares over R (Charnes and Cooper 1962).
 
     Args:
-        plane: Equi-plane of the strike.
+        plane: Equi-plane of the strike, through its pivot line and the centre of mass.
         k_over_g: k at the stated rate over gravity [1/m].
         tolerance: Relative tolerance of k, by which both ends are widened.
         points: (n, 3) places [m, in the object frame O] where mass can be.
@@ -211,10 +215,10 @@ def _extremes(
 
 
 def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Bounds of the true over the stated frame rate r from bounds on s = 1 / r^2 of each strike.
+    """Bounds of the true over the stated frame rate r that agree with every strike's bounds of 1 / r^2.
 
     Args:
-        each: Smallest and largest s of each strike.
+        each: Smallest and largest 1 / r^2 of each strike.
 
     Returns:
         Smallest and largest r; None if there are no bounds, or if they exclude each other.
@@ -227,9 +231,10 @@ def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | 
 
 @dataclass(frozen=True)
 class _Programme:
-    """Linear programme in n non-negative mass shares and s = 1 / r^2, scaled by the shape's size.
+    """Linear programme whose unknowns are shares of mass at n places, none negative, and s = 1 / r^2.
 
-    r is the true over the stated frame rate.
+    r is the true over the stated frame rate. Its constraints are each strike's moment of inertia about the
+    edge, and bounds of the centre of mass.
     """
 
     about: Array
@@ -245,14 +250,16 @@ class _Programme:
     """(3, 2) lower and upper bounds of c along these directions [m]."""
 
     def extreme(self, tolerance: Array, sign: float) -> float | None:
-        """Smallest or largest s = 1 / r^2 for which some mass shares have all strikes' moments.
+        """Smallest or largest s = 1 / r^2 at which some shares of mass have all strikes' moments.
+
+        r is the true over the stated frame rate; a moment is that of inertia about an edge, per kilogram.
 
         Args:
             tolerance: (strikes,) relative tolerance of the moments about the edges.
             sign: 1 for the smallest s, -1 for the largest.
 
         Returns:
-            s; None if the programme is infeasible.
+            s; None if no shares have these moments.
         """
         size = float(self.about.mean())
         below = np.column_stack([(1 - tolerance)[:, None] * self.about, -self.stated]) / size
@@ -293,10 +300,11 @@ def estimated_rate(
     moments: MomentModel,
     approximate: float,
 ) -> RateEstimate | None:
-    """Estimate of the true over the stated frame rate from axes at different distances, for any filling.
+    """Estimate of the ratio of true to stated frame rate, for any filling of the shape.
 
-    The joint problem is solved with gravity as a free parameter: a factor on it acts on the strikes' rate
-    constants k as the square of a factor on the frame rate.
+    It needs pivot axes at different distances from the centre of mass. The joint problem is solved with
+    gravity as a free parameter: a factor on it acts on the strikes' rate constants k as the square of a
+    factor on the frame rate.
 
     Args:
         planes: Equi-planes (plane through pivot line and centre of mass) of one recording's strikes, in the
@@ -328,9 +336,10 @@ def estimated_rate(
 
 
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
-    """1 sigma of ln g (gravity) over its prior sd, linearised with the moments themselves as unknowns.
+    """Posterior sd of ln g (gravity) over its prior sd: 0 if the strikes determine g, 1 if they do not.
 
-    The solution's own unknowns are logarithms of lengths, which would look well known near zero.
+    The moments of inertia themselves are the unknowns here. The solution's own unknowns are logarithms of
+    lengths, which would look well known near zero.
 
     Args:
         found: Joint solution with gravity as a free parameter.

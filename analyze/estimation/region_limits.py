@@ -23,10 +23,11 @@ def region_limits(problem: RegionProblem, normal: Array, height: float) -> Array
     """Smallest and largest share (3, 2) of the body's mass in the shell and in the two interior parts.
 
     Rows are the shell and the interior above and below the dividing plane; above is the side of its normal.
-    The bounds are 0 and 1 if no filling has the measured moments (each within 1.96 sd).
+    The limits hold for any filling of the interior. They are 0 and 1 if no filling has the measured moments
+    (each within 1.96 sd).
 
     Args:
-        problem: Moments of the regions, and the measured ones.
+        problem: Model of the moments by region, and the measured moments.
         normal: (3,) unit normal n of the dividing plane n.(x - middle) = height, in the object frame O.
         height: Height of the plane over the body's middle (centroid of the uniform solid) [m].
     """

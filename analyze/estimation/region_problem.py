@@ -40,9 +40,10 @@ _MAX_DENSITY = DENSITIES[1]
 
 @dataclass(frozen=True)
 class DividingPlanes:
-    """Positions b of the dividing plane n.(x - middle) = height, each with the mass shares that fit it.
+    """Set of b planes n.(x - middle) = height that divide the interior, each with its best mass shares.
 
-    The plane divides the interior into upper (n's side) and lower part; middle is the body's centroid.
+    The upper part is the one on the side of n; middle is the body's centroid. The shares are those of shell,
+    upper and lower part that fit the measured moments best.
     """
 
     normals: Array
@@ -60,16 +61,19 @@ class DividingPlanes:
 
     @property
     def shares(self) -> ShareDistribution:
-        """Distributions, one per plane, of the non-negative mass shares of shell, upper and lower part."""
+        """Distributions, one per plane, of the mass shares of shell, upper and lower part, none negative."""
         return share_distribution(self.mean, self.precision)
 
     def misfit(self, shares: Array) -> Array:
-        """Chi^2 (b,) of the measured moments at the `shares` (b, 3) of shell, upper and lower part."""
+        """Chi^2 (b,) of the measured moments if the mass shares of shell, upper and lower part are `shares`.
+
+        `shares` (b, 3) holds one row for each of the b planes.
+        """
         off = shares[:, :2] - self.mean
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)
 
     def replaced_where(self, accept: NDArray[np.bool_], other: DividingPlanes) -> DividingPlanes:
-        """Set with the positions of `other` where `accept` (b,) is True, and of this set elsewhere."""
+        """Copy of this set of b planes with those of `other` in the places where `accept` (b,) is True."""
 
         def either(name: str) -> Any:
             mine = getattr(self, name)
@@ -79,7 +83,7 @@ class DividingPlanes:
 
     @classmethod
     def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
-        """One set with the positions of several sets, one after the other."""
+        """One set that holds the planes of several sets, one set after the other."""
         return cls(
             *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )
@@ -87,7 +91,7 @@ class DividingPlanes:
 
 @dataclass(frozen=True)
 class BodyPieces:
-    """The body cut into n pieces, with their contribution to the k measured moments."""
+    """The body cut into n pieces: region, effect on the k measured moments and largest mass of each."""
 
     region: IntArray
     """(n,) region of each piece: 0 shell, 1 upper, 2 lower."""
@@ -109,7 +113,7 @@ class RegionProblem:
         middle: (3,) centroid of the body as a uniform solid [m], in the object frame O.
         longest: (3,) unit principal direction of largest extent, in O.
         reach: extent of the body along it [m].
-        target: (k,) whitened measurements.
+        target: (k,) whitened measurements (unit sd): centre of mass, and a moment for each struck axis.
     """
 
     def __init__(self, parameters: InertialParameters, cells: Cells) -> None:
@@ -159,9 +163,10 @@ class RegionProblem:
         )
 
     def probability(self, misfit: float) -> float:
-        """Probability of a chi^2 of at least `misfit` at the best plane, for a shell and two uniform parts.
+        """Probability that a body of a shell and two uniform parts has a chi^2 of at least `misfit`.
 
-        It is 1 if there are not more measurements than fitted parameters.
+        `misfit` is the smallest chi^2 over all dividing planes. The probability is 1 if there are not more
+        measurements than fitted parameters.
         """
         rank = np.linalg.matrix_rank(self._rows, tol=1e-6 * float(np.linalg.norm(self._rows)))
         freedom = int(rank) - _FITTED_PARAMETERS
@@ -184,7 +189,7 @@ class RegionProblem:
         return BodyPieces(region, self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass)
 
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
-        """Naive masses (3,) [kg] of shell, upper and lower part, by the name of the naive answer.
+        """Masses (3,) [kg] of shell, upper and lower part by naive assumptions, keyed by assumption.
 
         "shell" has all mass in the shell, "uniform" one density, "shell_and_uniform" the mix of a shell and a
         uniform interior that fits the moments best.
@@ -209,16 +214,17 @@ class RegionProblem:
         }
 
     def _explaining(self, contents: Array) -> Array:
-        """Whitened moments (..., k) of a kilogram spread uniformly over a part of the body.
+        """Whitened moments (..., k) that the body would have with all its mass uniformly in one part of it.
 
-        `contents` (..., 10) are the part's volume, first and second moments at unit density.
+        They are per kilogram, in the order of `target`. `contents` (..., 10) are the part's volume, first and
+        second moments at unit density.
         """
         return (contents[..., 1:] / np.maximum(contents[..., :1], 1e-6 * self._interior[0])) @ self._rows.T
 
 
 @dataclass(frozen=True)
 class _CutPieces:
-    """The n pieces of the interior to be cut by many planes, in single precision (1e-6 of a moment)."""
+    """The interior in n pieces, prepared to be cut by many planes, in float32 (moments accurate to 1e-6)."""
 
     places: NDArray[np.float32]
     """(4, n) coordinates from the body's middle in pitches, and 1."""
@@ -229,9 +235,10 @@ class _CutPieces:
 
     @classmethod
     def from_cells(cls, points: Array, contents: Array, pitch: float) -> _CutPieces:
-        """Pieces at `points` (n, 3) from the body's middle with `contents` (n, 10), rounded to float32.
+        """Pieces of the interior at `points` (n, 3) with `contents` (n, 10), rounded to float32.
 
-        `points` and `pitch` are in metres; `contents` are volume, first and second moments.
+        `points` [m] are taken from the body's middle; `contents` are volume, first and second moments;
+        `pitch` is a piece's edge [m].
         """
         return cls(
             np.vstack([points.T / pitch, np.ones(len(points))]).astype(np.float32),
@@ -242,8 +249,8 @@ class _CutPieces:
     def above(self, normals: Array, heights: Array) -> Array:
         """Volume, first and second moments (b, 10) of the interior above each of b planes.
 
-        They are at unit density [m^3, m^4, m^5], about the measured centre of mass, and continuous in the
-        plane: a piece that it cuts counts in part.
+        Above is the side of the normal. The moments are at unit density [m^3, m^4, m^5], about the measured
+        centre of mass. They are continuous in the plane: a piece that it cuts counts in part.
 
         Args:
             normals: (b, 3) unit normals, in the object frame O.
@@ -255,10 +262,11 @@ class _CutPieces:
 
 
 def _contents(cells: Cells, about: Array) -> Array:
-    """Contents (n, 10) of each cell per volume: 1, first (3) and second (6) moments about a point.
+    """Volume and moments (n, 10) of each of n cells about a point, per volume of the cell.
 
-    The second moments, in the order xx, yy, zz, xy, xz, yz, include the cell's own, which are the same about
-    every axis. `about` (3,) is the point [m], in the object frame O.
+    Columns: 1, first moments (3) [m], second moments (6) [m^2] in the order xx, yy, zz, xy, xz, yz. The
+    second moments include the cell's own, which are the same about every axis. `about` (3,) is the point [m],
+    in the object frame O.
     """
     arm = cells.points - about
     second = np.stack(
@@ -269,7 +277,7 @@ def _contents(cells: Cells, about: Array) -> Array:
 
 
 def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array]:
-    """Centroids (m, 3) and contents (m, 10) of cells clumped by cubes of edge `pitch` [m].
+    """Centroids (m, 3) [m] and contents (m, 10) of clumps: all cells in one cube of edge `pitch`.
 
     Args:
         points: (n, 3) centroids of the cells [m].
@@ -289,11 +297,12 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 
 
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:
-    """Whitened matrix (k, 9) from moments about the centre of mass to the measurements, and these (k,).
+    """Whitened matrix (k, 9) from the body's moments to k measurements, and these measurements (k,).
 
-    The 9 columns are first (3) and second (6) moments per kilogram; the k = 3 + axes measurements are the
-    centre of mass, 0 about itself, and the moments about the struck axes per kilogram. The covariance also
-    holds the error of modelling the body by cells: 0.1 mm (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
+    The body's moments are first (3) [m] and second (6) [m^2] moments per kilogram about the centre of mass.
+    The k = 3 + axes measurements are the centre of mass, 0 about itself, and the moments of inertia about the
+    struck axes per kilogram. Their covariance also holds the error of modelling the body by cells: 0.1 mm
+    (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
     """
     mass = parameters.mass
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)

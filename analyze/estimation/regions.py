@@ -46,9 +46,9 @@ def mass_distribution(
     integrated out. For each plane the shares are then drawn from their normal distribution, truncated at
     zero. n points to the same side as the body's longest direction.
 
-    The intervals hold for a body of this kind. If even the best plane leaves a misfit beyond measurement
-    error, the body is of another kind: then the dividing plane passes through its middle, normal to its
-    longest direction, and the intervals are the bounds for any filling of a uniform shell.
+    The intervals hold for a body of three such regions. If even the best plane leaves a misfit beyond
+    measurement error, the body is of another kind: then the dividing plane passes through its middle, normal
+    to its longest direction, and the intervals are the bounds for any filling of a uniform shell.
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
@@ -115,7 +115,11 @@ class _ShellPosterior:
 def _shell_posterior(
     parameters: InertialParameters, cells: Cells, rng: np.random.Generator
 ) -> _ShellPosterior:
-    """Posterior of dividing plane and region masses, with draws, for the cells of one shell thickness."""
+    """Posterior of dividing plane and region masses for one shell thickness, as draws, with its evidence.
+
+    `cells` are those of the body with this thickness. The regions are the shell, and the interior above and
+    below the plane.
+    """
     problem = RegionProblem(parameters, cells)
     chains, log_evidence = _posterior(problem, rng)
     shares = chains.planes.shares.draw(rng)
@@ -224,10 +228,11 @@ def _unexplained_distribution(
 def _weighted_draws(
     posterior: _ShellPosterior, weight: float, normal: Array, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draws (n, 3) of the region masses [kg], and places (n,) [m] of their dividing planes along a normal.
+    """Draws (n, 3) of the region masses [kg], and places (n,) [m] where their dividing planes cut a line.
 
-    The upper part is the one towards `normal` for every draw. A place is the height over the body's middle at
-    which the plane cuts the line along `normal`, at most five times the plane's own height.
+    Masses are those of shell, upper and lower part; the upper part is the one towards `normal` for every
+    draw. The line runs through the body's middle along `normal`. A place is the height over the middle, at
+    most five times the plane's own height.
 
     Args:
         posterior: Posterior for one shell thickness.
@@ -248,7 +253,7 @@ def _weighted_draws(
 
 @dataclass(frozen=True)
 class _Chains:
-    """Positions of b Metropolis chains (dividing planes of the interior) with their log posterior."""
+    """Positions of b Metropolis chains, each a plane that divides the interior, with their log posterior."""
 
     planes: DividingPlanes
     """Position of each chain, with the mass shares that fit it."""
@@ -257,26 +262,27 @@ class _Chains:
 
     @classmethod
     def of_planes(cls, planes: DividingPlanes) -> _Chains:
-        """Chains at the dividing planes `planes`, with their log posterior.
+        """Chains that stand at the dividing planes `planes`, with the log posterior of each plane.
 
-        It is -1e300 for a plane with next to nothing of the interior on one side.
+        The log posterior is -1e300 for a plane with next to nothing of the interior on one side.
         """
         possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
         return cls(planes, possible)
 
 
 def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chains, float]:
-    """Draws of the dividing plane from its posterior, and the log evidence up to a constant.
+    """Draws of the dividing plane from its posterior, and the log evidence of the shell's thickness.
 
-    Random planes everywhere give the evidence (the mean of prior times likelihood) and start the chains,
-    which cool from a high temperature to find all modes.
+    The evidence is the mean of prior times likelihood over random planes everywhere. These planes also start
+    the Metropolis chains, which cool from a high temperature to find all modes.
 
     Args:
         problem: Problem of the mass shares for one shell thickness.
         rng: Random generator.
 
     Returns:
-        Positions of `CHAINS` chains in each of `KEPT_STEPS` steps (2000 in all), and the log evidence.
+        Positions of `CHAINS` chains in each of `KEPT_STEPS` steps (2000 in all), and the log evidence, up to
+        a constant that all thicknesses share.
     """
     normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
     heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach
@@ -309,7 +315,7 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chain
 def _metropolis_step(
     chains: _Chains, there: _Chains, temperature: float, rng: np.random.Generator
 ) -> _Chains:
-    """Chains after a Metropolis step: each stays or moves to its proposal `there`.
+    """Chains after one Metropolis step: each stays, or moves to its proposed position in `there`.
 
     At a `temperature` above 1 moves to a lower posterior are accepted more often.
     """
@@ -322,10 +328,10 @@ def _metropolis_step(
 
 
 def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Proposed normals (b, 3) and heights (b,) [m] for b chains: planes turned and shifted at random.
+    """Proposed planes for b Metropolis chains: normals (b, 3) and heights (b,) [m] over the body's middle.
 
-    A proposal and its reverse are equally likely. A share `DIFFERENCE_MOVES` of them moves by the difference
-    of two other planes.
+    Each plane is turned and shifted at random; a proposal and its reverse are equally likely. A share
+    `DIFFERENCE_MOVES` of them moves by the difference of two other chains' planes.
 
     Args:
         planes: Present positions of the chains.
@@ -344,16 +350,17 @@ def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -
 
 
 def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntArray:
-    """Indices (count,) drawn in proportion to exp(`log_weight`) by systematic resampling."""
+    """Indices (count,) of `log_weight`, drawn in proportion to exp(`log_weight`) by systematic resampling."""
     weight = np.exp(log_weight - log_weight.max())
     edges = np.cumsum(weight) / weight.sum()
     return np.minimum(np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count), len(weight) - 1)
 
 
 def _oriented(normals: Array, heights: Array, towards: Array) -> tuple[Array, Array]:
-    """Normals (b, 3) and heights (b,) [m] of b planes, each with its normal on the side of `towards` (3,).
+    """Normals (b, 3) and heights (b,) [m] of b planes, with all normals on the side of `towards` (3,).
 
-    A plane whose normal points to the other side has both signs reversed, and so stays in place.
+    A plane whose normal points to the other side has the signs of normal and height reversed, and so stays in
+    place.
     """
     side = np.where(normals @ towards < 0, -1.0, 1.0)
     return normals * side[:, None], heights * side

@@ -17,9 +17,10 @@ MIN_EIGENVALUE_FRACTION = 1e-3
 
 
 def unit_inertia(numbers: Array) -> tuple[Array, Array]:
-    """Inertia tensor about the centre of mass per kilogram, J (3, 3) [m^2], and its derivatives (6, 3, 3).
+    """Inertia tensor per kilogram about the centre of mass (3, 3) [m^2], and its derivatives (6, 3, 3).
 
-    J = tr(S) - S with the second moments S = U U^T, U upper triangular.
+    The tensor is tr(S) - S with the second moments S = U U^T, U upper triangular. The derivatives are by the
+    six `numbers`.
 
     Args:
         numbers: (6,) logarithms of U's diagonal [m], then U's entries 12, 13, 23 [m].
@@ -38,10 +39,11 @@ def unit_inertia(numbers: Array) -> tuple[Array, Array]:
 
 
 def log_cholesky(inertia: Array) -> Array:
-    """Log-Cholesky numbers (6,) of the possible tensor nearest to an inertia per kilogram (3, 3) [m^2].
+    """Log-Cholesky numbers (6,) of an inertia tensor per kilogram (3, 3) [m^2].
 
     They are the logarithms of U's diagonal [m], then U's entries 12, 13, 23 [m], with U upper triangular and
-    U U^T the second moments tr(inertia)/2 - inertia.
+    U U^T the second moments tr(inertia)/2 - inertia. An impossible tensor is replaced by the nearest possible
+    one.
     """
     inertia = nearest_possible(inertia)
     S = np.trace(inertia) / 2 * np.eye(3) - inertia
@@ -50,11 +52,11 @@ def log_cholesky(inertia: Array) -> Array:
 
 
 def nearest_possible(inertia: Array) -> Array:
-    """Nearest physically possible inertia tensor I (3, 3), in the unit of `inertia` (3, 3).
+    """Physically possible inertia tensor (3, 3) nearest to `inertia` (3, 3), in its unit.
 
-    Its second-moment matrix tr(I)/2 - I is positive definite, which implies the triangle inequality:
-    eigenvalues are raised to at least `MIN_EIGENVALUE_FRACTION` of its trace. A tensor that has them already
-    is returned unchanged.
+    The tensor is possible, and its triangle inequality holds, if its second-moment matrix tr(I)/2 - I is
+    positive definite. Eigenvalues of that matrix are therefore raised to at least `MIN_EIGENVALUE_FRACTION`
+    of its trace. If they are as large already, `inertia` is returned unchanged.
     """
     second = np.trace(inertia) / 2 * np.eye(3) - inertia
     values, vectors = np.linalg.eigh(second)

@@ -35,7 +35,7 @@ NEGLIGIBLE_SHARE = 1e-9
 class ErrorSource(enum.Enum):
     """Sources of error of the centre of mass; the value is the source's name in words.
 
-    k is the rate constant fitted to a strike's motion.
+    In these names, k is the rate constant fitted to a strike's motion.
     """
 
     NOISE = "noise of the frames"
@@ -52,9 +52,9 @@ class ErrorSource(enum.Enum):
 
 @dataclass(frozen=True)
 class Influence:
-    """Derivative of the centre of mass c by one strike's balance angle phi and ln k.
+    """Change of the centre of mass with one strike's balance angle phi and ln k (its derivatives).
 
-    k is the rate constant of the strike's motion; the robust weights are kept as they are.
+    k is the rate constant of the strike's motion. The robust weights of the strikes are kept as they are.
     """
 
     strike_id: str
@@ -96,18 +96,18 @@ def sensitivity(
 ) -> Sensitivity:
     """Influence of each strike on the centre of mass c, and of each error source on its covariance.
 
-    Both are linear about the solution. With P the covariance of all unknowns, a unit change of a measurement
-    whose derivative by the unknowns is B and whose inverse covariance is W moves them by P B^T W, and a
-    shared error of unit sd by its column of P. The contribution of a source is the covariance that its own
-    errors cause through these gains.
+    Both are linear about the solution. Let P be the covariance of all unknowns. A unit change of a
+    measurement, with derivative B by the unknowns and inverse covariance W, moves the unknowns by P B^T W; an
+    error that strikes share, of unit sd, moves them by its column of P. The contribution of a source to the
+    covariance is that of its own errors, moved so.
 
     Args:
         solution: Joint solution of all strikes.
         systematic: Standard deviations of errors that strikes share, used for the solution.
         prior: Prior of c, used for the solution.
         whole: Parameters of the body that tipped, from the solution.
-        bare: Parameters reported: `whole`, or those without markers; c then moves by more, as the body
-            weighs less.
+        bare: Parameters reported: `whole`, or those without markers (printed tags); c then moves by more, as
+            the body weighs less.
 
     Returns:
         Influences in the order of the solution's planes, and the contributions that are not negligible.
@@ -127,16 +127,19 @@ def sensitivity(
 
 
 def _rows(solution: JointSolution) -> Array:
-    """Derivatives (strikes, 2, count) of balance angle phi and ln k by the unknowns; 0 for an unused k.
+    """Derivatives (strikes, 2, count) of balance angle and ln k by the unknowns; 0 for a k not used.
 
-    k is the rate constant of the tip's pendulum equation, count the number of unknowns.
+    k is the rate constant of the tipping motion, count the number of unknowns.
     """
     model, x = solution.model, solution.x
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)
 
 
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
-    """Yield the influence of each strike on the centre of mass, times `factor`, in the planes' order."""
+    """Yield the influence of each strike on the centre of mass, in the order of the solution's planes.
+
+    `factor` multiplies them: the mass with markers over that without, if the markers are subtracted.
+    """
     rows, precisions, weight = _rows(solution), solution.data.precisions, solution.weight
     information = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
     # The covariance includes the spread factor; the estimate itself does not depend on it.
@@ -151,7 +154,10 @@ def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
 def _shares(
     solution: JointSolution, systematic: SystematicErrors, prior: ComPrior
 ) -> Iterator[tuple[ErrorSource, Array]]:
-    """Yield each source but the mass, with its part (3, 3) [m^2] of the centre of mass's covariance."""
+    """Yield pairs: a source of error, and its part (3, 3) [m^2] of the covariance of the centre of mass.
+
+    All sources are included but the mass.
+    """
     P, rows, precisions = solution.covariance, _rows(solution), solution.data.precisions
     scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))
     stated = np.diag([systematic.strike_angle_sd**2, 0.0])

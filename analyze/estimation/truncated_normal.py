@@ -24,7 +24,7 @@ NEGLIGIBLE_LOG_DENSITY = 16.0
 
 
 def draw_truncated(mean: Array, sd: Array, low: Array, high: Array, rng: np.random.Generator) -> Array:
-    """One draw from each of n normal distributions truncated to [low, high].
+    """One random value (n,) from each of n normal distributions truncated to [low, high].
 
     Args:
         mean: (n,) means before truncation.
@@ -34,7 +34,7 @@ def draw_truncated(mean: Array, sd: Array, low: Array, high: Array, rng: np.rand
         rng: Random generator.
 
     Returns:
-        (n,) draws.
+        (n,) values, each within its bounds.
     """
     from_, to = (low - mean) / sd, (high - mean) / sd
     # In the lower tail the logarithm of the distribution function keeps its precision.
@@ -49,9 +49,9 @@ def draw_truncated(mean: Array, sd: Array, low: Array, high: Array, rng: np.rand
 
 
 def narrowest_intervals(ordered: Array) -> tuple[Array, Array]:
-    """Lower and upper ends, each (n,), of the shortest intervals with 95 % of the draws (m, n).
+    """Lower and upper ends, each (n,), of the shortest intervals with 95 % of the draws of n quantities.
 
-    Each column of `ordered` holds the m draws of one quantity in ascending order.
+    Each column of `ordered` (m, n) holds the m draws of one quantity in ascending order.
     """
     inside = math.ceil(0.95 * len(ordered))
     first = np.argmin(ordered[inside - 1 :] - ordered[: len(ordered) - inside + 1], axis=0)
@@ -60,10 +60,11 @@ def narrowest_intervals(ordered: Array) -> tuple[Array, Array]:
 
 
 def shortest_intervals(draws: Array, lowest: float) -> tuple[Array, Array]:
-    """Lower and upper ends, each (n,), of the shortest intervals that contain 95 % of `draws` (m, n).
+    """Lower and upper ends, each (n,), of the shortest intervals with 95 % of the draws of n quantities.
 
-    An interval that begins at the bound `lowest` replaces the shortest one if it is not longer by more than
-    `EQUAL_LENGTH_TOLERANCE`: draws come close to the bound without reaching it.
+    Each column of `draws` (m, n) holds the m draws of one quantity. Draws come close to the bound `lowest`
+    without reaching it: an interval that begins at the bound therefore replaces the shortest one if it is not
+    longer by more than `EQUAL_LENGTH_TOLERANCE`.
     """
     ordered = np.sort(draws, axis=0)
     low, high = narrowest_intervals(ordered)
@@ -73,9 +74,9 @@ def shortest_intervals(draws: Array, lowest: float) -> tuple[Array, Array]:
 
 
 def log_normal_mass(low: Array, high: Array) -> Array:
-    """Natural log (...) of the standard normal probability between `low` and `high`, precise in the tails.
+    """Natural log of the probability (...) of a standard normal variable to lie between `low` and `high`.
 
-    `low` and `high` (...) are broadcast to one shape, which the result has.
+    It is precise in the tails. `low` and `high` (...) are broadcast to one shape, which the result has.
     """
     flip = low + high > 0
     near, far = np.where(flip, -high, low), np.where(flip, -low, high)
@@ -91,12 +92,12 @@ filling."""
 
 @dataclass(frozen=True)
 class ShareDistribution:
-    """Set of b distributions of shares (u, v, 1 - u - v) of a whole, normal and truncated at zero.
+    """Set of b posterior distributions of three shares (u, v, 1 - u - v) of a whole, none negative.
 
-    The prior gives probability `EMPTY_PART_PRIOR` to the second share being zero, and to the third; the rest
-    is uniform over all possible shares (a triangle), or over those that leave one of them zero (two of its
-    sides). The marginal density of u is tabulated on a grid that covers its support. w = (u, v) are the first
-    two shares.
+    The likelihood is normal in w = (u, v), the first two shares. The prior gives probability
+    `EMPTY_PART_PRIOR` to the second share being zero, and to the third. Otherwise it is uniform: over all
+    possible shares (a triangle), or over those with one of the two zero (two sides of the triangle). The
+    marginal density of u is tabulated on a grid that covers its support.
     """
 
     mean: Array
@@ -119,7 +120,10 @@ class ShareDistribution:
 
     @property
     def _log_parts(self) -> Array:
-        """Log integrals (3, b) of prior times likelihood: no share zero, the second zero, the third zero."""
+        """Log integrals (3, b) of prior times likelihood for b distributions of three shares, by case.
+
+        Cases, one per row: no share is zero, the second is, the third is.
+        """
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]
         weight = np.exp(self.log_density - top[:, None])
@@ -131,16 +135,19 @@ class ShareDistribution:
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:
-        """Distributions of the first share u on two sides of the triangle of possible shares.
+        """Distributions of u, the first of three shares: a set for second share 0, one for third share 0.
 
-        On the first side, (u, 0), the second share is zero; on the second, (u, 1 - u), the third is.
+        These are two sides, (u, 0) and (u, 1 - u), of the triangle of possible first and second shares.
         """
         return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])
         )
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """One draw (b, 3) of the three shares of each distribution; second or third may be exactly zero."""
+        """One random set of three shares (b, 3) from each of the b distributions.
+
+        The second or the third share may be exactly zero.
+        """
         parts = self._log_parts
         kind = np.argmax(parts + rng.gumbel(size=parts.shape), axis=0)
         second_empty, third_empty = (side.draw(rng) for side in self._sides)
@@ -153,7 +160,7 @@ class ShareDistribution:
         return np.choose(kind[:, None], kinds)
 
     def _draw_inside(self, rng: np.random.Generator) -> Array:
-        """One draw (b, 3) of the shares of each distribution, none of them zero."""
+        """One random set of three shares (b, 3), none of them zero, from each of the b distributions."""
         density = np.exp(self.log_density - self.log_density.max(axis=1, keepdims=True))
         between = np.cumsum(density[:, 1:] + density[:, :-1], axis=1)
         level = rng.uniform(size=len(between)) * between[:, -1]
@@ -172,7 +179,10 @@ class ShareDistribution:
 
 @dataclass(frozen=True)
 class _Side:
-    """Set of b normal distributions of the first share u on one side of the triangle of shares."""
+    """Set of b normal distributions of u, the first of three shares, if the second or third is zero.
+
+    The shares then lie on a side of the triangle of possible shares; u is truncated to 0..1.
+    """
 
     mean: Array
     """(b,) means of u before truncation."""
@@ -183,9 +193,9 @@ class _Side:
 
     @classmethod
     def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
-        """Distributions of u on the side (u, v) = start + u along; `start` and `along` are (2,).
+        """Distributions of u, the first of three shares, on a side of the triangle of possible shares.
 
-        u and v are the first two shares of `shares`.
+        On this side the first two shares are (u, v) = start + u along; `start` and `along` are (2,).
         """
         off = shares.mean - start
         towards = np.einsum("i,bij,bj->b", along, shares.precision, off)
@@ -196,7 +206,7 @@ class _Side:
 
     @property
     def log_mass(self) -> Array:
-        """Logarithms (b,) of the integral of each density over the first share u from 0 to 1."""
+        """Logarithms (b,) of the integral from 0 to 1 of each of the b densities of u, the first share."""
         return (
             self.log_peak
             + np.log(np.sqrt(2 * np.pi) * self.sd)
@@ -204,19 +214,25 @@ class _Side:
         )
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """One draw (b,) of the first share u, between 0 and 1, of each distribution."""
+        """One random value (b,) of u, the first of three shares, from each of the b distributions.
+
+        The distributions are normal, truncated to 0..1.
+        """
         return draw_truncated(self.mean, self.sd, np.zeros(len(self.mean)), np.ones(len(self.mean)), rng)
 
 
 def share_distribution(mean: Array, precision: Array) -> ShareDistribution:
-    """Distributions of three shares of a whole, with the first share's marginal density on a grid.
+    """Distributions of three shares of a whole, none negative, from a normal likelihood of the first two.
 
-    The density of the first share is log-concave (the marginal of a log-concave density: Prekopa 1973): its
-    peak lies beside the highest point of a coarse grid.
+    The marginal density of the first share is tabulated on a grid. It is log-concave (the marginal of a
+    log-concave density: Prekopa 1973), so that its peak lies beside the highest point of a coarse grid.
 
     Args:
         mean: (b, 2) means of the first two shares before truncation at zero.
-        precision: (b, 2, 2) their inverse covariances.
+        precision: (b, 2, 2) inverse covariances of the first two shares before truncation.
+
+    Returns:
+        Set of b distributions.
     """
     rows = np.arange(len(mean))
     grid = np.linspace(0.0, 1.0, GRID_POINTS[0])
@@ -239,18 +255,19 @@ def share_distribution(mean: Array, precision: Array) -> ShareDistribution:
 
 
 def _second_given_first(mean: Array, precision: Array, u: Array) -> tuple[Array, Array]:
-    """Mean (b, n) and sd (b,) of the second share before truncation, given the first share `u` (b, n).
+    """Mean (b, n) and sd (b,) of the second of three shares before truncation, given the first `u`.
 
-    `mean` (b, 2) and `precision` (b, 2, 2) are those of both shares.
+    `u` is (b, n); `mean` (b, 2) and `precision` (b, 2, 2) are those of first and second share.
     """
     c = precision[:, 1, 1]
     return mean[:, 1, None] - (precision[:, 0, 1] / c)[:, None] * (u - mean[:, 0, None]), 1.0 / np.sqrt(c)
 
 
 def _log_density(mean: Array, precision: Array, u: Array) -> Array:
-    """Log marginal density (b, n), not normalised, of the first share at `u` (b, n).
+    """Log marginal density (b, n), not normalised, of the first of three shares at `u` (b, n).
 
-    `mean` (b, 2) and `precision` (b, 2, 2) are those of the first two shares before truncation at zero.
+    The shares are not negative and have the sum 1. `mean` (b, 2) and `precision` (b, 2, 2) are those of the
+    first two shares before truncation at zero.
     """
     middle, sd = _second_given_first(mean, precision, u)
     alone = precision[:, 0, 0] - precision[:, 0, 1] ** 2 / precision[:, 1, 1]

@@ -7,7 +7,7 @@ for all cells. The density of each cell is then
     rho_v = rho_max / (1 + exp(-(a + lambda . f_v)))
 
 with rho_max the density of lead, a the logit of the prior density over it, f_v the contribution of a kilogram
-in the cell to the moments, and as many lambda as there are moments.
+in cell v to the moments, and lambda one multiplier per moment.
 The map reports what the moments leave open: the determined share of each octant's mass, and the number of
 determined directions.
 """
@@ -41,7 +41,11 @@ _MAX_MISFIT = 1.0
 
 @dataclass(frozen=True)
 class VoxelMap:
-    """Density of each of n cells, and the share of the octants' masses that the moments determine."""
+    """Density of each of n cells, with what the moments determine of it.
+
+    That is the share of each octant's mass that the moments determine; the octants are formed by the three
+    planes through the body's centroid.
+    """
 
     points: Array
     """(n, 3) centroids of the cells [m], in the object frame O."""
@@ -63,15 +67,18 @@ class VoxelMap:
 
 
 def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
-    """Maximum-entropy densities between zero and lead that have the measured moments.
+    """Densities of a body's cells, between zero and lead, that have the measured moments.
+
+    Of all such densities, those of maximum entropy.
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
         cells: Cells of the body; shell and interior are treated alike.
 
     Returns:
-        Density of every cell, with the misfit, which is above `_MAX_MISFIT` if no such densities exist, and
-        the part of the octants' masses that the moments determine.
+        Density of every cell [kg/m^3]; the misfit (rms of the moments' standardised residuals), which is
+        above `_MAX_MISFIT` if no such densities exist; the part of the octants' masses that the moments
+        determine.
     """
     volumes = cells.volumes
     # Whitened contributions of a kilogram in each cell, and whitened measurements.
@@ -113,10 +120,10 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
 
 
 def _masses(multipliers: Array, features: Array, most: Array, offset: float) -> Array:
-    """Masses (n,) [kg] of the cells, most / (1 + exp(-(offset + features . multipliers))).
+    """Masses (n,) [kg] of the cells: most / (1 + exp(-(offset + features . multipliers))).
 
     Args:
-        multipliers: (k,) one per measured moment.
+        multipliers: (k,) Lagrange multipliers, one per measured moment.
         features: (n, k) whitened contributions of a kilogram in each cell to the moments.
         most: (n,) largest masses [kg], those at the density of lead.
         offset: Logit of the prior density over that of lead.
