@@ -150,7 +150,7 @@ class ArmMotion:
         )
 
     def _at_rest(self, sample: Sample) -> bool:
-        """True if the arm stands still at the cocked (raised) angle in the given sample.
+        """True if the arm stands still at the cocked (raised) angle in the given sample, else False.
 
         The servo's bus watchdog stops the motor after silence on the bus. If the arm stands still elsewhere
         because of that, it is ordered to move on slowly to the cocked angle.

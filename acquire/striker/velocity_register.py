@@ -205,18 +205,19 @@ def cubic_splines(
 
 
 def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
-    """Models of the servo's velocity register, with their probabilities given the samples of one swing.
+    """Hypotheses about the servo's velocity register, with their probabilities given one swing's samples.
 
-    The filter's time constant and the phase of the renewals are scanned; the lag is fitted to each pair, with
-    a prior. Models with a probability of 0.01 or less are left out. With fewer than 16 reads both in the
-    run-up and in the retraction, all models are kept, equally probable.
+    A hypothesis has a filter time constant, a phase of the register's renewals, and a lag. Time constant and
+    phase are scanned; the lag is fitted to each pair of them, with a prior. Hypotheses with a probability of
+    0.01 or less are left out. With fewer than 16 reads both in the run-up and in the retraction, all are
+    kept, equally probable.
 
     Args:
         samples: samples of swing and retraction, in order.
         turned_ns: host monotonic time at which the retraction was commanded [ns].
 
     Returns:
-        The models, the most probable first.
+        The hypotheses, the most probable first.
     """
     score = (
         np.zeros((len(PHASES_NS), len(TAU_GRID_S), len(LAG_GRID_S)))
