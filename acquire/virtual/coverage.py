@@ -128,9 +128,7 @@ def _accumulate_coverage(
     width: int,
     height: int,
 ) -> NDArray[np.float32]:
-    """Image (height, width): for each pixel the sum of the areas added to it and to pixels left of it.
-
-    The pixels left of it are those in its row.
+    """Image (height, width): for each pixel the sum of areas added to it, or left of it in its row.
 
     Args:
         pixel: (n,) pixel of each area, as row * (width + 1) + column.

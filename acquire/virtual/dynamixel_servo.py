@@ -138,7 +138,7 @@ class DynamixelServo:
         self.plug_in()
 
     def plug_in(self) -> None:
-        """Create the pseudo-terminal and its link, at the start and after `close`.
+        """Create the servo's pseudo-terminal and the symbolic link to it, at the start and after `close`.
 
         Registers and motion are not affected. An existing link is replaced.
         """
