@@ -58,16 +58,17 @@ def camera_pose_from_strike(
     planned: PlannedStrike,
     strike_id: str,
 ) -> StrikeCameraPose | None:
-    """Estimate the camera's pose in the world frame from the resting object of one strike.
+    """Estimate the camera's pose in the world frame from the object at rest before one strike.
 
-    The marker of known pose on the object that is seen in most images is used.
+    The plan gives the object's pose at rest. Of the object's markers whose pose on it is known, the one seen
+    in most images is used.
 
     Args:
         frames: images from rest into the motion, which resolves a tag's pose ambiguity.
         rest_until_ns: time of the last frame at rest [ns], on the clock of `frames`.
         camera: lens of the camera; its pose is not used.
         markers: markers of the object.
-        planned: planned strike with the object's resting pose and its heading on the table.
+        planned: planned strike with the object's resting pose and its heading (rotation about the vertical).
         strike_id: id of the strike in the recording, copied to the result.
 
     Returns:
@@ -98,11 +99,14 @@ def camera_pose_from_strike(
 
 
 def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
-    """Mean of the camera's poses that were estimated from the strikes, with their scatter.
+    """Mean camera pose over the strikes, with the root mean square deviation of the strikes' poses.
+
+    Args:
+        views: camera pose estimated from each strike.
 
     Raises:
-        ImportRefused: `views` is empty, or one pose differs from the median by more than a placing error
-            (`MAX_DEVIATION_RAD`, `MAX_DEVIATION_M`).
+        ImportRefused: `views` is empty, or one pose differs from the median by more than the error of an
+            object placed by hand (`MAX_DEVIATION_RAD`, `MAX_DEVIATION_M`).
     """
     if not views:
         raise ImportRefused(

@@ -1,4 +1,4 @@
-"""Finds onsets of strikes in a clip: a marker at rest that then turns about a point near it.
+"""Finds onsets of strikes in a clip (source of images): a resting marker that begins to tip.
 
 A marker at rest is searched for once; from then on each image's region around it is compared with its
 appearance at rest, which takes little time. When the region changes, the marker is searched for again
@@ -73,7 +73,7 @@ class Onset:
 
 @dataclass
 class _Rest:
-    """Markers at rest, and the appearance of the largest of them."""
+    """Markers at rest in a clip, and the appearance of the image region around the largest of them."""
 
     since_ns: int
     """time from which they were seen at rest [ns]"""
@@ -88,15 +88,17 @@ class _Rest:
 
 
 class OnsetFinder:
-    """Finder of strike onsets; call `add` with the images of a clip in the order of their times.
+    """Finder of strike onsets in a clip (source of images).
+
+    Call `add` with all images of the clip in the order of their times.
 
     Args:
         markers: names of the object's markers.
         frame_ns: interval between two images [ns]; 0 if unknown. Above `SLOW_MOTION_INTERVAL_NS` the clip may
             be undeclared slow motion: all waits are then longer, so that slow movement is not mistaken for
             rest.
-        directions: directions in which strikes turn a marker in the image, True for clockwise; an object
-            that is set up again turns the other way.
+        directions: directions in which strikes turn a marker in the image, True for clockwise. A marker that
+            turns the other way shows that the object is set up again.
     """
 
     def __init__(
@@ -120,7 +122,7 @@ class OnsetFinder:
         """True if any of the markers was at rest"""
 
     def add(self, frame: TimedImage) -> Onset | None:
-        """Search the clip's next image.
+        """Examine the clip's next image.
 
         Returns:
             Onset of a strike that this image shows to have begun; None otherwise.
@@ -138,7 +140,7 @@ class OnsetFinder:
         return self._watch(frame, self._rest) if frame.time_ns >= self._next_ns else None
 
     def _try_settle(self, frame: TimedImage, found: dict[int | str, Array]) -> None:
-        """Set the resting markers once `SEARCHES_AT_REST` consecutive searches have them in one place.
+        """Take markers as resting once `SEARCHES_AT_REST` consecutive searches found them in one place.
 
         Args:
             frame: image that was searched last.
@@ -163,7 +165,11 @@ class OnsetFinder:
         self._moving, self._seen, self.ever_rested = False, [], True
 
     def _watch(self, frame: TimedImage, rest: _Rest) -> Onset | None:
-        """Search an image for the markers that rested, after a change of the region around them.
+        """Search an image for the markers that rested, after the image region around them has changed.
+
+        Args:
+            frame: the image.
+            rest: the markers as they rested; updated if they rest still.
 
         Returns:
             Onset of the strike if a marker has tipped as in a strike; None otherwise.
@@ -196,15 +202,18 @@ class OnsetFinder:
         return None
 
     def _wait(self, usual_ns: int) -> int:
-        """Time to wait [ns]: `usual_ns`, longer in a clip that may be slow motion."""
+        """Time to wait on the clip's clock [ns]: `usual_ns`, or longer if the clip may be slow motion."""
         return round(usual_ns * self._time_scale)
 
     def _forget(self, next_ns: int) -> None:
-        """Forget the resting markers; markers are searched for again from the time `next_ns` [ns] on."""
+        """Drop the resting markers; from the time `next_ns` [ns] on, markers are searched for again."""
         self._rest, self._moving, self._seen, self._next_ns = None, False, [], next_ns
 
     def _find(self, image: NDArray[np.uint8]) -> dict[int | str, Array]:
-        """Corners (4, 2) of the object's markers in an image [px], by marker name; empty if none is seen."""
+        """Detect the object's markers in an image; return their corners (4, 2) [px] by marker name.
+
+        Empty if none is seen.
+        """
         coarser = max(1, math.ceil(max(image.shape) / SEARCH_IMAGE_PX))
         seen = detect(image[::coarser, ::coarser], self._families)
         found = {
@@ -217,21 +226,30 @@ class OnsetFinder:
 
 
 def _side(corners: Array) -> float:
-    """Mean side length of a marker [px] with corners (4, 2) [px]."""
+    """Mean length of a marker's four sides in an image [px], from its corners (4, 2) [px]."""
     return float(np.mean(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)))
 
 
 def _shift(before: Array, now: Array) -> float:
-    """Largest shift of a marker's corners (4, 2) [px] between two images, over the marker's side before."""
+    """Largest shift of a marker's corners between two images, as a multiple of the marker's side.
+
+    Args:
+        before: corners (4, 2) in the first image [px], whose side counts.
+        now: corners (4, 2) in the second image [px].
+    """
     return float(np.max(np.linalg.norm(now - before, axis=1))) / _side(before)
 
 
 def _motion(before: Array, now: Array) -> tuple[float, float, float]:
-    """Motion of a marker between two images, from its corners (4, 2) [px].
+    """Rotation, shift and turning point of a marker between two images.
+
+    Args:
+        before: corners (4, 2) of the marker in the first image [px].
+        now: corners (4, 2) of the marker in the second image [px].
 
     Returns:
-        Rotation in the image, positive clockwise [rad]; largest shift of a corner, over the marker's side;
-        distance from the marker's middle to the point about which it turned, over the marker's side.
+        Rotation in the image, positive clockwise [rad]; largest shift of a corner; distance from the
+        marker's middle to the point about which it turned. Both lengths are multiples of the marker's side.
     """
     middle_before, middle = before.mean(axis=0), now.mean(axis=0)
     a, b = before - middle_before, now - middle
@@ -241,9 +259,9 @@ def _motion(before: Array, now: Array) -> tuple[float, float, float]:
 
 
 def _marker_region(corners: dict[int | str, Array], shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns of the image region around the largest marker, as slices.
+    """Image region around the largest marker: rows and columns, as slices.
 
-    A large region is thinned by the slices' step, so that 40 to 79 rows or columns of its longer side remain.
+    In a large region the slices have a step, so that 40 to 79 rows or columns of its longer side remain.
 
     Args:
         corners: corners (4, 2) of each marker [px], by its name.
@@ -258,7 +276,12 @@ def _marker_region(corners: dict[int | str, Array], shape: tuple[int, ...]) -> t
 
 
 def _appearance(image: NDArray[np.uint8], place: tuple[slice, slice]) -> Array:
-    """Grey values (n,) of an image's region `place`, of mean 0 and norm 1 (0 for a uniform region)."""
+    """Grey values (n,) of an image region, shifted to mean 0 and scaled to norm 1 (0 if uniform).
+
+    Args:
+        image: (height, width) grey values.
+        place: rows and columns of the region.
+    """
     values = image[place].astype(np.float64).ravel()
     values -= values.mean()
     return values / max(float(np.linalg.norm(values)), 1e-9)

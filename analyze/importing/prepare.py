@@ -1,4 +1,7 @@
-"""Prepares an import: searches the sources for strikes and assigns them to the planned strikes."""
+"""Prepares an import of images from other cameras as a recording.
+
+The sources of images are searched for strikes, and these are assigned to the planned strikes.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class PreparedImport:
-    """An import before the recording is written.
+    """Everything that is known of an import before the recording is written.
 
     Use it in a `with` statement: leaving it deletes the images that were stored during the search.
     """
@@ -121,7 +124,7 @@ class PreparedImport:
 
     @property
     def formats(self) -> str:
-        """Format in which the images will be stored, in words."""
+        """Words that name the format in which images will be stored, such as "H.264, stored unchanged"."""
         if self.are_files:
             return "PNG or JPEG files unchanged, of the strikes' windows"
         if self.storable_videos is None:
@@ -136,7 +139,10 @@ class PreparedImport:
         return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
 
     def _slow_motion(self) -> Iterator[str]:
-        """Yield one remark if all sources are videos at a low rate, which may be undeclared slow motion."""
+        """Yield a remark if all sources are videos and the first one's rate is low, as of slow motion.
+
+        No remark is made if a slow-motion capture rate is known already.
+        """
         if (
             all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
             and self.rate_hz < MAX_SLOW_MOTION_HZ
@@ -149,8 +155,8 @@ class PreparedImport:
     def _other_rates(self) -> Iterator[str]:
         """Yield remarks on sources whose frame rate differs from the first one's.
 
-        The factor must be `MAX_RATE_RATIO` or more. If a capture rate was given, the videos' playing rates
-        are compared, too.
+        Rates differ if their ratio is `MAX_RATE_RATIO` or more. If the user gave a capture rate, the rates at
+        which the videos play are compared, too.
         """
         capture_hz = self.options.source.capture_hz
         videos = [
@@ -185,13 +191,16 @@ class PreparedImport:
 
 
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
-    """Search the sources for strikes, and assign their images to the planned strikes.
+    """Search the sources for strikes, and assign parts of them to the planned strikes.
 
     If the camera file has no pose, the camera's pose is estimated from the resting object.
 
     Args:
         options: files, and the assignment of sources to planned strikes.
         progress: called with a text, the number of finished images or strikes and of all.
+
+    Returns:
+        The prepared import, which `write_recording` writes; to be used in a `with` statement.
 
     Raises:
         ImportRefused: a source cannot be read, is of another camera or shows no tag of the object, the plan
@@ -280,7 +289,7 @@ def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
 
 
 def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
-    """Check, before the search, that the disk has room for the videos stored as coded.
+    """Check that the disk has room for the videos that will be stored as coded.
 
     Args:
         folder: folder on the disk; None for no check.
@@ -298,7 +307,7 @@ def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
 
 
 def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
-    """Check that a source's images have the size for which the lens was calibrated.
+    """Check that a source's images have the size for which the camera's lens was calibrated.
 
     Raises:
         ImportRefused: they have another size.
@@ -330,10 +339,10 @@ def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitS
     Args:
         options: options of the import, with the folder for the images; without one there are no stores.
         sources: all sources.
-        stack: stack that closes the stores.
+        stack: exit stack, which closes the stores at its end.
 
     Returns:
-        Per source its store, or None if it has none.
+        For each source its store, or None if it needs none.
     """
     kept = _storable_videos(sources) is not None or all(source.holds_files for source in sources)
     if options.aside is None or options.whole or kept:
@@ -403,15 +412,18 @@ def _estimate_camera_pose(
     windows: Sequence[StrikeWindow],
     progress: Progress,
 ) -> EstimatedCameraPose:
-    """Estimate the camera's pose in the world frame, as the mean over the strikes with an onset.
+    """Estimate the camera's pose in the world frame from the object at rest before each strike.
 
     Args:
         files: the object, with its markers.
         plan: strike plan with the object's resting poses.
         camera: lens of the camera.
         images: images of each source.
-        windows: windows of the strikes.
+        windows: windows of the strikes (parts of the sources); those without an onset are not used.
         progress: called with a text, the number of finished strikes and of all.
+
+    Returns:
+        Mean pose over the strikes, with their deviation from it.
 
     Raises:
         ImportRefused: no strike gives a pose, or the poses differ too much.

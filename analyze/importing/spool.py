@@ -1,8 +1,8 @@
 """Stores the images of strikes while a source is searched, so that no image is decoded twice.
 
-A strike is recognised a moment after it began, and its window begins before it: the latest images are held in
-memory, and written to an unnamed file once a window needs them. Images that neither memory nor disk had room
-for are decoded again.
+A strike's window (the part of the source that is imported) begins before the strike, which is recognised only
+a moment after it began. So the latest images are held in memory, and written to an unnamed file once a window
+needs them. Images that neither memory nor disk had room for are decoded again.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAX_HELD_BYTES = 256 << 20
 
 @dataclass
 class _Interval:
-    """Interval within which every image is stored, ends included."""
+    """Interval of time in which every image of the source is stored, ends included."""
 
     start_ns: int
     """first time on the source's clock [ns]"""
@@ -40,7 +40,9 @@ class _Interval:
 
 
 class Spool:
-    """Store of some images of one source while it is searched; call `close` at the end.
+    """Store of those images of a source that show strikes, filled while the source is searched.
+
+    Call `close` at the end.
 
     Args:
         source: the source that is searched.
@@ -59,7 +61,7 @@ class Spool:
         self._fd = -1
 
     def add(self, frame: TimedImage) -> None:
-        """Hold a copy of the source's next image, and store it on disk if an interval to keep contains it."""
+        """Hold a copy of the source's next image in memory, and on disk if a kept interval contains it."""
         slot = self._slots[self._added % len(self._slots)]
         self._added += 1
         slot[:] = frame.image
@@ -92,9 +94,10 @@ class Spool:
                 break
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Yield the images from `start_ns` to `end_ns`: stored ones if `end_ns` was kept, else decoded again.
+        """Yield the source's images from `start_ns` to `end_ns`, read from the disk where they are stored.
 
-        Images before the stored interval that contains `end_ns` are decoded again, too.
+        Images before the stored interval that contains `end_ns` are decoded from the source again; all are if
+        there is no such interval.
 
         Args:
             start_ns: first time on the source's clock [ns], included; None for the first image.
@@ -124,25 +127,29 @@ class Spool:
     # --- the file
 
     def _interval_ending_at(self, end_ns: int | None) -> _Interval | None:
-        """Stored interval that contains `end_ns`, a time on the source's clock [ns]; None without one."""
+        """Stored interval that contains the time `end_ns` on the source's clock [ns]; None if none does."""
         if end_ns is None:
             return None
         return next((each for each in self._intervals if each.start_ns <= end_ns <= each.end_ns), None)
 
     def _has_room(self, length_ns: int) -> bool:
-        """True if the disk has room for a further interval, and then for a recording with all of them.
+        """True if the disk has room for another interval of images, and for a recording of all stored ones.
 
         Args:
-            length_ns: length of the further interval [ns].
+            length_ns: length of the other interval [ns].
         """
         more = math.ceil(length_ns * 1e-9 * self._source.rate_hz)
         return shutil.disk_usage(self._folder).free > (len(self._times) + 2 * more) * self._size
 
     def _append(self, time_ns: int, image: NDArray[np.uint8]) -> bool:
-        """Append an image (height, width) to the file.
+        """Append an image to the file of stored images.
+
+        Args:
+            time_ns: time of the image on the source's clock [ns].
+            image: (height, width) grey values.
 
         Returns:
-            True if it was written. If False, the latest interval is forgotten, and its images will be decoded
+            True if it was written. If False, the latest interval is dropped, and its images will be decoded
             again.
         """
         try:
@@ -158,10 +165,10 @@ class Spool:
 
 
 def _unnamed_file(folder: Path) -> int:
-    """Open a file without a name in `folder`, which the system removes when it is closed.
+    """Create a file without a name in `folder`; the system deletes it when it is closed.
 
     Returns:
-        The file's descriptor.
+        The open file's descriptor.
 
     Raises:
         OSError: the file cannot be created.

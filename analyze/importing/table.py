@@ -57,7 +57,7 @@ def render_import(prepared: PreparedImport) -> list[str]:
 
 
 def render_written(written: Written, shown: list[str]) -> None:
-    """Print path and size of the recording written and the next command, after its remarks.
+    """Print the remarks on a recording that was written, then its path and size and the next command.
 
     Args:
         written: the recording.
@@ -72,14 +72,17 @@ def render_written(written: Written, shown: list[str]) -> None:
 
 
 def _remark(lines: list[str]) -> list[str]:
-    """Print the lines to standard error, and return them."""
+    """Print the lines to standard error, and return them unchanged."""
     for line in lines:
         click.echo(line, err=True)
     return lines
 
 
 def _note(prepared: PreparedImport, clip: Clip, window: StrikeWindow) -> str:
-    """Note on a strike for the last column: no or several tips seen, planned tag not seen; "" if none."""
+    """Note on a strike for the table's last column; "" if there is nothing to note.
+
+    Notes: no tip or several tips are seen in the source; no tag that the plan expects is seen.
+    """
     if window.onset is None:
         why = f"no tip is seen, the whole source is used: {clip.why_no_strike}"
         return why if clip.last_ns is not None else ""

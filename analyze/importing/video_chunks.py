@@ -1,4 +1,4 @@
-"""Gathers coded pictures into chunks of a recording, and compresses chunks of small pictures."""
+"""Gathers coded pictures of a video into chunks of an MCAP recording, and compresses small pictures."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _COMPRESSION_LEVEL: Final = 3
 
 
 class VideoChunk(NamedTuple):
-    """A chunk of coded pictures."""
+    """A finished chunk of coded pictures."""
 
     messages: VideoMessages
     """times, sequence numbers and sizes of the n pictures"""
@@ -43,7 +43,7 @@ class VideoChunk(NamedTuple):
 
 
 class PreparedChunk(NamedTuple):
-    """A chunk with its checksums and index, ready to be written."""
+    """A chunk of coded pictures with its checksums and message index, ready to be written."""
 
     buffers: Sequence[Buffer]
     """parts of the chunk's records, compressed or as they are"""
@@ -58,7 +58,7 @@ class PreparedChunk(NamedTuple):
 
 @dataclass
 class OpenChunk:
-    """A chunk of coded pictures that still grows."""
+    """A chunk of coded pictures to which further pictures can be added."""
 
     _messages: list[VideoMessages] = field(default_factory=list)
     _records: list[memoryview] = field(default_factory=list)
@@ -66,7 +66,7 @@ class OpenChunk:
     """size of its pictures [bytes]"""
 
     def add(self, messages: VideoMessages, records: list[memoryview]) -> None:
-        """Append n pictures.
+        """Append n coded pictures to the chunk.
 
         Args:
             messages: times, sequence numbers and sizes of the pictures' messages.
@@ -77,7 +77,10 @@ class OpenChunk:
         self.size += int(messages.sizes.sum())
 
     def closed(self) -> VideoChunk:
-        """Chunk of everything added, at least one picture; nothing may be added afterwards."""
+        """Finished chunk with all pictures that were added; there must be at least one.
+
+        Nothing may be added afterwards.
+        """
         columns = [np.concatenate(column) for column in zip(*self._messages, strict=True)]
         return VideoChunk(VideoMessages(*columns), self._records)
 
@@ -86,6 +89,9 @@ def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
     """Compute a chunk's checksums and message index, and compress it if its pictures are small.
 
     A chunk of 4 MiB or more, or one that compression would not make smaller, stays as it is.
+
+    Returns:
+        Its bytes as they are to be written, with sizes, checksums and index.
     """
     crc = 0
     hashed: list[HashedMessage] = []
@@ -107,7 +113,9 @@ def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
 
 
 def _index_entries(times_ns: NDArray[np.int64], sizes: NDArray[np.int64]) -> bytes:
-    """Packed MCAP message index of n consecutive records, by time: log time [ns] and offset, 8 bytes each.
+    """Bytes of the MCAP message index of n consecutive records, sorted by time.
+
+    An entry has 16 bytes: log time [ns] and the record's offset in the chunk [bytes].
 
     Args:
         times_ns: (n,) log times [ns].

@@ -1,4 +1,4 @@
-"""Assigns parts of the sources, the strike windows, to the planned strikes that they show."""
+"""Assigns parts of the sources (strike windows) to the planned strikes that they show."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Clip:
 
     @property
     def why_no_strike(self) -> str:
-        """Reason why no strike was found in the searched clip, with a remedy, as part of a sentence."""
+        """Part of a sentence: the reason why no strike was found in the searched clip, and a remedy."""
         if not self.rested:
             return (
                 "its tag is seen, but is never at rest: put the camera on a stand and take your hand off the "
@@ -50,10 +50,10 @@ class Clip:
 
 
 def window_around(onset: Onset, frame_ns: float) -> tuple[int, int]:
-    """Start and end of a strike's window on the source's clock, both included [ns].
+    """Start and end [ns] of a strike's window (part of a source) around its onset, both included.
 
-    It begins `BEFORE_ONSET_NS` before the onset, but not before the marker rested. The next strike and the
-    clip's end, which may cut it, are not considered here.
+    The times are on the source's clock. The window begins `BEFORE_ONSET_NS` before the onset, but not before
+    the marker rested. It is not cut here at the next strike or at the source's end.
 
     Args:
         onset: onset of the strike.
@@ -89,9 +89,9 @@ class StrikeWindow:
 def one_window_per_clip(
     clips: Sequence[Clip], planned: Sequence[str], strike_ids: Sequence[str]
 ) -> tuple[StrikeWindow, ...]:
-    """Windows of clips that show one strike each: around the first onset, or the whole clip without one.
+    """Windows (parts of sources) of clips that show one strike each, in the order of the clips.
 
-    The windows are in the order of the clips.
+    A window lies around the clip's first onset, or is the whole clip if no onset was found.
 
     Args:
         clips: clips in the order in which they were given.
@@ -121,7 +121,9 @@ def one_window_per_clip(
 
 
 def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) -> tuple[StrikeWindow, ...]:
-    """Windows of a clip in which each onset is a strike, in the order of their times, without overlap.
+    """Windows (parts of a source) of a clip that shows several strikes, one around each onset.
+
+    They are in the order of their times and do not overlap.
 
     Args:
         clip: clip that was searched for onsets.
@@ -160,7 +162,10 @@ def _refuse_unknown(ids: Iterable[str], planned: Sequence[str]) -> None:
 def _windows(
     clips: Sequence[Clip], found: Sequence[tuple[int, Onset | None]], ids: Sequence[str]
 ) -> tuple[StrikeWindow, ...]:
-    """Windows of strikes, each ended by the next strike's rest in the same clip and by the clip's end.
+    """Windows of strikes (parts of sources), in the order of `found`.
+
+    A window ends at the latest where the object rests before the next strike in the same clip, or at the
+    clip's end.
 
     Args:
         clips: the sources.

@@ -1,7 +1,7 @@
 """Writes a prepared import as a recording.
 
-If all sources are H.264 or H.265 videos, those with a strike are stored whole, as coded. Otherwise the images
-in the strikes' windows are stored.
+If all sources are H.264 or H.265 videos, those with a strike are stored whole, as coded. Otherwise only the
+images in the strikes' windows (parts of the sources) are stored.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ PROGRESS_EVERY_IMAGES = 100
 
 @dataclass(frozen=True)
 class Written:
-    """An imported recording."""
+    """A recording that was written by an import, with its counts and remarks."""
 
     path: Path
     """path of the recording"""
@@ -78,7 +78,7 @@ class Written:
 
 @dataclass
 class _LogTimes:
-    """Log times of a strike's first and last image."""
+    """Log times of the first and the last image of a strike."""
 
     first_ns: int | None = None
     """earliest log time [ns]; None without images"""
@@ -86,7 +86,7 @@ class _LogTimes:
     """latest log time [ns]; 0 without images"""
 
     def add_range(self, at_ns: int, times_ns: NDArray[np.int64], window: StrikeWindow) -> None:
-        """Add the log times of those images of a source that lie in a strike's window.
+        """Extend the log times by those images of a source that lie in a strike's window.
 
         Args:
             at_ns: log time of the source's start [ns].
@@ -99,7 +99,7 @@ class _LogTimes:
             self.add(at_ns + int(times_ns[last - 1]))
 
     def add(self, log_time_ns: int) -> None:
-        """Add one image at a log time [ns]."""
+        """Extend the log times by one image at a log time [ns]."""
         self.first_ns = log_time_ns if self.first_ns is None else min(self.first_ns, log_time_ns)
         self.last_ns = max(self.last_ns, log_time_ns)
 
@@ -126,7 +126,9 @@ class _Session:
         self._meta_topic = topics.frame_meta(CAMERA)
 
     def write(self) -> None:
-        """Write head, topics, calibration, the images of all sources, then the strikes.
+        """Write all content of the recording.
+
+        The order: manifest and attached files, topics, calibration, the images of all sources, strikes.
 
         Raises:
             ImportRefused: a source cannot be read.
@@ -159,7 +161,7 @@ class _Session:
     def _images(
         self, source: FrameSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
-        """Write the images in a source's strike windows, each with its FrameMeta.
+        """Write the images in a source's strike windows, each with its FrameMeta (frame metadata).
 
         Args:
             source: the source.
@@ -182,7 +184,10 @@ class _Session:
     def _messages(
         self, source: FrameSource, window: StrikeWindow
     ) -> Iterator[tuple[int, tuple[Buffer, ...]]]:
-        """Yield time on the source's clock [ns] and message, in parts, of each image in a window."""
+        """Yield for each image in a strike's window its time and its encoded message.
+
+        The time is on the source's clock [ns]; the message is a tuple of buffers that follow each other.
+        """
         if self._prepared.are_files:
             for time_ns, file in source.files(window.start_ns, window.end_ns):
                 yield time_ns, image_messages.compressed_image(CAMERA, self._at_ns + time_ns, file)
@@ -193,7 +198,7 @@ class _Session:
     def _video(
         self, video: VideoSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
-        """Write a whole video as coded, in chunks, with FrameMeta of some frames.
+        """Write a whole video as coded, in chunks, with FrameMeta (frame metadata) of some frames.
 
         Args:
             video: the video; without a `storable_format` nothing is written.
@@ -227,9 +232,9 @@ class _Session:
         self._sequence = last
 
     def _video_chunk(self, chunk: OpenChunk, lost: dict[int, tuple[int, int]]) -> None:
-        """Write a chunk of video, with FrameMeta for its first frame and each frame that follows a gap.
+        """Write a chunk of video, with FrameMeta (frame metadata) of some of its frames.
 
-        Nothing is written for an empty chunk.
+        These are its first frame and each frame that follows a gap. Nothing is written for an empty chunk.
 
         Args:
             chunk: the chunk, which must not grow afterwards.
@@ -249,7 +254,13 @@ class _Session:
         self._end_ns = max(self._end_ns, int(closed.messages.times_ns.max()))
 
     def _meta(self, sequence: int, log_time_ns: int, lost: int) -> None:
-        """Write FrameMeta of image number `sequence` at a log time [ns]; `lost` frames are missing before."""
+        """Write the FrameMeta (frame metadata) of one image.
+
+        Args:
+            sequence: number of the image.
+            log_time_ns: log time of the image [ns].
+            lost: number of frames missing before it.
+        """
         camera = self._prepared.calibration
         meta = pb.FrameMeta(
             sequence=sequence,
@@ -272,7 +283,14 @@ class _Session:
         self._progress(f"writing {source.name}", self.images, max(total, self.images))
 
     def _strike(self, seen: _LogTimes, window: StrikeWindow) -> None:
-        """Write a strike's record and a line of log; of a strike without images add a remark only."""
+        """Write the record of a strike and a line in the recording's log.
+
+        A strike without images is left out, with a remark.
+
+        Args:
+            seen: log times of the strike's first and last image.
+            window: the strike's part of a source.
+        """
         planned = next(strike for strike in self._prepared.plan.strikes if strike.id == window.plan_strike_id)
         if seen.first_ns is None:
             self.remarks.append(f"strike {window.strike_id}: has no images and is left out")
@@ -293,7 +311,7 @@ class _Session:
         )
 
     def _origin(self, window: StrikeWindow) -> str:
-        """Text for the recording's log: source of a strike, and time at which its tag began to move.
+        """Line for the recording's log: a strike's source, and when its tag began to move.
 
         The time is on the source's clock; it is left out if no onset was found.
         """
@@ -314,7 +332,10 @@ def _image_topic(prepared: PreparedImport) -> topics.Topic:
 
 
 def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
-    """Divide coded pictures before each key picture.
+    """Divide consecutive coded pictures into parts, each of which begins with a key picture.
+
+    Args:
+        keys: (n,) True for key pictures, where a decoder may begin.
 
     Yields:
         Slice of each part, and True if a key picture begins it; only the first part may begin without one.
@@ -383,7 +404,10 @@ def _camera(prepared: PreparedImport) -> ManifestCamera:
 
 
 def _attachments(prepared: PreparedImport) -> list[tuple[str, str, bytes]]:
-    """Name, media type and content of the files attached: object, plan, camera and, if any, shape."""
+    """Name, media type and content of each file attached to the recording.
+
+    These are the object file, the plan, the camera file and, if there is one, the shape file.
+    """
     files = prepared.object
     found = [
         (OBJECT_ATTACHMENT, "application/toml", prepared.object_text.encode()),

@@ -38,7 +38,7 @@ _MAX_BUFFERS: Final = 1024
 
 
 def refuse_taken(path: Path) -> None:
-    """Check that neither this path nor its `.part` file (an unfinished recording) exists.
+    """Check that no recording exists at a path, neither finished nor unfinished (its `.part` file).
 
     It is also called before a long video is read. A folder at this path is not refused.
 
@@ -53,9 +53,10 @@ def refuse_taken(path: Path) -> None:
 
 
 class RecordingWriter:
-    """Writer of a recording. Use it in a `with` statement: unless `finish` was called nothing is left.
+    """Writer of a recording in the MCAP format.
 
-    Call `write_head`, `add_topics`, the other `write_` methods, and `finish`, in this order.
+    Call `write_head`, `add_topics`, the other `write_` methods, and `finish`, in this order. Use it in a
+    `with` statement: leaving it without `finish` deletes the file.
 
     Args:
         path: path of the finished recording.
@@ -87,7 +88,10 @@ class RecordingWriter:
 
     @property
     def size(self) -> int:
-        """Number of bytes written or queued so far; messages of `write_small` may still be missing."""
+        """Size of the recording so far [bytes], written or queued.
+
+        Messages of `write_small` that are still being gathered are missing.
+        """
         return self._records.size
 
     def write_head(self, manifest: SessionManifest, attachments: Sequence[tuple[str, str, bytes]]) -> None:
@@ -118,7 +122,7 @@ class RecordingWriter:
             self._channels[topic.name] = number
 
     def channel_id(self, topic: Topic) -> int:
-        """Channel id of a declared topic in the file.
+        """Number of a declared topic's channel in the file.
 
         Raises:
             KeyError: the topic was not declared.
@@ -147,7 +151,11 @@ class RecordingWriter:
         self._records.write_chunk([head, *parts], len(head) + size, crc, {channel_id: [(log_time_ns, 0)]})
 
     def write_video(self, topic: Topic, chunk: VideoChunk) -> None:
-        """Write coded pictures as one chunk; their records are written later and must stay unchanged.
+        """Write coded pictures as one chunk.
+
+        Args:
+            topic: the image topic.
+            chunk: the pictures; their records are written later, by another thread, and must stay unchanged.
 
         Raises:
             OutputError: an earlier chunk could not be written.
@@ -176,7 +184,9 @@ class RecordingWriter:
             self._flush_small()
 
     def finish(self) -> str:
-        """Write pending messages, seal (record with the checksums) and summary, and rename the file.
+        """Write what is left of the recording, and give the file its final name.
+
+        Written are pending messages, the seal (record with the checksums) and the summary.
 
         Returns:
             Content id: hash of the messages, in hexadecimal digits.
@@ -224,7 +234,7 @@ class RecordingWriter:
             self._pending = PendingMessages()
 
     def _append(self, buffers: Sequence[Buffer]) -> None:
-        """Queue buffers for the writing thread; wait while `_QUEUED_WRITES` writes are queued.
+        """Queue buffers for the writing thread; wait as long as `_QUEUED_WRITES` writes are queued already.
 
         Raises:
             OutputError: an earlier write failed.
@@ -233,7 +243,7 @@ class RecordingWriter:
         self._queue.put(buffers)
 
     def _write_queued(self) -> None:
-        """Write queued buffers until None comes (body of the writing thread).
+        """Write queued buffers to the file until None is queued (body of the writing thread).
 
         The first error is kept in `_failure`; nothing is written after it.
         """
