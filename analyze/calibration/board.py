@@ -21,7 +21,7 @@ MM = 1e-3
 
 @cache
 def corner_points(board: Board) -> Array:
-    """Inner chessboard corners (n, 3) of a board in its frame B [m], read-only.
+    """Positions (n, 3) of a board's inner chessboard corners in its frame B [m], read-only.
 
     B: x right, y up, origin at the lower left corner of the squares. The corners are ordered row by row from
     the upper left, n = (columns - 1)(rows - 1).
@@ -35,9 +35,9 @@ def corner_points(board: Board) -> Array:
 
 @cache
 def tag_squares(columns: int, rows: int) -> IntArray:
-    """Column and row (n, 2) of the white squares of a board's n tags, in the order of the tags' ids.
+    """Column and row (n, 2) of each square with a tag on a board, in the order of the tags' ids.
 
-    Columns and rows count from 0 at the upper left square.
+    Columns and rows count from 0 at the upper left square. The n tags are in the white squares.
 
     Args:
         columns: number of squares across.
@@ -55,14 +55,14 @@ def tag_count(board: Board) -> int:
 
 
 def tag_corners(board: Board) -> Array:
-    """Corners (4, 2) of a tag relative to the middle of its square, x right and y down [square sides].
+    """Corners (4, 2) of any tag of a board, relative to the middle of its square [square sides].
 
-    Order: top-left, top-right, bottom-right, bottom-left.
+    x is to the right and y down. Order: top-left, top-right, bottom-right, bottom-left.
     """
     half = 0.5 * board.marker_mm / board.square_mm
     return np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
 
 
 def tag_margin(board: Board) -> float:
-    """White margin between a tag and the edge of its square [square sides]."""
+    """Width of the white margin between a tag and the edge of its square [square sides]."""
     return 0.5 * (1.0 - board.marker_mm / board.square_mm)

@@ -1,4 +1,7 @@
-"""Calibrates a lens from views of a board: solves, refits the corners, rejects outliers, and judges."""
+"""Calibrates a lens from views (images) of a board, with its uncertainty and diagnostics.
+
+It solves for the lens and the board's poses, refits the corners, rejects outliers, and judges the result.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ STEPS = 4
 
 @dataclass(frozen=True)
 class Shot:
-    """Image with the corners found in it."""
+    """Image of a calibration board with the corners found in it."""
 
     name: str
     """name of the image for messages"""
@@ -52,7 +55,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Dropped:
-    """View that was left out, with the reason."""
+    """View (image of the board) that was left out of a calibration, with the reason."""
 
     name: str
     """name of the image"""
@@ -91,12 +94,12 @@ class Calibration:
 
     @property
     def sd(self) -> Array:
-        """Standard deviations (p,) of the lens's numbers, in the order of `Lens.names`."""
+        """Standard deviations (p,) of the lens's numbers, in the order and units of `Lens.numbers`."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance of the corners from their predictions [px]."""
+        """Root mean square distance of the observed corners from those that the fit predicts [px]."""
         residual: Array = np.concatenate(self.bundle.residuals)
         squared: Array = np.asarray(np.sum(residual**2, axis=1), dtype=np.float64)
         return float(np.sqrt(np.mean(squared)))
@@ -105,16 +108,18 @@ class Calibration:
 def calibrate(
     shots: Sequence[Shot], board: Board, model: LensModel, progress: Callable[[str, int, int], None]
 ) -> Calibration:
-    """Calibrate the lens of the camera that took these images.
+    """Calibrate a camera's lens from images of a board.
 
-    Corners and views that do not fit are left out. The result must not be used if its `undetermined` is not
-    empty.
+    Corners and views that do not fit are left out.
 
     Args:
         shots: images with their corners, at least one, all of one size.
         board: the board.
         model: lens model.
         progress: called with a text, the number of finished steps and of all steps (`STEPS`).
+
+    Returns:
+        The lens with its uncertainty and diagnostics; not to be used if its `undetermined` is not empty.
     """
     points = corner_points(board)
     height, width = shots[0].image.shape
@@ -144,7 +149,7 @@ def calibrate(
 def assess(
     shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequence[Dropped], corners_dropped: int
 ) -> Calibration:
-    """Compute a calibration's uncertainty and diagnostics from a finished fit.
+    """Compute the uncertainty and diagnostics of a lens from a finished fit.
 
     Args:
         shots: views that were used.
@@ -152,6 +157,9 @@ def assess(
         points: (n, 3) all corners of the board in the board's frame [m].
         dropped: views that were left out.
         corners_dropped: number of single corners that were left out.
+
+    Returns:
+        The calibration: lens, covariance, coverage of the image, and reasons against its use.
     """
     scatter = bundle.scatter()
     covariance = bundle.covariance * scatter**2
@@ -177,18 +185,23 @@ def assess(
 
 
 def _observed(shots: Sequence[Shot], points: Array) -> list[ObservedView]:
-    """Corners of each shot with their weights; `points` (n, 3) are all corners in the board's frame [m]."""
+    """Observed corners of each shot with their weights in the fit.
+
+    Args:
+        shots: images with their corners.
+        points: (n, 3) all corners of the board in the board's frame [m].
+    """
     return [weighted_corners(shot.view, points) for shot in shots]
 
 
 def _refitted(
     shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
-    """Refit all corners on pixels straightened by the fitted lens.
+    """Refit the corners of all shots on pixels from which the fitted lens's distortion is removed.
 
     Returns:
-        The shots with refitted corners, the shots left out because too few of their corners are sharp, and
-        the bundle (lens, poses, residuals) of the shots kept, not fitted anew. If fewer than three shots, or
+        The shots with refitted corners; the shots left out because too few of their corners are sharp; the
+        bundle (lens, poses, residuals) of the shots kept, not fitted anew. If fewer than three shots, or
         of one or two not all, could be refitted, all shots are returned unchanged.
     """
     views = [
@@ -210,7 +223,7 @@ def _refitted(
 def _without_bad_views(
     shots: list[Shot], bundle: Bundle, limit: float
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
-    """Leave out shots whose corners lie far off (motion blur, a bent board, a misread tag).
+    """Leave out shots whose corners lie far from their predictions (motion blur, bent board, misread tag).
 
     A shot is left out if its median residual exceeds both `limit` times `_BAD_VIEW_RATIO` times the median
     over all shots, and `limit` times `_BAD_VIEW_PX`. None is left out if fewer than three would remain.
@@ -245,8 +258,9 @@ def _without_outliers(
     fewer than three shots would remain.
 
     Returns:
-        The shots kept with their remaining corners, the shots left out, the bundle of the kept ones (not
-        fitted anew, its residuals still of all corners), and the number of single corners left out.
+        The shots kept, with their remaining corners; the shots left out; the bundle (lens, poses, residuals)
+        of the kept ones, not fitted anew and with residuals of all their corners; the number of single
+        corners left out.
     """
     chi = np.concatenate(bundle.sigmas)
     most = limit * OUTLIER_RATIO * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
@@ -267,7 +281,10 @@ def _without_outliers(
 
 
 def _bundle_of(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
-    """Bundle of the views with a True in `kept`; lens, covariance and cost stay those of all views."""
+    """Fit (bundle) with only the views that have a True in `kept`; it is not fitted anew.
+
+    Lens, covariance and cost stay those of all views.
+    """
     return replace(
         bundle,
         poses=tuple(compress(bundle.poses, kept)),

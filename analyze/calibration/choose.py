@@ -1,4 +1,4 @@
-"""Selects calibration images: one per position and tilt of the board, and at most `MOST_VIEWS`."""
+"""Selects images for a calibration: one per position and tilt of the board, at most `MOST_VIEWS`."""
 
 from __future__ import annotations
 
@@ -51,18 +51,23 @@ def outline(sight: BoardSighting, board: Board) -> Array | None:
 
 
 def _affine(squares: Array, pixels: Array) -> Array:
-    """Affine transform (3, 3) of points (n, 2) on the board [squares] to pixels (n, 2), by least squares."""
+    """Affine transform (3, 3) from board coordinates [squares] to pixels, fitted by least squares.
+
+    Args:
+        squares: (n, 2) points on the board [squares].
+        pixels: (n, 2) their positions in the image [px].
+    """
     rows = np.column_stack([squares, np.ones(len(squares))])
     return np.vstack([np.linalg.lstsq(rows, pixels, rcond=None)[0].T, [0.0, 0.0, 1.0]])
 
 
 def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
-    """Indices of at most `MOST_VIEWS` views whose outlines differ, in increasing order.
+    """Indices of at most `MOST_VIEWS` views (images) whose outlines of the board differ, increasing.
 
     Of views with similar outlines (`MIN_VIEW_DISTANCE`) the one with the most tags is taken.
 
     Args:
-        outlines: outer corners (4, 2) of each view [px].
+        outlines: outer corners (4, 2) of the board in each view [px].
         tags: number of tags in each view.
         width: width of the image [px].
     """
@@ -75,16 +80,18 @@ def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -
 
 
 def _distance(first: Array, second: Array) -> float:
-    """Mean distance between the corners of two outlines (4, 2) [px]."""
+    """Mean distance [px] between the corresponding corners of two board outlines (4, 2) [px]."""
     return float(np.linalg.norm(first - second, axis=1).mean())
 
 
 def _farthest_first(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
-    """Select `MOST_VIEWS` of the views `kept`: the first, then always that farthest from those selected.
+    """Select `MOST_VIEWS` of the views `kept` that differ most.
+
+    The first view is taken, then always the one whose outline is farthest from all taken before.
 
     Args:
         kept: indices of at least `MOST_VIEWS` views.
-        outlines: outer corners (4, 2) of all views [px].
+        outlines: outer corners (4, 2) of the board in all views [px].
 
     Returns:
         Indices of the selected views, in the order of selection.

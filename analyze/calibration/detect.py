@@ -1,7 +1,7 @@
-"""Detects a calibration board in an image.
+"""Detects the corners of a calibration board (chessboard with tags) in an image.
 
-Each tag predicts the board corners beside it, predictions of neighbouring tags must agree, and the module
-`saddle` refines the corners to subpixel accuracy.
+Each tag predicts the board corners beside it; predictions of neighbouring tags must agree. The module
+`saddle` then refines the corners to subpixel accuracy.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _MAX_COLUMNS = 24
 
 @dataclass(frozen=True)
 class View:
-    """Corners of the board in one image."""
+    """Corners of a calibration board found in one image."""
 
     index: IntArray
     """(n,) indices of the corners in `board.corner_points`"""
@@ -52,7 +52,7 @@ class View:
     """median standard deviation of the edges' blur [px]"""
 
     def only(self, kept: NDArray[np.bool_]) -> View:
-        """View with the corners that have a True in `kept` (n,); the median blur stays."""
+        """Copy with only those corners that have a True in `kept` (n,); the median blur stays."""
         return View(
             self.index[kept], self.place[kept], self.covariance[kept], self.per_square[kept], self.blur
         )
@@ -78,13 +78,17 @@ class BoardSighting:
 
     @property
     def another_layout(self) -> bool:
-        """True if the tags are arranged unlike the board's: of three or more pairs less than half agree."""
+        """True if the tags are arranged unlike the board's, so that the image shows another board.
+
+        That is: three or more board corners are predicted by two tags, and less than half of these pairs
+        agree.
+        """
         return self.pairs >= 3 and self.agreeing < 0.5 * self.pairs
 
 
 @cache
 def _detector(family: str) -> cv2.aruco.ArucoDetector:
-    """OpenCV detector of a family's tags, without refinement of their corners.
+    """OpenCV's detector for the tags of a family, without refinement of the tags' corners.
 
     Raises:
         TagError: the family is unknown.
@@ -102,7 +106,7 @@ def _detector(family: str) -> cv2.aruco.ArucoDetector:
 
 
 def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
-    """Find a family's tags in an image (height, width) uint8.
+    """Find the tags of a family in an image (height, width) uint8.
 
     Returns:
         Corners (4, 2) of each tag [px] by tag id, accurate to about half a pixel; empty if there is none. Of
@@ -117,7 +121,7 @@ def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
 
 
 def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
-    """Number of tags in an image by family, for all families with at least one; empty without any.
+    """Number of tags seen in an image for each tag family of which there is at least one, else empty.
 
     Args:
         image: (height, width) grey values.
@@ -127,17 +131,20 @@ def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
 
 
 def read_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
-    """Find the board's tags in an image and predict the board corners beside them.
+    """Find the board's tags in an image, and predict the board corners beside them.
 
     Args:
         image: (height, width) grey values.
         board: the board.
+
+    Returns:
+        The tags found, and predicted positions of corners [px]; both are empty if no tag is seen.
     """
     return predict_corners(read_tags(image, board.family), board)
 
 
 def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
-    """Predict the board corners beside tags that were read before.
+    """Predict the board corners in an image from the tags that were found in it.
 
     A corner between two tags gets the mean prediction, or none if the two disagree by more than
     `_MAX_DISAGREEMENT` squares plus 2 px.
@@ -145,6 +152,9 @@ def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
     Args:
         tags: corners (4, 2) of each tag [px], by tag id.
         board: the board.
+
+    Returns:
+        The tags with the predicted positions of the corners beside them [px].
     """
     known = {tag: quad for tag, quad in tags.items() if tag < tag_count(board)}
     beyond = tuple(sorted(set(tags) - set(known)))
@@ -175,14 +185,15 @@ def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
 
 
 def _through(H: Array, at: Array) -> tuple[Array, Array]:
-    """Project a point near a tag to the image, with the derivative.
+    """Project a point near a tag to the image by a homography.
 
     Args:
         H: (3, 3) homography from squares (relative to the tag's middle, x right, y down) to pixels.
         at: (2,) the point [squares].
 
     Returns:
-        Pixel (2,), and its derivative (2, 2) by the board's x and y (up), in columns [px per square].
+        Position (2,) in the image [px]; its derivative (2, 2) by the board's x and y (up), in columns [px per
+        square].
     """
     x = H @ np.array([at[0], at[1], 1.0])
     place = x[:2] / x[2]
@@ -191,7 +202,7 @@ def _through(H: Array, at: Array) -> tuple[Array, Array]:
 
 
 def find_corners(image: NDArray[np.uint8], board: Board, sight: BoardSighting) -> View | None:
-    """Fit the board's corners in an image from the predictions of its tags.
+    """Fit the board's corners to an image, from their predictions by tags.
 
     Corners whose square is smaller than `_MIN_SQUARE_PX` in the image are not used.
 
@@ -254,15 +265,15 @@ def refine(
 
 
 def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[int, int] | None:
-    """Numbers of columns and rows of the board that explains the tags' layout in several images best.
+    """Numbers of columns and rows of the board that fits the arrangement of seen tags best.
 
     Args:
         tags: for each image, corners (4, 2) of each tag [px], by tag id.
         board: the board that the user named; its tag family and sizes are used.
 
     Returns:
-        Numbers of squares across and down; None if by no board more than 70 % of the pairs of neighbouring
-        tags, and at least three pairs in all, agree.
+        Numbers of squares across and down. None if with no board more than 70 % of the pairs of neighbouring
+        tags agree on the corner between them, or there are fewer than three pairs.
     """
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None

@@ -29,7 +29,7 @@ _FOCAL_SD_SHARE, _MIDDLE_SD_SHARE = 1.0, 0.25
 
 @dataclass(frozen=True)
 class Lens:
-    """Lens model with its p numbers (focal lengths, principal point, distortion) and image size."""
+    """Lens model with image size and p numbers: focal lengths, principal point, distortion."""
 
     model: LensModel
     """pinhole with distortion, or fisheye"""
@@ -47,7 +47,7 @@ class Lens:
 
     @property
     def camera_matrix(self) -> Array:
-        """Camera matrix (3, 3) [px]."""
+        """Camera matrix (3, 3) [px]: focal lengths and principal point."""
         fx, fy, cx, cy = self.numbers[:4]
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
@@ -57,7 +57,7 @@ class Lens:
         return self.numbers[4:]
 
     def moved(self, step: Array) -> Lens:
-        """Lens with `step` (p,) added to its numbers."""
+        """Copy of the lens with `step` (p,) added to its numbers, in their units."""
         return replace(self, numbers=self.numbers + step)
 
     def camera(self, T_world_camera: Array | None = None) -> CameraModel:
@@ -71,7 +71,7 @@ class Lens:
 
 
 def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Lens:
-    """Lens without distortion, its principal point in the image's middle, with equal focal lengths.
+    """Lens without distortion, with its principal point in the image's middle and equal focal lengths.
 
     Args:
         model: lens model.
@@ -86,10 +86,10 @@ def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Le
 
 
 def prior_sd(lens: Lens) -> Array:
-    """Prior standard deviation (p,) of each of the lens's numbers, in their order and units.
+    """Standard deviation (p,) that each of the lens's numbers has before views are used (prior).
 
-    The prior is so wide that views that determine a number override it. It keeps undetermined numbers finite,
-    so that their uncertainty can be reported.
+    Order and units are those of the numbers. The prior is so wide that views that determine a number override
+    it. It keeps undetermined numbers finite, so that their uncertainty can be reported.
     """
     focal = float(lens.numbers[:2].mean())
     radius = 0.5 * math.hypot(lens.width, lens.height) / focal
@@ -100,10 +100,10 @@ def prior_sd(lens: Lens) -> Array:
 
 
 def project(lens: Lens, points: Array, rotation: Array, translation: Array) -> tuple[Array, Array, Array]:
-    """Project points to the image: x_camera = R x + translation, then the lens.
+    """Project points to the image of a camera with a lens: x_camera = R x + translation, then the lens.
 
     Args:
-        lens: the lens.
+        lens: the lens, with p numbers.
         points: (n, 3) points [m].
         rotation: (3,) rotation vector of R, from the points' frame to the camera's [rad].
         translation: (3,) translation [m].

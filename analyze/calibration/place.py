@@ -59,10 +59,9 @@ def place_camera(
     R_world_board: Array,
     p_world_board: Array,
 ) -> CameraPlace:
-    """Compute the camera's pose in the world frame W from a view of the board at a known place.
+    """Compute the camera's pose in the world frame W from an image of the board at a known place.
 
-    The standard deviations include the errors of corners and lens, not of the board's placement. Before, the
-    corners are refitted with the lens, if enough of them are found again.
+    The corners are first refitted with the lens, if enough of them are found again.
 
     Args:
         image: (height, width) grey values with the board.
@@ -74,6 +73,10 @@ def place_camera(
             already included in `lens_covariance`.
         R_world_board: (3, 3) rotation from the board's frame B to W: LYING or STANDING.
         p_world_board: (3,) origin of B in W [m].
+
+    Returns:
+        The pose with its standard deviations, which include errors of corners and lens, but not of the
+        board's placement.
     """
     points = corner_points(board)
     seen = weighted_corners(view, points)
@@ -98,7 +101,7 @@ def place_camera(
 
 
 def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
-    """Rms distance [px] of observed corners from the projections of the board's corners.
+    """Root mean square distance [px] of observed corners from their projections by lens and pose.
 
     Args:
         points: (n, 3) corners in the board's frame [m].
@@ -112,10 +115,12 @@ def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
 
 
 def implausibilities(T_world_camera: Array) -> list[str]:
-    """Reasons why a camera's pose is implausible: below the table, or looking over 60 degrees off W's y.
+    """Reason why a camera's pose in the world frame W (z up) is implausible, as a list for the user.
+
+    Implausible is a camera below the table, or one that looks over 60 degrees off W's y.
 
     Args:
-        T_world_camera: (4, 4) pose of the camera in the world frame W.
+        T_world_camera: (4, 4) pose of the camera in W.
 
     Returns:
         At most one sentence with the remedy; empty if the pose is plausible.
@@ -137,7 +142,7 @@ def implausibilities(T_world_camera: Array) -> list[str]:
 
 
 def _world_camera(pose: Pose, R_world_board: Array, p_world_board: Array) -> Array:
-    """Pose (4, 4) of the camera in the world frame W, from the board's pose in the camera and in W.
+    """Pose (4, 4) of the camera in the world frame W, from two poses of the board.
 
     Args:
         pose: pose of the board in the camera's frame.

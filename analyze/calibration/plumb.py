@@ -58,7 +58,7 @@ MAX_SD_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PlumbLine:
-    """Image of one string, as a straight line in undistorted pixels."""
+    """Image of one hanging string, as a straight line in undistorted pixels."""
 
     bottom: Array
     """(2,) lowest point seen [undistorted px]"""
@@ -99,32 +99,40 @@ class TableLean:
 
     @property
     def contradicts_prior(self) -> bool:
-        """True if `lean_by_lines` exceeds `MAX_PRIOR_SIGMAS` times its prior sd towards either axis.
+        """True if the lean by the lines is implausibly large: a line is no plumb line, or the prior is wrong.
 
-        Then a line is no plumb line, or the prior is wrong.
+        That is, `lean_by_lines` towards either axis exceeds `MAX_PRIOR_SIGMAS` times its prior sd (before the
+        lines were used).
         """
         return bool(np.max(np.abs(self.lean_by_lines)) > MAX_PRIOR_SIGMAS * self.lines_prior_sd)
 
     @property
     def sd(self) -> Array:
-        """Standard deviation (2,) of the lean towards W's x and y [rad]."""
+        """Standard deviations (2,) of the lean towards the world frame's x and y [rad]."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def determined(self) -> tuple[bool, bool]:
-        """For W's x and y, True if the lean's sd is below `MAX_SD_SHARE` of the prior's."""
+        """Two values, for the lean towards W's x and towards its y: True if the plumb lines determine it.
+
+        W is the world frame, z normal to the table. A lean is determined if its sd is below `MAX_SD_SHARE` of
+        its prior sd, the one before the lines were used.
+        """
         x, y = (bool(sd < MAX_SD_SHARE * self.prior_sd) for sd in self.sd)
         return x, y
 
 
 def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[PlumbLine]:
-    """Find long, straight lines near the image's vertical, the longest first, at most `MOST_LINES`.
+    """Find long, straight lines near the vertical of an image, which may be hanging strings.
 
-    Lines nearer together than `MIN_SEPARATION_PX` count as one string. The list is empty if none is found.
+    Lines nearer together than `MIN_SEPARATION_PX` count as one string.
 
     Args:
         image: (height, width) grey values.
         camera: camera with its lens, for the undistortion.
+
+    Returns:
+        At most `MOST_LINES` lines, the longest first; empty if none is found.
     """
     ideal = pixel_map(camera).ideal
     found: list[PlumbLine] = []
@@ -146,11 +154,13 @@ def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[Plum
 
 
 def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
-    """Select lines that may be plumb lines: their plane is within `MAX_OFF_PLUMB_RAD` of W's z.
+    """Lines that may be plumb lines, in the order given: those nearly parallel to the world frame's z.
+
+    The plane through the camera's centre and the line must be within `MAX_OFF_PLUMB_RAD` of z.
 
     Args:
         lines: lines in the image.
-        camera: camera with its pose in the world frame W.
+        camera: camera with its pose in the world frame.
     """
     return [
         line
@@ -160,11 +170,13 @@ def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
 
 
 def merged_line(lines: Sequence[PlumbLine]) -> PlumbLine:
-    """Mean line of one string in several images; its sd grows with their disagreement (a swinging string).
+    """Mean of the lines that one string has in several images.
+
+    Its sd grows with their disagreement (a swinging string). Rows, brightness and scatter are those of the
+    longest line.
 
     Args:
-        lines: at least one line; a single one is returned unchanged. Rows, brightness and scatter of the
-            result are those of the longest.
+        lines: at least one line; a single one is returned unchanged.
     """
     if len(lines) == 1:
         return lines[0]
@@ -190,6 +202,10 @@ def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
     """Unit normal (3,), in the world frame, of the plane through the camera's centre and a string.
 
     The plane contains the vertical if the string hangs freely. The sign of the normal has no meaning.
+
+    Args:
+        line: image of the string.
+        camera: camera with its pose in the world frame.
     """
     rays = np.column_stack([np.array([line.bottom, line.top]), np.ones(2)]) @ np.linalg.inv(camera.K).T
     normal = camera.T_world_camera[:3, :3] @ np.cross(rays[0], rays[1])
@@ -199,17 +215,22 @@ def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
 def table_lean(
     lines: Sequence[PlumbLine], camera: CameraModel, prior_sd: float, camera_turn_sd: float
 ) -> TableLean:
-    """Lean of the vertical from the table's normal by plumb lines, by least squares with a prior.
+    """Estimate how the vertical leans from the table's normal, from plumb lines and a prior.
 
-    For the unit normal n of every line's plane in the world frame W, n_x lean_x + n_y lean_y + n_z = 0.
+    In the world frame W (z normal to the table) the vertical is (lean_x, lean_y, 1). For the unit normal n of
+    the plane through a line and the camera's centre, n_x lean_x + n_y lean_y + n_z = 0: solved by least
+    squares.
 
     Args:
         lines: plumb lines of one camera, at least one; several images of a string by a fixed camera are
             merged before (`merged_line`).
         camera: camera with its pose in W.
-        prior_sd: prior standard deviation of either lean [rad].
+        prior_sd: standard deviation of either lean before the measurement (prior) [rad].
         camera_turn_sd: standard deviation of T_world_camera's rotation about each axis of W [rad], common to
             all lines.
+
+    Returns:
+        The lean [rad] with its covariance, and the lines' residuals.
     """
     normals = np.array([plane_normal(line, camera) for line in lines])
     sd = np.array([_turn_sd(line) for line in lines])
@@ -237,12 +258,12 @@ def table_lean(
 
 
 def _turn_sd(line: PlumbLine) -> float:
-    """Standard deviation of a line's direction in the image [rad], from that of its ends."""
+    """Standard deviation of a line's direction in the image [rad], from that of the line's ends."""
     return math.sqrt(2.0) * line.end_sd / float(np.linalg.norm(line.top - line.bottom))
 
 
 def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bool) -> Array:
-    """Middles of the ridges (strings) in all rows, (n, 3): x and y [undistorted px], and row number.
+    """Points (n, 3) on ridges (images of strings), found row by row: x and y [undistorted px], row number.
 
     Args:
         image: (height, width) grey values.
@@ -266,7 +287,7 @@ def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bo
 
 
 def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
-    """Straight line through the most points, found by votes and refined by least squares.
+    """Straight line through the most of the given points, found by votes and refined by least squares.
 
     Args:
         points: (n, 3) x and y [undistorted px], and row number.
@@ -325,9 +346,12 @@ def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
 
 
 def _correlated_rows(off: Array) -> float:
-    """Number of neighbouring rows that count as one, from the autocorrelation of the residuals (n,).
+    """Number of neighbouring rows whose residuals count as one, from the residuals' autocorrelation.
 
-    The number is 1 for fewer than 20 rows or if all residuals are equal.
+    It is 1 for fewer than 20 rows or if all residuals are equal.
+
+    Args:
+        off: (n,) residuals of a line's points, row by row [px].
     """
     centred = off - off.mean()
     power = float(centred @ centred)
@@ -354,6 +378,6 @@ def _across(points: Array, line: PlumbLine) -> Array:
 
 
 def _separation(line: PlumbLine, other: PlumbLine) -> float:
-    """Mean distance of `line`'s ends and middle from the line `other` [px]."""
+    """Mean distance [px] of the ends and the middle of `line` from the line `other`."""
     ends = np.column_stack([np.array([line.bottom, line.top, (line.bottom + line.top) / 2]), np.zeros(3)])
     return float(np.abs(_across(ends, other)).mean())

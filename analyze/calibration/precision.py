@@ -1,8 +1,8 @@
-"""Uncertainty of a lens over its image: sd of the pixel to which a direction projects.
+"""Uncertainty of a lens over its image: standard deviation of the pixel to which a direction projects.
 
-The standard deviation (sd) is computed also where no board was seen. A lens error that a rotation of the
-camera compensates does no harm, because the camera's pose is found with the same lens. So the best rotation
-over the whole image is removed before the sd is computed.
+It is computed also where no board was seen. A lens error that a rotation of the camera compensates does no
+harm, because the camera's pose is found with the same lens. So the best rotation over the whole image is
+removed before the standard deviation is computed.
 """
 
 from __future__ import annotations
@@ -41,33 +41,37 @@ class PixelMap:
 
     @property
     def worst_at(self) -> tuple[float, float]:
-        """Column and row [px] of the grid point with the largest standard deviation."""
+        """Column and row [px] of the grid's point with the largest standard deviation."""
         row, column = np.unravel_index(int(np.nanargmax(self.value)), self.value.shape)
         return float(self.column[column]), float(self.row[row])
 
     @property
     def median(self) -> float:
-        """Median of the standard deviation over the image [px]."""
+        """Median of the standard deviations over the image [px]."""
         return float(np.nanmedian(self.value))
 
 
 def grid(lens: Lens) -> tuple[Array, Array, Array]:
-    """Grid over a lens's image: columns (COLUMNS,), rows (ROWS,), and all points (ROWS COLUMNS, 2) [px].
+    """Regular grid of points over a lens's image.
 
-    The points are column and row, row by row.
+    Returns:
+        Columns (COLUMNS,), rows (ROWS,), and all points (ROWS COLUMNS, 2) as column and row, row by row [px].
     """
     column, row = np.linspace(0.0, lens.width - 1.0, COLUMNS), np.linspace(0.0, lens.height - 1.0, ROWS)
     return column, row, np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2)
 
 
 def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
-    """Standard deviation of the pixel to which a direction projects, over the image.
+    """Compute the standard deviation of the pixel to which a direction projects, all over the image.
 
-    The camera rotation that compensates a lens error best is removed before.
+    The part of a lens error that a rotation of the camera compensates is left out.
 
     Args:
-        lens: the lens.
+        lens: the lens, with p numbers.
         covariance: (p, p) covariance of the lens's numbers.
+
+    Returns:
+        Standard deviations [px] on a grid over the image.
     """
     column, row, points = grid(lens)
     rays = (undistort(lens.camera(), points) - lens.numbers[2:4]) / lens.numbers[:2]
@@ -82,7 +86,7 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 
 
 def without_turn(moves: Array, by_turn: Array) -> Array:
-    """Derivatives (2n, p) of pixels by the lens, less the shifts that a camera rotation can compensate.
+    """Derivatives (2n, p) of pixels by a lens's numbers, less what a camera rotation can compensate.
 
     Args:
         moves: (2n, p) derivatives of n pixels by each of the lens's p numbers.

@@ -79,7 +79,7 @@ class Saddles:
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels of a square region around each of n corners, m pixels each."""
+    """Pixels of a square image region around each of n corners, m pixels each."""
 
     column: NDArray[np.int64]
     """(n, m) column, clipped to the image"""
@@ -90,7 +90,7 @@ class Patch:
 
 
 def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
-    """Pixels around n corners that the fit (`fit_saddles`) may use.
+    """Pixels around each of n corners that a fit of the corner may use.
 
     Args:
         start: (n, 2) first positions, good to about a pixel [px].
@@ -122,7 +122,8 @@ def fit_saddles(
         straight: (n, m, 2) undistorted positions of the patch's pixels relative to `start` [px].
 
     Returns:
-        All n corners; those that were not fitted well, or have too few pixels, have `good` False.
+        Positions and covariances of all n corners; those that were not fitted well, or have too few pixels,
+        have `good` False.
     """
     n = len(start)
     x = np.zeros((n, _PARAMETERS))
@@ -179,7 +180,7 @@ def fit_saddles(
 
 @dataclass(frozen=True)
 class _Pixels:
-    """Undistorted positions of m pixels around each of n corners, relative to the first positions."""
+    """Undistorted positions of m pixels around each of n corners, relative to the corner's first position."""
 
     x: Array
     """(n, m) to the right [px]"""
@@ -190,7 +191,11 @@ class _Pixels:
 def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
     """True (n, m) for pixels within `_EXTENT` squares of their corner along the board's x and y.
 
-    False where the lens is undefined (NaN). `per_square` (n, 2, 2) is the shift in the image for one square.
+    False where a pixel has no undistorted position (NaN).
+
+    Args:
+        at: positions of the pixels.
+        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
     """
     to_squares = np.linalg.inv(per_square)[:, :, :, None]
     across = to_squares[:, 0, 0] * at.x + to_squares[:, 0, 1] * at.y
@@ -199,9 +204,14 @@ def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
 
 
 def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
-    """Signed distances, (n, m) each, of the pixels from the two lines through each corner [px].
+    """Signed distances [px] of m pixels from the two lines (edges of squares) through each of n corners.
 
-    `x` (n, 9) has the fit's parameters: position, two line directions, ... (`_PARAMETERS`).
+    Args:
+        x: (n, 9) parameters of the corners' fits: position, directions of the two lines, ... (`_PARAMETERS`).
+        at: positions of the pixels.
+
+    Returns:
+        Distances (n, m) from the first line, and from the second.
     """
     cos, sin = np.cos(x[:, 2:4]), np.sin(x[:, 2:4])
     ux, uy = at.x - x[:, :1], at.y - x[:, 1:2]
@@ -209,10 +219,10 @@ def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
 
 
 def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bool_]:
-    """True (n, m) for pixels near a line through their corner and clear of the tags.
+    """True (n, m) for pixels near a line (edge of squares) through their corner and clear of the tags.
 
     Args:
-        x: (n, 9) parameters of the fit.
+        x: (n, 9) parameters of the corners' fits (`_PARAMETERS`).
         at: positions of the pixels.
         per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
         rim: white margin between a tag and the edge of its square [square sides], foreshortened like the
@@ -226,7 +236,9 @@ def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bo
 
 
 def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -> None:
-    """Set level, slope and half the contrast in the parameters `x`, in place, by linear least squares.
+    """Set grey level, its slope and half the contrast in the fits' parameters `x`, in place.
+
+    They are fitted by linear least squares.
 
     Args:
         x: (n, 9) parameters of the fits, whose positions, directions and blurs are used.
@@ -243,13 +255,16 @@ def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -
 def _normal_equations(
     x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
-    """Normal matrices (n, 9, 9), right-hand sides (n, 9) and sums of squared residuals (n,) of n fits.
+    """Normal equations of n corner fits, linearised at their parameters `x`.
 
     Args:
-        x: (n, 9) parameters of the fits.
+        x: (n, 9) parameters of the fits (`_PARAMETERS`).
         at: positions of the pixels.
         grey: (n, m) grey values of the pixels.
         used: (n, m) True for pixels that enter the fit.
+
+    Returns:
+        Normal matrices (n, 9, 9), right-hand sides (n, 9), sums of squared residuals (n,) [grey levels^2].
     """
     d1, d2 = _distances(x, at)
     s, a = x[:, 8:9], x[:, 7:8]
@@ -278,7 +293,7 @@ def _normal_equations(
 
 
 def _solve(normal: Array, gradient: Array) -> Array:
-    """Solutions (n, p) of n normal equations, 0 in undetermined directions.
+    """Solutions (n, p) of n systems of normal equations; 0 in undetermined directions.
 
     Args:
         normal: (n, p, p) normal matrices.
@@ -288,7 +303,7 @@ def _solve(normal: Array, gradient: Array) -> Array:
 
 
 def _inverse(normal: Array) -> Array:
-    """Pseudo-inverses (n, p, p) of normal matrices (n, p, p), computed after scaling to unit diagonals."""
+    """Pseudo-inverses (n, p, p) of n normal matrices, computed after scaling to unit diagonals."""
     scale = np.sqrt(np.maximum(np.einsum("npp->np", normal), 1e-12))
     even = normal / scale[:, :, None] / scale[:, None, :]
     inverse: Array = np.asarray(np.linalg.pinv(even, hermitian=True, rcond=1e-10), dtype=np.float64)

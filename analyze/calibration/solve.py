@@ -1,8 +1,8 @@
-"""Bundle adjustment: lens and board poses by weighted least squares on the corners, with covariance.
+"""Bundle adjustment: fit of a lens and of the board's poses to the corners in all views.
 
-Levenberg-Marquardt on the normal equations, poses eliminated view by view (Schur complement; Triggs et al.
-2000, "Bundle adjustment: a modern synthesis"). Each corner is weighted by its own covariance, and by Huber's
-loss. Weak priors keep undetermined numbers finite: see `lens.prior_sd`.
+Weighted least squares with covariance: Levenberg-Marquardt on the normal equations, poses eliminated view by
+view (Schur complement; Triggs et al. 2000, "Bundle adjustment: a modern synthesis"). Each corner is weighted
+by its own covariance, and by Huber's loss. Weak priors keep undetermined numbers finite: see `lens.prior_sd`.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ class Pose:
 
     @property
     def matrix(self) -> Array:
-        """Rotation matrix (3, 3) from the board's frame B to the camera's frame C."""
+        """Rotation matrix R (3, 3) from the board's frame to the camera's frame."""
         return np.asarray(cv2.Rodrigues(self.rotation)[0], dtype=float)
 
     def moved(self, step: Array) -> Pose:
-        """Pose with `step` (6,) added: 3 entries to the rotation vector [rad], 3 to the translation [m]."""
+        """Copy with `step` (6,) added: 3 entries to the rotation vector [rad], 3 to the translation [m]."""
         return Pose(self.rotation + step[:3], self.translation + step[3:])
 
 
 @dataclass(frozen=True)
 class ObservedView:
-    """Corners of one view with their weights."""
+    """Corners of the board in one view (image), with their weights in the fit."""
 
     points: Array
     """(n, 3) corners in the board's frame B [m]"""
@@ -75,7 +75,7 @@ class ObservedView:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Best fit of the lens and of the board's poses, with residuals."""
+    """Best fit of the lens and of the board's pose in each view, with the corners' residuals."""
 
     lens: Lens
     """best fit of the lens, with p numbers (focal lengths, principal point, distortion)"""
@@ -102,7 +102,9 @@ class Bundle:
 
 
 def weighted_corners(view: View, points: Array) -> ObservedView:
-    """Corners of a view with the weights of the fit, from their covariance plus `MODEL_PX` squared.
+    """Corners of a view with their weights in the fit.
+
+    The weight follows from a corner's covariance plus `MODEL_PX` squared.
 
     Args:
         view: corners of the board in one image.
@@ -117,16 +119,19 @@ def weighted_corners(view: View, points: Array) -> ObservedView:
 
 
 def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: int) -> Bundle:
-    """Fit lens and board poses without a first guess.
+    """Fit a lens and the board's poses to views, without a first guess.
 
-    Several focal lengths (`_START_FOCALS`) are tried on some of the views; the fit starts from each of the
-    two best, and the better result is returned.
+    Several focal lengths (`_START_FOCALS`) are tried on some of the views; the fit to all views starts from
+    each of the two best.
 
     Args:
         views: corners of each view, at least one view.
         model: lens model.
         width: image width [px].
         height: image height [px].
+
+    Returns:
+        The better of the two fits.
     """
     some = views[:: -(-len(views) // _START_VIEWS)]
     found: list[tuple[float, Lens]] = []
@@ -142,7 +147,7 @@ def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: i
 
 
 def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose]) -> Bundle:
-    """Refine lens and board poses from a good first guess.
+    """Fit a lens and the board's poses to views, from a good first guess.
 
     A board seen nearly face-on has a second pose that fits nearly as well: both are tried. If the corners
     scatter more than stated, Huber's threshold is widened accordingly.
@@ -151,6 +156,9 @@ def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pos
         views: corners of each view.
         lens: first guess of the lens.
         poses: first guess of the board's pose per view.
+
+    Returns:
+        The best fit of lens and poses, with residuals and the lens's covariance.
     """
     lens, settled, cost = _minimise(views, lens, list(poses), _MAX_STEPS, _HUBER_SIGMAS)
     turned = [_better_pose(view, lens, pose) for view, pose in zip(views, settled, strict=True)]
@@ -173,7 +181,9 @@ def refine_bundle(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pos
 
 
 def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance: Array) -> Array:
-    """Covariance (6, 6) of a board pose's rotation vector and translation [rad, m], lens error included.
+    """Covariance (6, 6) of a board pose's rotation vector and translation [rad, m].
+
+    It includes the errors of the corners and of the lens.
 
     Args:
         view: corners of the view, whose stated covariance is used.
@@ -188,12 +198,12 @@ def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance:
 
 
 def fit_pose(view: ObservedView, lens: Lens) -> Pose:
-    """Fit the pose of the board in the camera's frame to one view, for a known lens, by Huber's loss."""
+    """Pose of the board in the camera's frame that fits one view best, by Huber's loss, for a known lens."""
     return _refined_pose(view, lens, _first_pose(view, lens), 30, 1e-10)
 
 
 def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
-    """Pose of the board at the minimum of Huber's loss on a view's corners near `start`, by Gauss-Newton.
+    """Pose of the board near `start` that fits a view's corners best by Huber's loss, by Gauss-Newton.
 
     The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
     """
@@ -207,7 +217,10 @@ def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, t
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations of the lens's p numbers, poses eliminated, and the parts that give the poses."""
+    """Normal equations of a fit of lens (p numbers) and poses, with the poses eliminated.
+
+    The parts from which the poses follow are kept.
+    """
 
     reduced: Array
     """(p, p) normal matrix of the lens after elimination of the poses"""
@@ -222,7 +235,7 @@ class _Normal:
 
 
 def _inverse(matrix: Array) -> Array:
-    """Pseudo-inverse (p, p) of a normal matrix (p, p), computed on the matrix scaled to a unit diagonal."""
+    """Pseudo-inverse (p, p) of a normal matrix, computed on the matrix scaled to a unit diagonal."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True, rcond=1e-15) / np.outer(
         scale, scale
@@ -230,7 +243,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
-    """Distance (n,) of each corner from its prediction, over the corner's standard deviation."""
+    """Distance (n,) of each corner of a view from its prediction, over the corner's sd."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return np.asarray(
         np.linalg.norm(np.einsum("nij,nj->ni", view.root, view.place - image), axis=1), dtype=np.float64
@@ -238,7 +251,9 @@ def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
 
 
 def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple[Array, Array, Array]:
-    """Whitened, Huber-weighted residuals of n corners, and derivatives of the predicted pixels likewise.
+    """Residuals of a view's n corners and their predictions' derivatives, in standard deviations.
+
+    They are whitened (multiplied by the root of the inverse covariance) and weighted by Huber's loss.
 
     Args:
         view: corners of the view.
@@ -247,8 +262,8 @@ def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple
         huber: threshold of Huber's loss, in standard deviations.
 
     Returns:
-        Residuals (2n,), observed less predicted, in standard deviations; derivatives of the predictions by
-        the pose (2n, 6: rotation vector, translation) and by the lens's numbers (2n, p).
+        Residuals (2n,), observed less predicted; derivatives of the predictions by the pose (2n, 6: rotation
+        vector, translation) and by the lens's numbers (2n, p).
     """
     image, by_pose, by_lens = project(lens, view.points, pose.rotation, pose.translation)
     residual = np.einsum("nij,nj->ni", view.root, view.place - image)
@@ -269,7 +284,9 @@ def _normal(
     huber: float,
     damping: float = 0.0,
 ) -> _Normal:
-    """Normal equations of lens and poses, poses eliminated, with `damping` times their diagonals added.
+    """Normal equations of a fit of lens and poses, with the poses eliminated.
+
+    `damping` times its diagonal is added to each normal matrix.
 
     Args:
         views: corners of each view.
@@ -306,9 +323,10 @@ def _normal(
 def _cost(
     views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose], prior: Array, huber: float
 ) -> float:
-    """Huber's loss over all corners plus the priors' squares, both in squared standard deviations.
+    """Cost of a fit: Huber's loss over all corners plus the squared deviations from the prior lens.
 
-    Infinite for a board behind the camera, and where the loss is not a number.
+    Both are in squared standard deviations. Infinite for a board behind the camera, and where the loss is
+    not a number.
 
     Args:
         views: corners of each view.
@@ -330,17 +348,17 @@ def _cost(
 def _minimise(
     views: Sequence[ObservedView], lens: Lens, poses: list[Pose], max_steps: int, huber: float
 ) -> tuple[Lens, list[Pose], float]:
-    """Minimise Huber's loss with priors over lens and poses by Levenberg-Marquardt.
+    """Fit lens and poses by Levenberg-Marquardt: minimise Huber's loss plus the prior's.
 
     Args:
         views: corners of each view.
-        lens: first guess of the lens, whose focal length also sets the priors.
+        lens: first guess of the lens, whose focal length also sets the prior.
         poses: first guess of the board's pose per view.
         max_steps: largest number of iterations.
         huber: threshold of Huber's loss, in standard deviations.
 
     Returns:
-        Lens, poses and loss at the end of the iteration.
+        Lens, poses and cost (loss with prior, in squared standard deviations) at the end of the iteration.
     """
     prior = prior_sd(lens)
     cost, damping = _cost(views, lens, poses, prior, huber), 1e-3
@@ -373,16 +391,23 @@ def _minimise(
 
 
 def _rays(lens: Lens, place: Array) -> Array:
-    """Directions X/Z, Y/Z (n, 2) in the camera's frame of pixels `place` (n, 2) [px].
+    """Viewing directions (n, 2) of pixels, as X/Z and Y/Z in the camera's frame.
 
     Pixels beyond the lens's range, which have no direction, get one far outside the image (5 image widths).
+
+    Args:
+        lens: the lens.
+        place: (n, 2) pixels.
     """
     ideal = np.nan_to_num(undistort(lens.camera(), place), nan=5.0 * lens.width)
     return (ideal - lens.numbers[2:4]) / lens.numbers[:2]
 
 
 def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
-    """Poses of the plane board in front of the camera that fit a view's corners: none, one or two."""
+    """Poses of the board, in front of the camera, that a plane through a view's corners may have.
+
+    A plane seen in perspective may have two such poses; the list has none, one or two.
+    """
     rays = _rays(lens, view.place)
     middle = view.points.mean(axis=0)
     count, rotations, translations, _ = cv2.solvePnPGeneric(
@@ -398,15 +423,15 @@ def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
 
 
 def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
-    """Sum of squared residuals of a view's corners [px^2]."""
+    """Sum of squared distances between a view's observed and predicted corners [px^2]."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return float(np.sum((view.place - image) ** 2))
 
 
 def _first_pose(view: ObservedView, lens: Lens) -> Pose:
-    """First guess of the board's pose in a view: of the poses that fit a plane, the one that fits best.
+    """First guess of the board's pose in a view: of the two poses that a plane may have, the better fit.
 
-    If none is found, the board faces the camera at the distance that follows from its size in the image.
+    If there is no such pose, the board faces the camera at the distance that follows from its image size.
     """
     found = _planar(view, lens)
     if not found:
@@ -416,10 +441,10 @@ def _first_pose(view: ObservedView, lens: Lens) -> Pose:
 
 
 def _better_pose(view: ObservedView, lens: Lens, pose: Pose) -> Pose:
-    """Replace a board's pose if the other pose of a plane fits clearly better (2 % less squared error).
+    """Second pose that a plane may have in a view, if it fits clearly better (2 % less squared error).
 
     Returns:
-        The other pose, refined; the object `pose` itself if none fits better.
+        That pose of the board, refined; the object `pose` itself if none fits better.
     """
     best, least = pose, _misfit(view, lens, pose)
     for other in _planar(view, lens):

@@ -1,4 +1,4 @@
-"""Refits a view's corners on pixels straightened by an approximate lens and pose."""
+"""Refits a view's corners on pixels straightened (undistorted) by an approximate lens and pose."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 def refit(
     image: NDArray[np.uint8], board: Board, view: View, points: Array, lens: Lens, pose: Pose
 ) -> View | None:
-    """Refit a view's corners on pixels from which the lens's distortion is removed by an approximate fit.
+    """Refit the corners in an image of a board, with the lens's distortion removed.
+
+    The distortion and first positions come from an approximate fit of lens and pose.
 
     Args:
         image: (height, width) grey values.

@@ -1,4 +1,4 @@
-"""Judges a calibration: reasons why the views do not determine the lens, and which views to add."""
+"""Judges a calibration: reasons why the views do not determine the lens, and advice on further views."""
 
 from __future__ import annotations
 
@@ -52,7 +52,13 @@ class Coverage:
 
 
 def coverage(places: Sequence[Array], width: int, height: int) -> Coverage:
-    """Coverage of an image of width x height [px] by the corners (n, 2) [px] of all views."""
+    """Count the board's corners in each cell of the image, all views together.
+
+    Args:
+        places: positions (n, 2) of the corners in each view [px].
+        width: image width [px].
+        height: image height [px].
+    """
     points = np.concatenate(list(places))
     count, _, _ = np.histogram2d(
         points[:, 1], points[:, 0], bins=(CELLS[1], CELLS[0]), range=((0, height), (0, width))
@@ -61,7 +67,7 @@ def coverage(places: Sequence[Array], width: int, height: int) -> Coverage:
 
 
 def tilt(pose: Pose, middle: Array) -> float:
-    """Angle between the board's normal and the line of sight to its middle, 0 to pi/2 [rad].
+    """Angle between a board's normal and the line of sight to its middle, 0 to pi/2 [rad].
 
     Args:
         pose: pose of the board in the camera's frame.
@@ -75,7 +81,7 @@ def tilt(pose: Pose, middle: Array) -> float:
 def undetermined(
     lens: Lens, sd: Array, pixels: PixelMap, tilts: Sequence[float], covered: Coverage
 ) -> list[str]:
-    """Reasons why the views do not determine the lens, each with number and remedy; empty if they do.
+    """Reasons why the views do not determine the lens, each with numbers and a remedy; empty if they do.
 
     The number of views and the focal length are always judged, the principal point and the distortion only if
     nothing was found before.
@@ -116,7 +122,7 @@ def undetermined(
 
 
 def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Coverage) -> list[str]:
-    """Warnings about a usable lens, each with its number and the remedy or cause; empty if there are none.
+    """Warnings about a usable lens, each with a number and a remedy or cause; empty if there are none.
 
     Args:
         lens: the lens, with p numbers.
@@ -157,7 +163,7 @@ def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Cov
 
 
 def place_in_image(lens: Lens, column: float, row: float) -> str:
-    """Position in the image in words, by thirds, such as "upper left corner", "top" or "middle".
+    """Words for a position in the image, by thirds, such as "upper left corner", "top" or "middle".
 
     Args:
         lens: lens with the image size.
@@ -172,7 +178,7 @@ def place_in_image(lens: Lens, column: float, row: float) -> str:
 
 
 def _tilt_advice(tilts: Sequence[float]) -> str:
-    """Advice which views to add, as part of a sentence.
+    """Part of a sentence that advises which tilted views to add.
 
     Args:
         tilts: angle between the board's normal and the line of sight per view [rad], at least one.
@@ -191,9 +197,9 @@ def _tilt_advice(tilts: Sequence[float]) -> str:
 
 
 def _empty_parts(covered: Coverage) -> str:
-    """Sides of the image with corners in less than half of their cells, as part of a sentence.
+    """Part of a sentence that names the image's sides with corners in less than half of their cells.
 
-    If that is no side or all four: "all four corners of the image".
+    If there is no such side, or if all four are: "all four corners of the image".
     """
     seen = covered.count > 0
     parts = {"left": seen[:, :2], "right": seen[:, -2:], "top": seen[:2], "bottom": seen[-2:]}
