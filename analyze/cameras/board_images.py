@@ -1,4 +1,4 @@
-"""Reads the images of a calibration: files, folders, patterns, recordings and videos."""
+"""Reads the images of a calibration from image files, folders, patterns, recordings and videos."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ Image = NDArray[np.uint8]
 
 
 def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
-    """Resolve files, folders (their images) and patterns such as img*.png to files, each listed once.
+    """List the files that the given paths stand for, each once, in the order given.
 
-    Of the files that match a pattern, images, videos and recordings are taken.
+    A folder stands for its images, a pattern such as `img*.png` for the images, videos and recordings that
+    match.
 
     Raises:
         CalibrationError: a file does not exist, a pattern matches none, or a folder contains no image.
@@ -87,7 +88,7 @@ def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str
 
 
 def read_image(path: Path) -> Image:
-    """Read the grey values (height, width) uint8 of an image file, or of a video's first image.
+    """Read an image file, or a video's first image; return grey values (height, width) uint8.
 
     The image is in the sensor's orientation: a photo's orientation tag is ignored, since the lens belongs to
     the sensor.
@@ -111,6 +112,8 @@ def read_image(path: Path) -> Image:
 def _recording_images(path: Path, progress: Progress) -> Iterator[tuple[str, Image]]:
     """Yield name and grey values of a recording's images, `SAMPLE_INTERVAL_NS` or more apart.
 
+    The name is the path with the time since the first image [s].
+
     Raises:
         CalibrationError: the recording contains no images.
         RecordingError: the recording cannot be read.
@@ -133,6 +136,8 @@ def _recording_images(path: Path, progress: Progress) -> Iterator[tuple[str, Ima
 
 def _video_images(path: Path, progress: Progress) -> Iterator[tuple[str, Image]]:
     """Yield name and grey values of a video's images, `SAMPLE_INTERVAL_NS` or more apart.
+
+    The name is the path with the time since the first image [s].
 
     Raises:
         ImportRefused: the video cannot be read.

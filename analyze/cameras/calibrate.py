@@ -56,7 +56,7 @@ class CalibrateOptions:
 
 @dataclass(frozen=True)
 class CalibrationAnswer:
-    """A calibration, with the images that it uses and leaves out."""
+    """Result of a camera calibration, with the images that it uses and leaves out."""
 
     options: CalibrateOptions
     """options with which the calibration was made"""
@@ -81,11 +81,14 @@ class CalibrationAnswer:
 
     @property
     def world_camera(self) -> list[list[float]] | None:
-        """Camera's pose in the world frame (4, 4) as measured, else as in the rig file; None if unknown."""
+        """Camera's pose (4, 4) in the world frame, translation in m; None if unknown.
+
+        It is the measured one, otherwise the rig file's.
+        """
         return self.rig_place if self.place is None else self.place.T_world_camera.tolist()
 
     def refuse_undetermined(self) -> None:
-        """Check that the views determine the lens.
+        """Check that the images determine the lens.
 
         Raises:
             CalibrationError: the lens is not determined; the message gives the reasons.
@@ -98,14 +101,15 @@ class CalibrationAnswer:
 
 
 def calibrate_camera(options: CalibrateOptions, progress: Progress) -> CalibrationAnswer:
-    """Calibrate a camera from the images that the options name.
-
-    The result may be a lens that the views do not determine: call its `refuse_undetermined`. In that case the
-    camera's pose is not measured.
+    """Calibrate a camera from the images of a board that the options name.
 
     Args:
         options: images, board and lens model.
         progress: called with a text, the number of finished steps and of all steps.
+
+    Returns:
+        Lens with its uncertainty, and the camera's pose if it is asked for. The images may fail to determine
+        the lens: call `refuse_undetermined` of the result. In that case the pose is not measured.
 
     Raises:
         CalibrationError: an image cannot be read, sizes differ, no board or another board is seen, there are
@@ -183,7 +187,7 @@ def _refuse_size(name: str, image: Image, first: tuple[str, tuple[int, ...]], ri
 
 
 def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
-    """Error text for images without the board, naming another tag family if one is seen in them.
+    """Text of the error that no image shows the board; it names another tag family if one is seen.
 
     Args:
         looked_at: number of images that were read.
@@ -208,7 +212,11 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
 
 
 def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
-    """Check that the tags in the images may be those of the board, by their ids and arrangement.
+    """Check, by ids and arrangement of the tags, that the images may show the expected board.
+
+    Args:
+        sights: tags found in each image.
+        board: the expected board.
 
     Raises:
         CalibrationError: more than half of the images show tags that the board does not have, or at least
@@ -237,7 +245,15 @@ def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
 
 
 def _too_few_views(views: int, images: int, alike: int, without_board: int, unusable: int) -> str:
-    """Error text for too few views: their number, that of the images, and of images left out by reason."""
+    """Text of the error that too few views (usable images) are left, with their number and reasons.
+
+    Args:
+        views: number of usable images.
+        images: number of images that were read.
+        alike: number left out because another image shows the board in the same place.
+        without_board: number that show no board.
+        unusable: number that are blurred or show too little of the board.
+    """
     reasons = [
         f"{count} {text}"
         for count, text in (
@@ -255,7 +271,7 @@ def _too_few_views(views: int, images: int, alike: int, without_board: int, unus
 
 
 def _counted(count: int, noun: str) -> str:
-    """Number and noun, such as "1 view" or "3 views"."""
+    """Number and noun as text, such as "1 view" or "3 views"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -265,7 +281,7 @@ def _counted(count: int, noun: str) -> str:
 def _shots(
     seen: Sequence[tuple[str, Image, BoardSighting]], board: Board, progress: Progress
 ) -> tuple[list[Shot], int, list[Dropped]]:
-    """Choose one view per position of the board, and find its corners.
+    """Choose one image per position of the board, and find the board's corners in it.
 
     Args:
         seen: name, grey values and tags of each image that shows the board.
@@ -273,8 +289,8 @@ def _shots(
         progress: called with a text, the number of finished views and of all chosen views.
 
     Returns:
-        The views with corners, the number of views left out because another shows the board in the same
-        place, and the unusable views (too few tags or corners, or blurred) with their reasons.
+        The images with corners; the number of images left out because another shows the board in the same
+        place; the unusable images (too few tags or corners, or blurred) with their reasons.
     """
     outlined = [(name, image, sight, outline(sight, board)) for name, image, sight in seen]
     dropped = [Dropped(name, "too few tags are seen") for name, _, _, where in outlined if where is None]
@@ -312,6 +328,9 @@ def _place(options: CalibrateOptions, table: Path, found: Calibration) -> Camera
         options: the board, and how it lies or stands in the image.
         table: path of the image.
         found: calibration of the lens.
+
+    Returns:
+        The pose with its standard deviations.
 
     Raises:
         CalibrationError: the image cannot be read, has another size than the others, shows too little of the

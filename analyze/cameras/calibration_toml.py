@@ -1,4 +1,4 @@
-"""Writes a calibration as TOML, to a file of its own or into a rig file."""
+"""Writes a camera calibration as TOML, to a file of its own or into a rig file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TABLE = "camera.calibration"
 
 
 def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
-    """Convert a calibration to the rig file's table [camera.calibration].
+    """Content of a rig file's table [camera.calibration] for a new calibration.
 
     None if the camera's pose in the world frame was neither measured nor is in the rig file.
     """
@@ -31,7 +31,7 @@ def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
 
 
 def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
-    """Entries of the rig file's table [camera.calibration]: TOML texts of the values, by key.
+    """Entries of a rig file's table [camera.calibration] for a new calibration: TOML texts by key.
 
     T_world_camera (the camera's pose) is left out if unknown. The row delay line_time_s is taken over from
     the rig file, if there is one with a value other than 0.
@@ -87,7 +87,7 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
 def refuse_unplaced(rig: Path) -> None:
     """Check that a rig file has a camera pose.
 
-    It is called before any work if no pose will be measured.
+    It is called before any work if the calibration will not measure the pose.
 
     Raises:
         CalibrationError: the file has no T_world_camera, does not exist or cannot be read.
@@ -98,7 +98,7 @@ def refuse_unplaced(rig: Path) -> None:
 
 
 def _unplaced(rig: Path) -> CalibrationError:
-    """Error for a rig file without camera pose if none is measured."""
+    """Error for a rig file that has no camera pose, when the calibration does not measure it."""
     return CalibrationError(
         f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --table IMAGE"
     )

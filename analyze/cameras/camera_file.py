@@ -37,13 +37,16 @@ class CameraFile:
 
     @property
     def file_name(self) -> str:
-        """Name of the calibration as an attachment of a recording: the file's, or the topic's with .json."""
+        """File name under which the calibration is attached to a recording.
+
+        It is the camera file's name, or the topic's with .json added.
+        """
         return f"{self.path.name}.json" if self.of_topic else self.path.name
 
     def content(self) -> bytes:
-        """Content of the calibration as an attachment of a recording.
+        """Bytes of the calibration as they are attached to a recording.
 
-        It is the file's bytes, read anew, or a topic's calibration as JSON, without the pose.
+        They are the camera file, read anew, or a topic's calibration as JSON, without the pose.
 
         Raises:
             OSError: the file cannot be read any more.
@@ -56,7 +59,9 @@ class CameraFile:
 
 
 def read_camera(path: Path) -> CameraFile:
-    """Read a rig file, a file of `analyze calibrate -o`, or a calibration of OpenCV, Kalibr or ROS.
+    """Read a camera file; return the lens and, if the file has it, the camera's pose.
+
+    It may be a rig file, a file of `analyze calibrate -o`, or a calibration of OpenCV, Kalibr or ROS.
 
     Raises:
         CalibrationError: the file is missing, an image or video, of a type that is not read, not valid, or
@@ -85,7 +90,7 @@ def read_camera(path: Path) -> CameraFile:
 
 
 def camera_of(sources: Sequence[FrameSource]) -> CameraFile:
-    """Read the lens from the camera calibration topics in the sources themselves.
+    """Read the camera's lens from calibration topics in the sources of its images.
 
     Args:
         sources: opened sources of images, at least one; only message files can have a calibration.

@@ -1,4 +1,4 @@
-"""Reads rig files for the analysis: the camera, its pose, and the level reading."""
+"""Reads rig files for the analysis: the camera, its pose, and the level reading (measured table tilt)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLUMB_LINE = "plumb line"
 
 
 def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
-    """Read a rig file (TOML), of which the camera's address and calibration may be missing.
+    """Read a rig file (TOML), in which the camera's address and calibration may be missing.
 
     Missing entries get placeholders: address "none", an image of 1 x 1 px, and unit matrices for K and
     T_world_camera. A file without the table [camera] is refused.
