@@ -1,1 +1,1 @@
-"""Prints tags and calibration boards: their codes, and true-to-scale sheets."""
+"""Makes tags and calibration boards to be printed: their bit patterns, and true-to-scale sheets."""

@@ -1,4 +1,4 @@
-"""Families of square tags, from OpenCV's dictionaries."""
+"""Families (sets) of square tags, from OpenCV's dictionaries of bit patterns."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ QUIET_CELLS = 1
 
 @cache
 def dictionary(family: str) -> cv2.aruco.Dictionary:
-    """OpenCV dictionary (bit patterns) of a tag family such as "36h11".
+    """OpenCV's dictionary (set of bit patterns) of a tag family such as "36h11".
 
     Raises:
         TagError: the family is unknown.
@@ -45,7 +45,7 @@ def count(family: str) -> int:
 
 @cache
 def cells(family: str, tag_id: int) -> NDArray[np.bool_]:
-    """Cells (n, n) of a tag, True for white, with its black border as the outermost ring.
+    """Black and white cells (n, n) of a tag, True for white; the outermost ring is its black border.
 
     Row 0 is the top. The array is read-only.
 

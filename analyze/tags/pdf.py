@@ -35,7 +35,7 @@ def write_pdf(pages: Sequence[Page], output: Path) -> None:
 
 
 def pdf_bytes(pages: Sequence[Page]) -> bytes:
-    """Content of a PDF file of the pages, byte for byte the same on every run with the same matplotlib."""
+    """Bytes of a PDF file of the pages, the same on every run with the same matplotlib."""
     data = io.BytesIO()
     with (
         mpl.rc_context({"font.family": "DejaVu Sans"}),
@@ -47,7 +47,7 @@ def pdf_bytes(pages: Sequence[Page]) -> bytes:
 
 
 def _figure(page: Page) -> Figure:
-    """Draw a page, with its rulers, as a figure of the paper's size."""
+    """Draw a page, with its rulers; return a matplotlib figure of the paper's size."""
     figure = Figure(figsize=(page.width / MM_PER_INCH, page.height / MM_PER_INCH))
     sheet = _Sheet(figure, page)
     sheet.write(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
@@ -69,7 +69,7 @@ class _Sheet:
         self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
 
     def black(self, rectangles: Sequence[Rect]) -> None:
-        """Fill rectangles [mm] black, as one outline without hairlines between neighbours."""
+        """Fill rectangles [mm] with black, joined to one outline so that no hairline shows between them."""
         corners = [
             [(f.x, f.y), (f.x + f.width, f.y), (f.x + f.width, f.y + f.height), (f.x, f.y + f.height)]
             for f in rectangles
@@ -105,7 +105,7 @@ class _Sheet:
     def write(
         self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False
     ) -> None:
-        """Write one line of horizontal text.
+        """Write one line of horizontal text on the page.
 
         Args:
             x: start of the text [mm]; its end if `turned`.
@@ -129,7 +129,7 @@ class _Sheet:
 
 
 def _draw_tag(sheet: _Sheet, placed: PlacedTag) -> None:
-    """Draw a tag, cutting lines around its white rim and the strip below, and the strip's text.
+    """Draw a tag with a text strip below it, and cutting lines around both.
 
     The text is the tag's id, size and family, as far as there is room.
     """
@@ -155,7 +155,7 @@ def _draw_tag(sheet: _Sheet, placed: PlacedTag) -> None:
 
 
 def _draw_origin(sheet: _Sheet, x: float, y: float) -> None:
-    """Draw arrows along the board's x and y from its origin (x, y) [mm], just outside the squares."""
+    """Draw arrows along a calibration board's x and y from its origin (x, y) [mm], outside the squares."""
     away, long, head = 1.0, 9.0, 1.4
     letters = {"x": (x + long + 1.0, y - away - 0.8), "y": (x - away - 0.7, y + long + 1.0)}
     for start, along, name in (
@@ -173,7 +173,10 @@ def _draw_origin(sheet: _Sheet, x: float, y: float) -> None:
 
 
 def _draw_rulers(sheet: _Sheet) -> None:
-    """Draw a horizontal and a vertical ruler of 100 mm at the lower left, with the text on checking them."""
+    """Draw a horizontal and a vertical ruler of 100 mm at the page's lower left, with a text on their use.
+
+    The text asks the user to measure them, which shows whether the print is true to scale.
+    """
     across, up = (MARGIN + 14.0, MARGIN + 13.0), (MARGIN + 11.5, MARGIN + RULER_FOOT + 6.0)
     for along, origin in ((np.array([1.0, 0.0]), across), (np.array([0.0, 1.0]), up)):
         start = np.array(origin)

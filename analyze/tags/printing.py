@@ -1,4 +1,4 @@
-"""Prints tags or a calibration board to a PDF, from the user's options (`analyze print-tags`)."""
+"""Makes a PDF of tags or of a calibration board, from the user's options (`analyze print-tags`)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PrintOptions:
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """Options for a calibration board (ChArUco: a chess board with tags in its white squares)."""
+    """Options for a calibration board (ChArUco: a chessboard with tags in its white squares)."""
 
     family: str | None = None
     """Tag family; None for 5x5_100."""
@@ -94,7 +94,7 @@ def print_board(options: BoardOptions, output: Path) -> str:
 
 
 def parse_board(options: BoardOptions) -> Board:
-    """Board that the options describe, checked to be possible; the paper is not considered.
+    """Calibration board that the options describe; it is checked to be possible on some paper.
 
     Raises:
         TagError: `squares` is not columns x rows, the family is unknown, or the board is impossible.
@@ -109,6 +109,13 @@ def parse_board(options: BoardOptions) -> Board:
 
 
 def _print_message(output: Path, contents: str, pages: Sequence[Page], paper: str) -> str:
-    """Line for the user with file, contents, number of pages and paper, and how to print."""
+    """Line for the user after a PDF was written: file, contents, number of pages, paper, how to print.
+
+    Args:
+        output: path of the PDF.
+        contents: words for what is on the pages.
+        pages: the pages.
+        paper: name of the paper.
+    """
     sheets = f"{len(pages)} {'page' if len(pages) == 1 else 'pages'} {paper}"
     return f"{output}: {contents}; {sheets}: print at 100 %, then measure the rulers"

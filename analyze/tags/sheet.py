@@ -32,7 +32,7 @@ MIN_SQUARES = 3
 
 @dataclass(frozen=True)
 class Tag:
-    """Tag to be printed."""
+    """Tag to be printed: family, id and size."""
 
     family: str
     """Tag family such as "36h11"."""
@@ -58,7 +58,7 @@ class Rect:
 
 @dataclass(frozen=True)
 class PlacedTag:
-    """Tag with its position on a page [mm]."""
+    """Tag with its position on a page, from the page's lower left corner [mm]."""
 
     tag: Tag
     """Tag to be printed."""
@@ -74,7 +74,7 @@ class PlacedTag:
 
     @property
     def black(self) -> list[Rect]:
-        """Black rectangles of the tag on the page, one per run of black cells in a row."""
+        """Black rectangles of the tag on the page [mm], one for each run of black cells in a row."""
         cells = families.cells(self.tag.family, self.tag.id)
         return black_rectangles(cells, self.x, self.y, self.tag.size_mm)
 
@@ -122,7 +122,7 @@ class Page:
 
 
 def parse_ids(text: str) -> list[int]:
-    """Parse tag ids from a text such as `0-11`, `3` or `0-3,7`: in the order given, without repetitions.
+    """Parse a text such as `0-11`, `3` or `0-3,7`; return the tag ids in that order, without repetitions.
 
     Raises:
         TagError: the text is not of this form, or a range runs backwards.
@@ -140,12 +140,15 @@ def parse_ids(text: str) -> list[int]:
 
 
 def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
-    """Lay out tags in rows on as many pages as needed, in the order given; no tags give one empty page.
+    """Lay out tags in rows on as many pages as needed, in the order given.
 
     Args:
         tags: tags to be printed.
         paper: name of the paper, A4 or Letter.
         heading: text at the top of each page; the page's number is added.
+
+    Returns:
+        The pages with the tags' positions [mm]; one empty page if there are no tags.
 
     Raises:
         TagError: paper, family or id is unknown, or a tag is too small or too large for the paper.
@@ -185,6 +188,9 @@ def board_page(board: Board, paper: str) -> Page:
     Args:
         board: the board.
         paper: name of the paper, A4 or Letter.
+
+    Returns:
+        The page with the board's black rectangles, caption and origin [mm].
 
     Raises:
         TagError: paper or family is unknown, or the board is impossible or too large for the paper.
@@ -228,7 +234,7 @@ def board_page(board: Board, paper: str) -> Page:
 
 
 def refuse_impossible(board: Board) -> None:
-    """Check that a board is possible on some paper.
+    """Check that a calibration board can be made; whether it fits on the paper is not checked.
 
     Raises:
         TagError: the family is unknown, or the board has too few squares, too small or too many tags, or
@@ -256,7 +262,7 @@ def refuse_impossible(board: Board) -> None:
 
 
 def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
-    """Black rectangles of a tag on a page, one per run of black cells in a row of the tag.
+    """Black rectangles [mm] of a tag on a page, one for each run of black cells in a row of the tag.
 
     Args:
         cells: (n, n) cells of the tag, True for white, row 0 at the top.
@@ -278,7 +284,7 @@ def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[
 
 
 def _paper(name: str) -> tuple[float, float]:
-    """Width and height [mm] of a paper, A4 or Letter.
+    """Width and height [mm] of the paper of that name, A4 or Letter.
 
     Raises:
         TagError: the paper is unknown.
