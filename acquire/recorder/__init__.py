@@ -1,1 +1,1 @@
-"""Recording to MCAP files: frame queues with a pre-trigger time, file writer, recovery of cut files."""
+"""Recording of frames and messages to MCAP files, and recovery of files that were cut short."""

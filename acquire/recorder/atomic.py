@@ -15,7 +15,7 @@ _IOV_MAX = 1024
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Raise RecorderError unless a file can be created at `path`; called before the work for it begins.
+    """Raise RecorderError if no file can be created at `path`; called before the file's content is made.
 
     Raises:
         RecorderError: `path` is a folder, or its folder is missing or not writable.
@@ -35,10 +35,10 @@ def create_part(part_path: Path, flags: int = 0) -> int:
 
     Args:
         part_path: path at which no file exists yet.
-        flags: flags of open(2) besides those for a new file that is written.
+        flags: further flags of open(2), for example O_DIRECT.
 
     Returns:
-        The file descriptor.
+        Descriptor of the open file.
 
     Raises:
         RecorderError: the file exists already, or cannot be created in its folder.
@@ -58,7 +58,8 @@ def reserve(folder: Path, size: int) -> int | None:
     """Reserve `size` bytes on the disk of `folder` in an unnamed file, until its descriptor is closed.
 
     Returns:
-        The descriptor; None if no such file can be created in `folder` or the disk has too little space.
+        Descriptor of the unnamed file; None if no such file can be created in `folder` or the disk has too
+        little space.
     """
     try:
         fd = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o600)

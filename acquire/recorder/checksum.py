@@ -28,16 +28,16 @@ _ByteTables = tuple[_Table, _Table, _Table, _Table]
 
 
 class Checksums(NamedTuple):
-    """CRC-32 of a chunk up to the end of a message, and of the message's data alone."""
+    """CRC-32 of an MCAP chunk (group of messages) up to the end of a message, and of that message's data."""
 
     chunk: int
-    """of the chunk from its beginning"""
+    """CRC-32 of the chunk from its beginning to the message's end"""
     data: int
-    """of the message's data"""
+    """CRC-32 of the message's data"""
 
 
 def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
-    """CRC of a chunk after one more message, and CRC of the message's data.
+    """CRC-32 of an MCAP chunk (group of messages) after one more message, and of that message's data.
 
     Args:
         chunk: CRC of the chunk before this message; 0 at the chunk's beginning.
@@ -59,7 +59,7 @@ def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
 
 
 def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
-    """CRC of a chunk that holds one image, and CRC of the image's message, from the CRC of the pixels.
+    """CRC-32 of an MCAP chunk that holds one image, and of the image's message, from the CRC of the pixels.
 
     The pixels are not read again.
 
@@ -86,10 +86,11 @@ def crc_of(pixels: Buffer) -> int:
 
 @lru_cache(maxsize=8)
 def _over_zeros(size: int) -> _ByteTables:
-    """Tables of the linear map from a CRC to that CRC continued over `size` zero bytes.
+    """Tables of the linear map that continues a CRC-32 over `size` zero bytes.
 
     Returns:
-        One table of 256 entries for each byte of the CRC, lowest byte first; `_apply` XORs their entries.
+        One table for each of the CRC's four bytes, lowest byte first, with 256 entries, one for each value
+        of that byte. `_apply` combines one entry of each table by XOR.
     """
     zeros = bytes(size)
     none = deflate.crc32(zeros, 0)
@@ -104,6 +105,6 @@ def _over_zeros(size: int) -> _ByteTables:
 
 
 def _apply(tables: _ByteTables, crc: int) -> int:
-    """Map `crc` by the linear map in `tables`: XOR of one entry per byte of the CRC."""
+    """CRC-32 that `crc` becomes under the linear map in `tables`: XOR of one entry for each byte of `crc`."""
     low, second, third, high = tables
     return low[crc & 255] ^ second[crc >> 8 & 255] ^ third[crc >> 16 & 255] ^ high[crc >> 24]

@@ -1,4 +1,4 @@
-"""Choice of a recording's mode and of its path to the disk, made once when it opens."""
+"""Choice of a recorder for the rig's recording mode, and of the frames' path to the disk."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from schemas.rig import RecorderConfig
 def choose_recorder(
     sink: FileSeries, frames: FrameFormat, config: RecorderConfig, wall_anchor_ns: int
 ) -> FrameRecorder:
-    """Start the recorder of one camera.
+    """Start the recorder of one camera's frames, of the kind that the configuration requires.
 
     Args:
-        sink: file, or series of files. If it never waits for the disk, continuous raw frames are written
-            directly from the camera's borrowed buffers; else they are copied.
+        sink: series of files to be written. If it never waits for the disk, raw frames of the continuous mode
+            are written directly from the camera's buffers; else frames are copied first.
         frames: camera name, size and rate of the frames.
         config: mode, image format, and times of a window (time span of a strike).
         wall_anchor_ns: log time minus host monotonic time [ns].
 
     Returns:
-        ContinuousRecorder if `config.mode` is "continuous", else WindowRecorder; its thread runs.
+        ContinuousRecorder (records every frame) if `config.mode` is "continuous", else WindowRecorder
+        (records windows); its thread runs.
 
     Raises:
-        RecorderError: the topics cannot be written to `sink`.
+        RecorderError: the topics of the frames cannot be declared in `sink`.
     """
     raw = config.image_format == "raw"
     file = FrameFile(sink, frames, wall_anchor_ns, raw=raw)

@@ -37,7 +37,7 @@ class DiskSpace:
     """function that returns the free space of a folder's disk [bytes]"""
 
     def require(self, needed_bytes: int, purpose: str) -> None:
-        """Raise RecorderError unless `needed_bytes` can be written without touching the reserve.
+        """Raise RecorderError if `needed_bytes` more would leave less than `reserve_bytes` free on the disk.
 
         Args:
             needed_bytes: size of the planned output [bytes].

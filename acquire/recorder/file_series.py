@@ -27,7 +27,7 @@ from schemas.topics import Topic
 
 @dataclass(frozen=True)
 class Rotation:
-    """Size of a full file, and number of files that are kept."""
+    """Rotation of a recording's files: size at which the next file is begun, and number of files kept."""
 
     rotate_bytes: int = 0
     """size of a file [bytes] from which on the next one is begun; 0: everything goes to one file"""
@@ -44,9 +44,9 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def newest_part(path: Path) -> int:
-    """Number of the newest file in the series that begins with `path`, complete or not.
+    """Number of the newest file in the series that begins with `path`, complete or not, found in its folder.
 
-    1 if there is no numbered file.
+    1 if there is no file with a number in its name.
     """
     newest = 1
     for found in path.parent.glob(f"{path.stem}-????{path.suffix}*"):
@@ -58,7 +58,7 @@ def newest_part(path: Path) -> int:
 
 
 class FileSeries:
-    """Writer of `path`, then `<stem>-0002.mcap`, `<stem>-0003.mcap`, ...
+    """Writer of a recording to `path`, then to `<stem>-0002.mcap`, `<stem>-0003.mcap`, ... as files fill up.
 
     Every method may be called from any thread.
 
@@ -79,12 +79,13 @@ class FileSeries:
         """Open the first file.
 
         Args:
-            path: first file of the series.
-            write_head: writes manifest and attachments of a part, given its writer and number.
+            path: final path of the series's file number 1.
+            write_head: function that writes manifest and attachments at the beginning of a file, given the
+                file's writer and number.
             rotation: size at which the next file is begun, and number of files kept.
-            disk: checked for room before each file.
+            disk: check for room on the disk, made before each file.
             memory: blocks for direct I/O, shared by the files; None: write through the page cache.
-            first_part: number of the first file; above 1 where an interrupted series continues.
+            first_part: number of the file to be opened; above 1 if an interrupted series continues.
         """
         self._path = path
         self._memory = memory
@@ -108,7 +109,7 @@ class FileSeries:
 
     @property
     def path(self) -> Path:
-        """Final path of the file being written; the file appears there when it is complete."""
+        """Final path of the file being written; the file gets that name when it is complete."""
         return self._writer.path
 
     @property
@@ -124,7 +125,8 @@ class FileSeries:
     def add_topic(self, topic: Topic) -> Channel:
         """Declare a topic, in the current file and all later ones, and return its handle.
 
-        The same topic again gives the same handle, which is valid in every file.
+        The handle (number and topic), which is needed to write messages, is valid in every file; the same
+        topic again gives the same handle.
 
         Raises:
             RecorderError: the name is taken by a topic of another message type, the recording is finished, or
@@ -138,16 +140,17 @@ class FileSeries:
         """Write messages of a small topic (any topic but the images) to the current file.
 
         Raises:
-            RecorderError: the disk is full or failing, the recording is finished, or a time is not positive.
+            RecorderError: the disk is full or failing, the recording is finished, or a log time is not
+                positive.
         """
         with self._lock:
             self._writer.write_small(channel, messages)
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images together; to the next file if the current one is full and the next one ready.
+        """Write images together to the current file, or to the next one if that is due and ready.
 
         Raises:
-            DiskBehind: there is no memory for them now; only if `never_waits`.
+            DiskBehind: there is no memory for the images now; only if `never_waits`.
             RecorderError: the disk is full or failing, the next file could not be opened or an earlier one
                 not finished, the recording is finished, or a log time is not positive. In each case no image
                 was written.
@@ -157,13 +160,13 @@ class FileSeries:
             self._writer.write_images(channel, messages)
 
     def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
-        """Write at least one image directly from borrowed buffers, each in a chunk of its own.
+        """Write at least one image directly from camera buffers, each in an MCAP chunk of its own.
 
-        They go to the next file if the current one is full and the next one ready. Each buffer is released
-        when its image is on the disk, or when the disk failed.
+        The images go to the next file if the current one is full and the next one ready. Each buffer is
+        released when its image is on the disk, or when the disk failed.
 
         Raises:
-            DiskBehind: there is no room for them now.
+            DiskBehind: there is no room for the images now.
             RecorderError: the disk is full or failing, the next file could not be opened or an earlier one
                 not finished, the recording is finished, or a log time is not positive. In each case no buffer
                 is released.
@@ -173,12 +176,12 @@ class FileSeries:
             self._writer.write_borrowed(channel, images)
 
     def flush(self) -> None:
-        """Hand waiting small messages to the current file, where other programs can read them on return.
+        """Hand small messages that wait in memory to the current file.
 
-        Small messages are those of all topics but the images.
+        Small messages are those of all topics but the images. On return other programs can read them.
 
         Raises:
-            RecorderError: the disk refused some of it.
+            RecorderError: the disk refused some of the messages.
         """
         with self._lock:
             writer = self._writer
@@ -188,11 +191,11 @@ class FileSeries:
         """Finish the last file.
 
         Returns:
-            Path, content id, message count and size of the last file.
+            Of the last file: path, content id (hash of its messages), number of messages and size [bytes].
 
         Raises:
-            RecorderError: the last file or an earlier one could not be finished; `acquire recover` reads the
-                `.part` file.
+            RecorderError: the last file or an earlier one could not be finished; its `.part` file stays, and
+                `acquire recover` reads it.
         """
         self._join_rotation()
         with self._lock:
@@ -213,7 +216,9 @@ class FileSeries:
     # --- under the lock ---
 
     def _rotate_if_full(self) -> None:
-        """If the file is full, change to the next one if it is ready; else start to open it, once.
+        """Change to the next file if the current one is full and the next one ready.
+
+        If the next one is not ready, a thread starts to open it, once.
 
         Raises:
             RecorderError: the next file could not be opened, or an earlier one not finished.

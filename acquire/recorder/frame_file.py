@@ -1,4 +1,4 @@
-"""Image and meta topics (FrameMeta: times, exposure, losses) of one camera in a recording."""
+"""The two topics of a camera's frames in a recording: images, and meta (times, exposure, losses)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FrameFile:
             sink: file, or series of files, that is written.
             frames: camera name and size of the images.
             wall_anchor_ns: log time minus host monotonic time [ns].
-            raw: True: write foxglove.RawImage; False: PNG as foxglove.CompressedImage.
+            raw: format of the images. True: foxglove.RawImage; False: foxglove.CompressedImage (PNG).
         """
         self._sink = sink
         self._anchor = wall_anchor_ns
@@ -42,10 +42,10 @@ class FrameFile:
         self._meta_template = pb.FrameMeta(width=frames.width, height=frames.height)
 
     def write_images(self, frames: Sequence[Frame]) -> None:
-        """Write the images of frames together, all or none.
+        """Write the images of frames together, all or none; without their meta.
 
         Raises:
-            DiskBehind: there is no memory for them now.
+            DiskBehind: there is no memory for the images now.
             RecorderError: the file accepts no images (disk full or failing, recording finished), a raw image
                 differs in size from the recording's, or a PNG cannot be encoded. In each case none was
                 written.
@@ -61,15 +61,15 @@ class FrameFile:
         self._sink.write_images(self._images, messages)
 
     def write_borrowed(self, frames: Sequence[Frame]) -> None:
-        """Write raw images from their borrowed buffers, all or none.
+        """Write the raw images of frames directly from the camera's buffers, all or none; without meta.
 
         Each buffer is released when the disk has its image, or when the disk fails later.
 
         Args:
-            frames: at least one, whose buffers are borrowed.
+            frames: at least one, each with a borrowed buffer (kept until its release).
 
         Raises:
-            DiskBehind: there is no room for them now.
+            DiskBehind: there is no room for the images now.
             RecorderError: the file accepts no images (disk full or failing, recording finished), or an image
                 differs in size from the recording's. In each case no buffer was released.
         """
@@ -89,7 +89,7 @@ class FrameFile:
         """Write the meta (FrameMeta message: times, exposure, losses) of frames.
 
         Args:
-            frames: each frame, with True if its image is in the file.
+            frames: pairs of a frame and a bool, True if the frame's image is in the file.
 
         Raises:
             RecorderError: the disk is full or failing, or the recording is finished.
@@ -104,12 +104,12 @@ class FrameFile:
         )
 
     def flush(self) -> None:
-        """Hand waiting small messages to the current file, where other programs can read them on return.
+        """Hand small messages that wait in memory to the current file.
 
-        Small messages are those of all topics but the images.
+        Small messages are those of all topics but the images. On return other programs can read them.
 
         Raises:
-            RecorderError: the disk refused some of it.
+            RecorderError: the disk refused some of the messages.
         """
         self._sink.flush()
 

@@ -1,4 +1,4 @@
-"""Base of a frame's two paths to the disk: copied via the page cache, or borrowed for direct I/O."""
+"""Base class of the two paths of frames to the disk: through the page cache, or by direct I/O."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from acquire.frames.frame import Frame
 
 
 class FramePath(ABC):
-    """Path of one camera's frames to the disk: `CopiedQueue` (page cache) or `BorrowedQueue` (O_DIRECT).
+    """Path of one camera's frames to the disk, chosen once when the recording opens.
 
-    The path is chosen once, when the recording opens.
+    `CopiedQueue` copies the frames and writes through the page cache. `BorrowedQueue` writes with O_DIRECT
+    from the camera's own buffers.
     """
 
     def __init__(self) -> None:
@@ -30,23 +31,27 @@ class FramePath(ABC):
 
     @property
     def waiting(self) -> int:
-        """Number of frames in the queue; a batch that CopiedQueue is writing has left it."""
+        """Number of frames that wait in the queue; CopiedQueue does not count those that it is writing."""
         return len(self._queue)
 
     @abstractmethod
     def take(self, frame: Frame) -> bool:
-        """Take a frame to be written; its meta (FrameMeta: times, exposure, losses) is queued in any case.
+        """Queue a frame to be written: its image, and its meta (FrameMeta: times, exposure, losses).
 
-        The call does not wait for the disk, except up to 1 s for a frame that arrives while the path closes.
+        The meta is queued even if the image is dropped. The call does not wait for the disk, except up to 1 s
+        for a frame that arrives while the path closes.
 
         Returns:
-            True if the image was taken, False if it was dropped.
+            True if the image was queued, False if it was dropped.
         """
 
     @abstractmethod
     def wait_until_written(self, timeout_s: float) -> None:
-        """Wait until all frames taken before are handed to the file, at most `timeout_s` seconds."""
+        """Wait until all queued frames are handed to the file or dropped, at most `timeout_s` seconds."""
 
     @abstractmethod
     def close(self) -> None:
-        """Write the waiting frames and end the path's thread. Safe to call twice."""
+        """Write the waiting frames, or drop their images after an error, and end the path's thread.
+
+        Safe to call twice.
+        """

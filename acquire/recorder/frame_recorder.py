@@ -1,4 +1,4 @@
-"""Recorder of a frame stream with windows: the common part of both modes, and the continuous mode.
+"""Recorders of a camera's frames: base class with windows, and the recorder of every frame.
 
 A window is the time span of one strike. A new frame outside any window stays in the delay line, a queue of
 the frames of the last `pre_trigger_s`, from which a window that opens takes its first frames. A frame's meta
@@ -30,9 +30,10 @@ WRITE_TIMEOUT_S: Final = 30.0
 
 @dataclass(frozen=True)
 class WindowReport:
-    """Content of a closed window (the time span of one strike).
+    """Content of a closed window (the time span of one strike): times and numbers of its images.
 
-    Its times are log times [ns] of its first and last image, or of the window itself if it has no image.
+    `start_ns` and `end_ns` are log times [ns] of its first and last image, or start and end of the window if
+    it has no image.
     """
 
     start_ns: int
@@ -57,7 +58,7 @@ class DelayedFrame:
 
 @dataclass
 class _Window:
-    """An open or closing window; its times are host monotonic times [ns]."""
+    """An open or closing window (time span of a strike); its times are host monotonic times [ns]."""
 
     start_ns: int
     end_ns: int | None = None
@@ -72,9 +73,10 @@ class _Window:
     """number of images lost, or dropped by a slow disk"""
 
     def add(self, delayed: DelayedFrame) -> None:
-        """Count a frame: as recorded, with its mid-exposure time, or as lost if it has no image.
+        """Count a frame in the window: as recorded, with its mid-exposure time, or as lost if without image.
 
-        Frames lost on the way before it count as well, unless no image of the window came earlier.
+        Frames lost on the way from the camera before this frame count as lost as well, unless the window has
+        no image yet.
         """
         frame = delayed.frame
         self.lost += frame.lost_before if self.frames else 0
@@ -87,7 +89,7 @@ class _Window:
 
 
 class FrameRecorder(ABC):
-    """Recorder between the acquisition thread, which calls `add`, and the file.
+    """Recorder of a camera's frames, between the acquisition thread, which calls `add`, and the file.
 
     Another thread opens and closes windows. A window is the time span of one strike; each subclass decides
     which images outside it are recorded.
@@ -105,13 +107,13 @@ class FrameRecorder(ABC):
         config: RecorderConfig,
         wall_anchor_ns: int,
     ) -> None:
-        """Start without a window.
+        """Start to record, with no window open.
 
         Args:
             path: queue of frames before the file.
             file: writer of the images and their metadata.
             frames: camera name, size and rate of the frames.
-            config: `pre_trigger_s` and `max_window_s` are used here.
+            config: recorder section of the rig; `pre_trigger_s` and `max_window_s` are used here.
             wall_anchor_ns: log time minus host monotonic time [ns].
         """
         self.frames = 0
@@ -141,7 +143,7 @@ class FrameRecorder(ABC):
 
     @property
     def waiting(self) -> int:
-        """Number of frames in the queue before the file; bytes that the file itself holds are not counted."""
+        """Number of frames in the queue before the file; images that the file has in memory do not count."""
         return self._path.waiting
 
     @property
@@ -150,7 +152,7 @@ class FrameRecorder(ABC):
         return self._path.error
 
     def add(self, frame: Frame) -> None:
-        """Take a frame: borrow its buffer or copy its image, and count it in a window that is open.
+        """Take a new frame: keep its image (buffer or copy), and count the frame in a window that is open.
 
         A window is the time span of one strike. The call does not wait for the disk, except up to 1 s while
         the recorder closes. After `close` it does nothing.
@@ -198,8 +200,8 @@ class FrameRecorder(ABC):
     def close_window(self, now_ns: int, end_ns: int = 0) -> WindowReport:
         """End the open window now, wait until its images are in the file, and report its content.
 
-        A window is the time span of one strike. The wait is limited: LATE_FRAME_S for frames exposed before
-        the end, WRITE_TIMEOUT_S for the disk.
+        A window is the time span of one strike. The wait is limited: LATE_FRAME_S (0.25 s) for frames exposed
+        before the end, WRITE_TIMEOUT_S (30 s) for the disk.
 
         Args:
             now_ns: host monotonic time [ns].
@@ -246,9 +248,9 @@ class FrameRecorder(ABC):
         self._path.close()
 
     def _last_ns_of(self, window: _Window) -> int:
-        """Latest mid-exposure (host monotonic [ns]) that belongs to the window.
+        """Latest mid-exposure time of frames that belong to the window, host monotonic [ns].
 
-        The window's end if it is closing, else the end of its greatest length.
+        This is the window's end if it is closing, else the end of its greatest length.
         """
         return window.start_ns + self._max_window_ns if window.end_ns is None else window.end_ns
 
@@ -257,12 +259,12 @@ class FrameRecorder(ABC):
         """Borrow or copy the frame's pixels so that they outlive the camera's call. Called without the lock.
 
         Returns:
-            The frame, with `has_image` False if no buffer was free.
+            The frame with its pixels kept; `has_image` is False if no buffer was free or the file failed.
         """
 
     @abstractmethod
     def _record(self, delayed: DelayedFrame) -> None:
-        """Record a frame of the open window. Called with the lock held."""
+        """Queue image and meta of a frame of the open window for the file. Called with the lock held."""
 
     @abstractmethod
     def _delay(self, delayed: DelayedFrame) -> None:
@@ -273,27 +275,28 @@ class FrameRecorder(ABC):
 
     @abstractmethod
     def _claim(self, start_ns: int) -> Iterable[DelayedFrame]:
-        """Empty the queue of recent frames, and record what is not yet recorded of a window that opens.
+        """Take the frames of an opening window from the queue of recent frames.
 
-        Called with the lock held.
+        Images and meta that are not recorded yet are recorded. The queue is empty afterwards. Called with the
+        lock held.
 
         Args:
             start_ns: start of the window, host monotonic time [ns].
 
         Returns:
-            Frames of the queue exposed at `start_ns` or later, oldest first; earlier ones are dropped.
+            Frames of the queue exposed at `start_ns` or later, oldest first; earlier ones leave the queue.
         """
 
     @abstractmethod
     def _end_delay(self) -> None:
-        """Write the meta that the file still lacks of the frames in the queue of recent frames.
+        """Write the meta (FrameMeta messages) of recent frames that the file does not have yet.
 
         Called with the lock held, once, when the recorder closes.
         """
 
 
 class ContinuousRecorder(FrameRecorder):
-    """Recorder of every frame; a window (time span of a strike) only selects frames for its report."""
+    """Recorder of every frame; a window (time span of a strike) only selects the frames it reports."""
 
     def _take(self, frame: Frame) -> DelayedFrame:
         return DelayedFrame(frame, self._path.take(frame))

@@ -15,7 +15,7 @@ from schemas.proto import percuss_pb2 as pb
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """Number of frames, lost frames and last frame time of one camera in one file."""
+    """Number of frames, number of lost frames and time of the last frame, of one camera in one file."""
 
     frames: int
     lost: int
@@ -28,7 +28,7 @@ class FrameTimes:
         """Count the frames of a complete file by their FrameMeta messages (one per frame).
 
         Args:
-            path: the recording.
+            path: complete file of a recording.
             camera: name of the camera.
 
         Returns:

@@ -34,7 +34,7 @@ class RawImageEncoder:
         self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + varint(width * height)
 
     def prefix(self, log_time_ns: int, size: int) -> bytes:
-        """Serialised RawImage message up to its pixels.
+        """Bytes of the serialised RawImage message before its pixels.
 
         Args:
             log_time_ns: time stamp of the image, since the Unix epoch [ns].

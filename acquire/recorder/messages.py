@@ -10,7 +10,7 @@ from schemas.mcap.records import Buffer
 
 
 class DiskBehind(RecorderError):
-    """Error for images refused because memory is full of bytes that wait for the disk; later ones may fit."""
+    """Images were refused because memory is full of bytes that wait for the disk; they may fit later."""
 
 
 class ImageMessage(NamedTuple):

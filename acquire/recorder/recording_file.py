@@ -9,7 +9,10 @@ from schemas.mcap.records import Buffer
 
 
 class BorrowedRun(NamedTuple):
-    """Borrowed pages, unchanged until they are released, with the copied bytes before and after them."""
+    """Bytes of a file to append: pages of images in borrowed camera buffers, and bytes around them.
+
+    The pages do not change until their buffers are released; the other bytes are copied.
+    """
 
     lead: bytes
     """fills the file up to the beginning of a page"""
@@ -22,19 +25,20 @@ class BorrowedRun(NamedTuple):
 
     @property
     def borrowed_bytes(self) -> int:
-        """Size of the borrowed pages [bytes]."""
+        """Total size of the images' pages in borrowed camera buffers [bytes]."""
         return sum(map(len, self.pages))
 
     @property
     def own_bytes(self) -> int:
-        """Number of copied bytes: before, between and after the borrowed pages."""
+        """Number of bytes that are copied: those before, between and after the images' borrowed pages."""
         return len(self.lead) + sum(map(len, self.following))
 
 
 class RecordingFile(Protocol):
-    """Interface of a recording's file; PageCacheFile and DirectFile implement it.
+    """Interface of a recording's file: bytes are appended until it is finished or aborted.
 
-    One thread at a time appends; other threads may call `sync` and `wait_until`.
+    PageCacheFile and DirectFile implement it. One thread at a time appends; other threads may call `sync` and
+    `wait_until`.
     """
 
     @property
@@ -46,7 +50,7 @@ class RecordingFile(Protocol):
     """True if `append` returns without waiting for the disk as long as there is room"""
 
     def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:
-        """True if there is room now for `size` copied bytes and `borrowed` bytes in borrowed pages.
+        """True if there is room now for `size` copied bytes and `borrowed` bytes in camera buffers.
 
         Always True for a PageCacheFile, whose `append` may wait. A DirectFile also returns True if the disk
         is full or failing: `append` then raises the error.
@@ -54,19 +58,21 @@ class RecordingFile(Protocol):
         Args:
             size: bytes to be copied.
             image: True for images, which leave some room for other messages.
-            borrowed: bytes in borrowed pages, which are not copied.
+            borrowed: bytes in borrowed camera buffers, which are not copied.
         """
         ...
 
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
-        """Accept all `buffers`, or none; they may be reused on return. Waits where there is no room.
+        """Append all `buffers` to the file, or none; the caller may reuse them on return.
+
+        Waits while there is no room.
 
         Args:
             buffers: bytes to append, in order.
             image: True for images, which may not use the reserved part of the disk.
 
         Returns:
-            Number of bytes accepted.
+            Number of bytes appended.
 
         Raises:
             OSError: the disk is full or failing.
@@ -74,10 +80,13 @@ class RecordingFile(Protocol):
         ...
 
     def append_borrowed(self, run: BorrowedRun) -> int:
-        """Accept images in borrowed buffers; each buffer is released once the file no longer needs it.
+        """Append images from borrowed camera buffers; each is released once the file no longer needs it.
+
+        Args:
+            run: the images' borrowed pages, and the bytes before, between and after them.
 
         Returns:
-            Number of bytes accepted: the images and the bytes around them.
+            Number of bytes appended: the images and the bytes around them.
 
         Raises:
             OSError: the disk is full or failing; no buffer was released.
@@ -85,7 +94,7 @@ class RecordingFile(Protocol):
         ...
 
     def release_reserve(self) -> None:
-        """Make the reserved disk space available for the end of the recording; no more images follow."""
+        """Make the disk space reserved for the end of the recording available; no more images follow."""
         ...
 
     def wait_until(self, size: int) -> None:
@@ -97,7 +106,7 @@ class RecordingFile(Protocol):
         ...
 
     def sync(self) -> None:
-        """Make the disk write if enough bytes have gathered. Called regularly; may take long."""
+        """Force appended bytes to the disk if enough have gathered. Called regularly; may take long."""
         ...
 
     def finish(self) -> None:
@@ -109,5 +118,5 @@ class RecordingFile(Protocol):
         ...
 
     def abort(self) -> None:
-        """Close the file without fsync; it holds the accepted bytes as far as the disk allows."""
+        """Close the file without fsync; it holds the appended bytes as far as the disk accepted them."""
         ...

@@ -3,12 +3,12 @@
 A preview is a single image, recorded at most `preview_hz` times per second. The metadata of every frame are
 recorded.
 
-A frame enters a delay line (queue of recent frames) and leaves it `pre_trigger_s` later; a window that opens
-takes the frames in the line with it. The frame's meta (FrameMeta message), and a preview, wait at most
-META_WAIT_S: a killed process must not hold back more. Therefore images and meta reach the file in the order
-of their exposure, and `image_recorded` in the meta is always correct, if `pre_trigger_s` is not longer than
-META_WAIT_S. If it is longer, the images that a window takes from the line follow newer metas, and their own
-metas, written before, state that they are not recorded.
+A frame enters a delay line (queue of recent frames) and leaves it `pre_trigger_s` later. A window that opens
+takes the frames in the line. A frame's meta (FrameMeta message: times, losses), and a preview, wait at most
+META_WAIT_S (0.25 s), so that a killed process loses no more. If `pre_trigger_s` is not longer than that,
+images and meta reach the file in the order of their exposure, and `image_recorded` in the meta is always
+correct. If `pre_trigger_s` is longer, the images that a window takes from the line come after newer metas, and their own
+metas, written before, state that the images are not recorded.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ META_WAIT_S: Final = 0.25
 
 
 class WindowRecorder(FrameRecorder):
-    """Recorder of windows (time spans of strikes), the pre-trigger time before them, and previews between."""
+    """Recorder of windows (time spans of strikes) with the time before them, and of single images between."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class WindowRecorder(FrameRecorder):
         config: RecorderConfig,
         wall_anchor_ns: int,
     ) -> None:
-        """Start without a window.
+        """Start to record, with no window open.
 
         Args:
             queue: buffers and queue of copied frames before the file.
@@ -65,10 +65,10 @@ class WindowRecorder(FrameRecorder):
         return DelayedFrame(copied or frame, has_image=copied is not None, held=copied is not None)
 
     def _reclaim_buffer(self) -> None:
-        """Drop frames from the old end of the delay line up to the first that holds a buffer, and free it.
+        """Free the image buffer of the oldest frame that has one, to make room for a new frame.
 
-        The delay line is the queue of recent frames. Meta still missing in the file are written; the image in
-        the freed buffer is lost.
+        That frame and all older ones leave the delay line (queue of recent frames). Their meta is written if
+        it is still missing in the file; the image in the freed buffer is lost.
         """
         with self._lock:
             while self._line and not self._line[0].held:
@@ -106,18 +106,18 @@ class WindowRecorder(FrameRecorder):
         self._write_meta_before(self._newest_ns + 1)
 
     def _write_image(self, delayed: DelayedFrame, *, with_meta: bool = True) -> None:
-        """Queue the frame's image for writing, its meta too if `with_meta`.
+        """Queue a frame's image for writing, and its meta (FrameMeta message) if `with_meta`.
 
-        The queue then owns the buffer: `delayed.held` becomes False.
+        The writing queue then owns the image's buffer: `delayed.held` becomes False.
         """
         self._queue.write(delayed.frame, with_meta=with_meta)
         delayed.held = False
 
     def _write_meta_before(self, end_ns: int) -> None:
-        """Write the missing meta of recent frames that were exposed before `end_ns` (host monotonic [ns]).
+        """Write the meta of recent frames exposed before `end_ns` (host monotonic [ns]), where still missing.
 
-        Recent frames are those in the delay line. The image is written as well where a preview (single image
-        between windows) is due and the frame has an image.
+        Recent frames are those in the delay line. A frame's image is written as well if a preview (single
+        image between windows) is due.
         """
         while self._with_meta < len(self._line):
             delayed = self._line[self._with_meta]
@@ -134,7 +134,7 @@ class WindowRecorder(FrameRecorder):
     def _forget_before(self, start_ns: int) -> None:
         """Drop frames exposed before `start_ns` (host monotonic [ns]) from the queue of recent frames.
 
-        Their meta is written first where it is still missing, and their buffers are released.
+        Their meta (FrameMeta messages) is written first if it is still missing; their buffers are released.
         """
         self._write_meta_before(start_ns)
         while self._line and self._line[0].frame.mid_exposure_ns < start_ns:

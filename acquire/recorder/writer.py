@@ -1,8 +1,9 @@
-"""Writer of a recording: images in chunks of their own, small topics in others, renamed when complete.
+"""Writer of one recording file: images in MCAP chunks of their own, messages of small topics in others.
 
-Small topics are all topics but the images. While the file is written it is called `<name>.part`. However the
-process ends, `acquire recover` reads everything that reached the file. The memory holds at most 0.5 s of
-small topics, and with a DirectFile 0.2 s of images while the disk keeps up.
+Small topics are all topics but the images. While the file is written it is called `<name>.part`; it is
+renamed when it is complete. However the process ends, `acquire recover` reads everything that reached the
+file. The memory holds at most 0.5 s of small topics, and with a DirectFile 0.2 s of images while the disk
+keeps up.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ MOST_SMALL_BYTES: Final = 2 << 20
 
 @dataclass(frozen=True)
 class Channel:
-    """Handle of a topic in one file: its number there and the topic."""
+    """Handle of a topic in a recording file: its number in the file (MCAP channel id) and the topic."""
 
     id: int
     topic: Topic
@@ -58,7 +59,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Seal:
-    """Path, content id (hash of the messages), message count and size of a finished recording."""
+    """Result of finishing a recording file: its path, content id, number of messages and size."""
 
     path: Path
     content_id: str
@@ -70,7 +71,7 @@ class Seal:
 
 
 class McapWriter:
-    """One recording being written. Every method may be called from any thread.
+    """Writer of one recording file; every method may be called from any thread.
 
     When the disk fills up, an image that does not fit is refused with a RecorderError, small messages wait in
     memory up to MOST_SMALL_BYTES, and `finish` still completes the file.
@@ -90,9 +91,10 @@ class McapWriter:
         """Create `<path>.part`, write the file's head, and start the flushing thread.
 
         Args:
-            path: final path; the file appears there when it is complete.
-            memory: for direct I/O (where `can_write_directly`); None: write through the page cache.
-            flush_s: interval between flushes of small topics [s].
+            path: final path; the file gets that name when it is complete.
+            memory: blocks for direct I/O, if the disk allows that (`can_write_directly`); None: write through
+                the page cache.
+            flush_s: interval at which messages of small topics are handed to the file [s].
             sync_bytes: bytes after which the written data are forced to the disk (fdatasync).
         """
         self.path = path
@@ -121,7 +123,7 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Number of bytes accepted by the file so far."""
+        """Number of bytes appended to the file so far."""
         return self._file.size
 
     @property
@@ -132,8 +134,8 @@ class McapWriter:
     def metadata(self, name: str, entries: dict[str, str]) -> None:
         """Write a metadata record of named strings.
 
-        If `name` is that of the manifest, the hash of its "json" entry becomes part of the seal (the record
-        at the end of the file).
+        If `name` is that of the manifest (description of the session), the hash of its entry "json" becomes
+        part of the seal (record at the end of the file).
 
         Raises:
             RecorderError: the recording is finished, or the disk refuses.
@@ -162,7 +164,9 @@ class McapWriter:
             self._records.write_attachment(AttachmentRecord(name, media_type, log_time_ns, data))
 
     def add_topic(self, topic: Topic) -> Channel:
-        """Declare a topic and return its handle; the same topic again gives the same handle.
+        """Declare a topic and return its handle (number and topic), with which messages are written.
+
+        The same topic again gives the same handle.
 
         Raises:
             RecorderError: the name is taken by a topic of another message type, the recording is finished, or
@@ -185,7 +189,7 @@ class McapWriter:
     def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
         """Write messages of a small topic (any topic but the images).
 
-        They gather in memory until SMALL_CHUNK_BYTES or the next flush.
+        The messages gather in memory until they have SMALL_CHUNK_BYTES, or until the next `flush`.
 
         Raises:
             RecorderError: the disk is full or failing, the recording is finished, or a log time is not
@@ -207,12 +211,12 @@ class McapWriter:
                 self._flush_small()
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images as one chunk, all or none; does nothing for an empty sequence.
+        """Write images as one MCAP chunk, all or none; does nothing for an empty sequence.
 
-        On return they are in the page cache, or copied and soon on the disk.
+        On return the images are in the page cache or, with direct I/O, copied and soon on the disk.
 
         Raises:
-            DiskBehind: there is no memory for them now; only if `never_waits`.
+            DiskBehind: there is no memory for the images now; only if `never_waits`.
             RecorderError: the disk is full or failing, the recording is finished, or a log time is not
                 positive (a clock that was never set).
         """
@@ -248,12 +252,12 @@ class McapWriter:
             self._hash.add_all(channel.topic.name, hashed)
 
     def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
-        """Write at least one image directly from borrowed buffers, in a chunk each, all or none.
+        """Write at least one image directly from camera buffers, in an MCAP chunk each, all or none.
 
         Each buffer is released when its image is on the disk, or when the disk failed.
 
         Raises:
-            DiskBehind: there is no room for them now; only if `never_waits`.
+            DiskBehind: there is no room for the images now; only if `never_waits`.
             RecorderError: the disk is full or failing, the recording is finished, or a log time is not
                 positive. In each case no buffer is released.
         """
@@ -272,13 +276,14 @@ class McapWriter:
             self._hash.add_all(channel.topic.name, chunks.hashed)
 
     def flush(self) -> None:
-        """Hand waiting small messages to the file; other programs can read all that it accepted on return.
+        """Hand small messages that wait in memory to the file.
 
-        Small messages are those of all topics but the images; they stay in memory where a full disk has no
-        room for them. After `finish` or `abort` the call does nothing.
+        Small messages are those of all topics but the images. On return other programs can read all that the
+        file accepted. Messages for which there is no room now stay in memory. After `finish` or `abort` the
+        call does nothing.
 
         Raises:
-            RecorderError: the disk refused some of it.
+            RecorderError: the disk refused some of the messages.
         """
         with self._lock:
             if self._closed:
@@ -293,10 +298,10 @@ class McapWriter:
     def finish(self) -> Seal:
         """Complete the file: write the waiting messages, the seal and the summary, fsync, rename.
 
-        The seal is the metadata record with the content id (hash of the messages).
+        The seal is the metadata record with the content id (hash of all messages outside /truth/).
 
         Returns:
-            Final path, content id, number of messages and size.
+            Final path, content id, number of messages and size [bytes].
 
         Raises:
             RecorderError: the recording is finished, the disk refuses, or the name was taken meanwhile. In
@@ -323,7 +328,7 @@ class McapWriter:
         return Seal(self.path, content_id, self._records.summary.message_counts.total(), self._file.size)
 
     def abort(self) -> None:
-        """Stop writing and leave the `.part` file; does nothing after `finish` or `abort`."""
+        """Stop writing and leave the unfinished `.part` file; does nothing after `finish` or `abort`."""
         with self._lock:
             closed, self._closed = self._closed, True
         if not closed:
@@ -360,10 +365,10 @@ class McapWriter:
         self._append(lambda: self._file.append(buffers))
 
     def _append(self, append: Callable[[], int]) -> None:
-        """Append to the file; where the disk refuses, take no more images from then on.
+        """Append to the file; if the disk refuses, take no more images from then on.
 
         Args:
-            append: function that appends to the file and raises OSError where the disk refuses.
+            append: function that appends to the file and raises OSError if the disk refuses.
 
         Raises:
             RecorderError: the disk refused.
@@ -391,7 +396,7 @@ class McapWriter:
     # --- helper thread ---
 
     def _flush_regularly(self) -> None:
-        """Flush small topics every `flush_s`, and make the disk write, until the recording ends."""
+        """Hand small messages to the file every `flush_s` and make the disk write, until the file ends."""
         while True:
             self._wake.wait(self._flush_s)
             with self._lock:

@@ -1,1 +1,1 @@
-"""Writing past the page cache: aligned memory, borrowed camera buffers, O_DIRECT."""
+"""Writing of recordings past the kernel's page cache (O_DIRECT), from the camera's own buffers."""

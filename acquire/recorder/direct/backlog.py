@@ -1,4 +1,4 @@
-"""Memory of a recording that bypasses the page cache, enough for a disk standstill of BACKLOG_S."""
+"""Memory for a recording past the page cache, so that a disk standstill of BACKLOG_S loses no image."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ BACKLOG_S: Final = 2.0
 
 
 def backlog_frames(frames: FrameFormat) -> int:
-    """Number of camera buffers that a recording may borrow at a time: the frames of BACKLOG_S.
+    """Number of camera buffers that a recording may borrow (keep until they are on the disk) at a time.
 
-    0 for images smaller than a page (4096 bytes), which are copied.
+    These are the frames of BACKLOG_S (2 s). 0 for images smaller than a page (4096 bytes), which are copied.
     """
     return math.ceil(BACKLOG_S * frames.frame_rate_hz) if frames.image_bytes >= PAGE_BYTES else 0
 
 
 def backlog_memory(frames: FrameFormat, borrowable: int) -> BlockMemory:
-    """Allocate blocks of memory for the bytes that are copied around borrowed images.
+    """Allocate and return blocks of memory for the bytes of a recording that are copied.
+
+    These are the records between two images and each image's last bytes, less than a page (4096 bytes).
 
     Args:
         frames: size of the images.
-        borrowable: greatest number of images that wait in borrowed camera buffers at a time.
+        borrowable: greatest number of images that wait for the disk in the camera's buffers at a time.
     """
     # Two pages at most are copied for each image: its end, and the records between it and the next image.
     # Eight blocks more, because the end of one file is written beside the head of the next.

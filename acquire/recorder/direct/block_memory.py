@@ -12,17 +12,18 @@ BLOCK_BYTES: Final = 1 << 20
 
 
 class BlockMemory:
-    """A fixed number of page-aligned blocks of BLOCK_BYTES. Any thread takes blocks and gives them back.
+    """A fixed number of page-aligned blocks of BLOCK_BYTES, which any thread may take and give back.
 
-    It also counts the bytes in borrowed camera buffers that wait for the disk.
+    The object also counts the bytes that wait for the disk in borrowed camera buffers, which are kept until
+    their images are on the disk.
     """
 
     def __init__(self, size: int, most_borrowed_bytes: int = 0) -> None:
         """Allocate at least eight blocks, together at least `size` bytes.
 
         Args:
-            size: bytes needed.
-            most_borrowed_bytes: bytes that may wait for the disk in borrowed buffers besides.
+            size: number of bytes needed in blocks.
+            most_borrowed_bytes: greatest number of bytes that wait in borrowed camera buffers besides.
         """
         self.blocks = max(8, -(-size // BLOCK_BYTES))
         self.most_bytes = self.blocks * BLOCK_BYTES + most_borrowed_bytes
@@ -41,11 +42,13 @@ class BlockMemory:
 
     @property
     def used_bytes(self) -> int:
-        """Bytes that wait for the disk: in whole blocks, and in borrowed buffers."""
+        """Number of bytes that wait for the disk: all of each block taken, and those in camera buffers."""
         return (self.blocks - self.free) * BLOCK_BYTES + self._borrowed_bytes
 
     def take(self) -> memoryview:
-        """Take the block given back last, as a view of BLOCK_BYTES: it is still in the processor's cache.
+        """Take a free block and return it as a view of BLOCK_BYTES.
+
+        It is the one that was given back last, which is still in the processor's cache.
 
         Raises:
             IndexError: no block is free.
@@ -53,10 +56,10 @@ class BlockMemory:
         return self._free.pop()
 
     def give_back(self, block: memoryview) -> None:
-        """Make a block that was taken available again."""
+        """Make `block`, which was taken before, available again."""
         self._free.append(block)
 
     def count_borrowed(self, size: int) -> None:
-        """Count `size` bytes more (negative: fewer) that wait in borrowed buffers."""
+        """Count `size` bytes more (negative: fewer) that wait for the disk in borrowed camera buffers."""
         with self._lock:
             self._borrowed_bytes += size

@@ -1,4 +1,4 @@
-"""Packs MCAP chunks of one image each, in which every image begins on a page of the file.
+"""Packs MCAP chunks (groups of messages) of one image each, so that each image begins on a page of the file.
 
 Therefore the disk can read the image from the camera's buffer, without a copy.
 
@@ -28,7 +28,7 @@ _MESSAGE: Final = struct.Struct("<BQHIQQ")
 
 
 class BorrowedChunks(NamedTuple):
-    """Packed chunks of one image each, with their entries in the summary and the content hash."""
+    """MCAP chunks of one image each, with their entries in the file's summary and in the content hash."""
 
     run: BorrowedRun
     """bytes to append to the file: borrowed pages, and the copied bytes around them"""
@@ -41,24 +41,27 @@ class BorrowedChunks(NamedTuple):
 
 
 def gap_before(at: int) -> int:
-    """Size of the padding that moves offset `at` of a file to the beginning of a page [bytes].
+    """Size of the padding from offset `at` of a file to the beginning of a page (4096 bytes) [bytes].
 
-    It is 0, or at least the size of a record's head, because the padding is a record.
+    It is 0, or at least the size of a record's head, because the padding is a record; if the next page begins
+    too soon for that, the padding goes on to the one after it.
     """
     gap = -at % PAGE_BYTES
     return gap if gap == 0 or gap >= container.RECORD_HEAD else gap + PAGE_BYTES
 
 
 def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage]) -> BorrowedChunks:
-    """Pack images into chunks for a file that ends at `offset`, without copying their whole pages.
+    """Pack images from camera buffers into MCAP chunks to be appended to a file that ends at `offset`.
+
+    The pixels of whole pages are not copied.
 
     Args:
-        offset: size of the file; the chunks, or padding before them, begin there [bytes].
-        channel_id: channel of the images in the file.
+        offset: size of the file [bytes]; the padding before the first chunk begins there.
+        channel_id: id of the images' topic in the file.
         images: at least one image.
 
     Returns:
-        Bytes to append, with the entries for the summary and the content hash.
+        Bytes to append, and their entries in the file's summary and in the content hash.
     """
     at, loose = offset, ()
     own: list[bytes] = []

@@ -1,4 +1,4 @@
-"""Path of frames to the disk past the page cache: it reads whole pages from the camera's own buffers.
+"""Path of frames to the disk past the page cache, directly from the camera's own buffers.
 
 Several frames are written together: first their checksums, which read every pixel and therefore leave nothing
 else in the processor's cache, then everything that runs in Python.
@@ -29,7 +29,7 @@ _ROOM_POLL_S: Final = 5e-3
 
 
 class BorrowedQueue(FramePath):
-    """Queue of frames that borrows camera buffers until the disk has their images.
+    """Queue of frames before a file; it borrows (keeps) camera buffers until the disk has their images.
 
     A frame whose buffer cannot be borrowed is dropped and counted.
 
@@ -75,7 +75,7 @@ class BorrowedQueue(FramePath):
         return borrowed
 
     def wait_until_written(self, timeout_s: float) -> None:
-        """Write the waiting frames, for at most `timeout_s` seconds.
+        """Write the waiting frames, or drop their images after an error, for at most `timeout_s` seconds.
 
         Unless the time is up, the queue is empty on return and no other thread writes either.
         """
@@ -92,7 +92,11 @@ class BorrowedQueue(FramePath):
                 time.sleep(_ROOM_POLL_S)
 
     def close(self) -> None:
-        """Write the waiting frames, however long that takes, and end the thread. Safe to call twice."""
+        """Write the waiting frames, however long that takes, and end the queue's thread.
+
+        After an error of the disk the waiting images are dropped and counted in `dropped`; the error is in
+        `error` and is not raised. Safe to call twice.
+        """
         self._ending.set()
         self._thread.join()
         self.wait_until_written(math.inf)
@@ -108,10 +112,13 @@ class BorrowedQueue(FramePath):
     # --- under the lock ---
 
     def _write_batch(self) -> bool:
-        """Write the images and meta of the oldest frames, at most BATCH_FRAMES. Called with the lock held.
+        """Write images and meta (FrameMeta messages) of the oldest frames in the queue, at most BATCH_FRAMES.
+
+        Called with the lock held.
 
         Returns:
-            True if the frames left the queue, or it was empty; False if there is no room for the images now.
+            True if the frames left the queue, or it was empty; False if the file has no room for the images
+            now.
         """
         queue = self._queue
         batch = [queue[number] for number in range(min(len(queue), BATCH_FRAMES))]
@@ -139,7 +146,7 @@ class BorrowedQueue(FramePath):
             True if the images were written; False if they were dropped, or the list is empty.
 
         Raises:
-            DiskBehind: there is no room for them now; the buffers stay borrowed.
+            DiskBehind: the file has no room for the images now; the buffers stay borrowed.
         """
         if frames and self.error is None:
             try:

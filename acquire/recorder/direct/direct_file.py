@@ -2,9 +2,9 @@
 
 A write through the page cache copies every byte once more and hands it to the kernel's threads, which may
 find the disk busy when gigabytes wait; then they block the next writer. Here bytes are copied once, into a
-block, and borrowed pages not at all: the disk reads them in place. Appending does not wait for the disk
-as long as blocks are free: while the disk stands still they fill, and when too few are left images are
-refused (`has_room`).
+block of memory. Borrowed pages (pixels in a camera's buffer) are not copied: the disk reads them in place.
+Appending does not wait for the disk as long as blocks are free. While the disk stands still the blocks fill;
+when too few are left, images are refused (`has_room`).
 
 The space of the file is allocated before its bytes are accepted, so that a disk that fills up refuses the
 next image, never an accepted one. O_DIRECT writes whole pages: the last page is padded with zeros, which no
@@ -83,14 +83,14 @@ def can_write_directly(folder: Path) -> bool:
 
 
 class DirectFile:
-    """File of a recording, written with O_DIRECT by a thread of its own (a RecordingFile).
+    """File of a recording, written with O_DIRECT by a thread of its own; implements RecordingFile.
 
-    The bytes wait in blocks of `memory`, which several files may share. One thread at a time appends; others
-    may call `wait_until`.
+    Appended bytes wait for the disk in blocks of `memory`, which several files may share. One thread at a
+    time appends; other threads may call `wait_until`.
 
     Args:
-        part_path: path of the new file.
-        memory: blocks for copied bytes.
+        part_path: path of the new file, which must not exist.
+        memory: blocks for the bytes that are copied.
         sync_bytes: written bytes after which the writing thread calls fdatasync.
 
     Raises:
@@ -134,7 +134,7 @@ class DirectFile:
         Args:
             size: bytes to be copied.
             image: True for images, which leave RESERVE_BLOCKS blocks and RESERVE_BYTES of the disk free.
-            borrowed: bytes in borrowed pages, which take disk space and no blocks.
+            borrowed: bytes in borrowed pages (camera buffers), which take disk space and no blocks.
         """
         blocks = self._memory.free - (RESERVE_BLOCKS if image else 0)
         in_memory = size <= self._waiting.room + blocks * BLOCK_BYTES
@@ -162,12 +162,16 @@ class DirectFile:
         return size
 
     def append_borrowed(self, run: BorrowedRun) -> int:
-        """Queue images in borrowed pages for the writing thread, and copy the bytes around them.
+        """Queue images in camera buffers for the writing thread, and copy the bytes around them.
 
-        Each buffer is released when its pages are on the disk, or when the disk failed.
+        Each buffer is released when its pages are on the disk, or when the disk failed. Waits while there is
+        no room.
+
+        Args:
+            run: the images' borrowed pages, and the bytes before, between and after them.
 
         Returns:
-            Number of bytes: borrowed pages and copied bytes.
+            Number of bytes appended: borrowed pages and copied bytes.
 
         Raises:
             OSError: the disk is full or failing; no buffer was released.
@@ -183,7 +187,7 @@ class DirectFile:
     def _make_room(self, size: int, *, image: bool) -> None:
         """Wait until space for `size` bytes more is allocated on the disk.
 
-        Images also need RESERVE_BYTES beyond that.
+        For images, RESERVE_BYTES must be free beyond that.
 
         Raises:
             OSError: the disk is full or failing.
@@ -199,11 +203,11 @@ class DirectFile:
     def _copy(self, at: int, buffers: Sequence[Buffer], blocks: list[memoryview]) -> int:
         """Copy bytes that belong at offset `at` of the file into blocks of memory.
 
-        The block in use is filled first, then those of `blocks`, which are removed from that list, then free
-        ones; the call waits for the disk if none is free.
+        The block in use is filled first. Then those of `blocks` are filled and removed from that list, then
+        free blocks. The call waits for the disk if no block is free.
 
         Returns:
-            Offset of the end of the copied bytes.
+            Offset in the file of the end of the copied bytes.
 
         Raises:
             OSError: the disk failed while the call waited for a free block.
@@ -228,7 +232,7 @@ class DirectFile:
                 self._change.notify_all()
 
     def release_reserve(self) -> None:
-        """Do nothing: the reserved space is allocated already, and is refused to images only."""
+        """Do nothing: the space reserved for the recording's end is allocated; only images are refused it."""
 
     def wait_until(self, size: int) -> None:
         """Wait until other programs can read the first `size` bytes from the file.
@@ -268,7 +272,7 @@ class DirectFile:
             os.close(self._fd)
 
     def _end(self) -> None:
-        """End the writing thread once it wrote all bytes or failed; free the memory, cut the file's padding.
+        """Wait until the writing thread wrote all bytes or failed; free the memory, cut the file's padding.
 
         Raises:
             OSError: the file cannot be cut.
@@ -282,11 +286,13 @@ class DirectFile:
         os.ftruncate(self._fd, self.size if self._failed is None else self._readable)
 
     def _fits(self, size: int, *, image: bool) -> bool:
-        """True if `size` bytes more fit in the allocated space, of which images leave RESERVE_BYTES free."""
+        """True if `size` bytes more fit in the file's allocated space; images leave RESERVE_BYTES free."""
         return self.size + size + (RESERVE_BYTES if image else 0) <= self._allocated
 
     def _take(self, at: int) -> memoryview:
-        """Take a free block for the bytes from offset `at` of the file on; waits while there is none.
+        """Take and return a free block of memory for the file's bytes from offset `at` on.
+
+        Waits for the disk while no block is free: the bytes before `at` may be written meanwhile.
 
         Raises:
             OSError: the disk failed.
@@ -299,10 +305,12 @@ class DirectFile:
                 self._wait_for_disk()
 
     def _take_blocks(self, size: int) -> list[memoryview]:
-        """Take the blocks that copying `size` bytes needs beyond the room in the block in use; may wait.
+        """Take the free blocks that copying `size` bytes needs besides the block in use.
+
+        Waits for the disk while too few blocks are free.
 
         Returns:
-            Blocks of BLOCK_BYTES; empty if the block in use has room enough.
+            Blocks of BLOCK_BYTES; an empty list if the block in use has room enough.
 
         Raises:
             OSError: the disk failed; the blocks were given back.
@@ -354,9 +362,9 @@ class DirectFile:
                     return
 
     def _allocate_ahead(self) -> None:
-        """Allocate disk space in advance, in smaller steps as the disk fills up.
+        """Allocate disk space beyond the file's end, in smaller steps as the disk fills up.
 
-        Where even BLOCK_BYTES are refused, the error is kept in `_full` and no more is allocated.
+        If the disk refuses even BLOCK_BYTES, the error is kept in `_full` and no more is allocated.
         """
         step = ALLOCATE_BYTES
         while self._full is None and self._allocated < max(self._written + self._ahead, self._wanted):
@@ -371,7 +379,9 @@ class DirectFile:
                 step = max(BLOCK_BYTES, step // 4)
 
     def _write(self, size: int, *, tail: bool) -> None:
-        """Write the waiting bytes before offset `size` of the file; without `tail` only whole pages of them.
+        """Write the waiting bytes before offset `size` of the file.
+
+        Without `tail` only whole pages are written; with it the last page is padded with zeros.
 
         Raises:
             OSError: the disk refuses.
@@ -396,7 +406,7 @@ class DirectFile:
 
 
 def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
-    """Write whole pages to the file `fd` from `offset` [bytes] on.
+    """Write the whole pages in `views` to the file of descriptor `fd`, from `offset` [bytes] on.
 
     Raises:
         OSError: the disk is full or failing.

@@ -1,6 +1,7 @@
-"""Bytes of a file that wait for the disk: copied into blocks, or in place in borrowed buffers.
+"""Bytes of a file that wait for the disk: copied into blocks of memory, or in place in camera buffers.
 
-One thread adds bytes at the end, another takes views of them and drops what is written. Copied bytes fill one
+One thread adds bytes at the end, another takes views of them and drops what is written. Borrowed pages are
+pixels in a camera buffer, kept until they are on the disk. Copied bytes fill one
 block after the other, also where borrowed pages stand between them in the file, so that one page at the end
 of an image takes one page of memory and no more. Borrowed pages begin and end on pages of the file; therefore
 a byte has the same place within its page in memory and in the file.
@@ -16,7 +17,7 @@ from acquire.recorder.recording_file import BorrowedRun
 
 
 class _Stretch:
-    """Consecutive bytes of the file: copied ones in one block, or borrowed pages with bytes between them."""
+    """Consecutive bytes of a file: copied into one block, or pages of camera buffers with bytes between."""
 
     __slots__ = ("block", "borrowed_bytes", "closed", "end", "release", "start", "views")
 
@@ -35,10 +36,12 @@ class _Stretch:
 
 
 class WaitingBytes:
-    """Queue of bytes between the appending and the writing thread. Offsets are those in the file.
+    """Queue of a file's bytes between the thread that appends them and the thread that writes them.
+
+    Offsets are those in the file.
 
     Args:
-        memory: owner of the blocks, to which they are given back.
+        memory: owner of the blocks into which bytes are copied; they are given back to it.
     """
 
     def __init__(self, memory: BlockMemory) -> None:
@@ -56,15 +59,15 @@ class WaitingBytes:
 
     @property
     def room(self) -> int:
-        """Number of bytes that can be copied before another block is needed."""
+        """Number of bytes that still fit in the block being filled; 0 if there is none."""
         return self._room
 
     def add_block(self, block: memoryview) -> None:
-        """Copy the next bytes to `block`, which has BLOCK_BYTES; the previous block is full."""
+        """Copy the next bytes into `block`, an empty one of BLOCK_BYTES; the block before it is full."""
         self._block, self._room = block, BLOCK_BYTES
 
     def copy(self, at: int, part: memoryview) -> None:
-        """Copy the file's next bytes.
+        """Copy the file's next bytes into the block being filled.
 
         Args:
             at: offset of `part` in the file: the end of the bytes added before.
@@ -86,14 +89,14 @@ class WaitingBytes:
             self._close_growing()
 
     def add_borrowed(self, at: int, run: BorrowedRun, more: list[memoryview]) -> int:
-        """Add a run's borrowed pages without copying them, and copy the bytes between them.
+        """Add borrowed pages (pixels in camera buffers) without copying, and copy the bytes between them.
 
-        The run's first bytes (`lead`) and last bytes are left to the caller.
+        The bytes before the first page and after the last one are left to the caller.
 
         Args:
             at: offset of the first borrowed page, the beginning of a page of the file.
             run: borrowed pages and the bytes between them.
-            more: free blocks for those bytes, removed from the end of this list as needed.
+            more: free blocks for the bytes between, removed from the end of this list as needed.
 
         Returns:
             Offset after the last borrowed page.
@@ -148,7 +151,7 @@ class WaitingBytes:
     # --- the thread that writes ---
 
     def views(self, start: int, end: int) -> list[memoryview]:
-        """Views of the waiting bytes from offset `start` to `end`, in order; nothing is removed.
+        """Views of the waiting bytes from offset `start` to `end` of the file, in order; nothing is removed.
 
         Args:
             start: at or after the end of the bytes dropped before.
@@ -170,7 +173,7 @@ class WaitingBytes:
         return views
 
     def drop_written(self, end: int) -> None:
-        """Give back the memory of the bytes before offset `end`, which are written.
+        """Give back blocks and camera buffers whose bytes end before offset `end` and are on the disk.
 
         Blocks that also hold later bytes are kept.
         """
@@ -184,7 +187,7 @@ class WaitingBytes:
         del self._line[:count]
 
     def release_borrowed(self) -> None:
-        """Release all borrowed buffers after the disk failed: they will not be written."""
+        """Release all borrowed camera buffers after the disk failed; their pages will not be written."""
         while self._added:
             self._line.append(self._added.popleft())
         for stretch in self._line:
@@ -193,7 +196,7 @@ class WaitingBytes:
     # --- either thread, when the other has ended ---
 
     def close(self) -> None:
-        """Release all borrowed buffers and give back all blocks."""
+        """Release all borrowed camera buffers and give back all blocks of memory."""
         self.release_borrowed()
         for stretch in self._line:
             self._give_back(stretch)

@@ -1,1 +1,1 @@
-"""Writing through the kernel's page cache: frames are copied into a buffer pool, a thread writes them."""
+"""Writing of recordings through the kernel's page cache: frames are copied, and a thread writes them."""

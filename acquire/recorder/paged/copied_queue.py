@@ -1,4 +1,4 @@
-"""Path of frames through the page cache: copied into a buffer pool, written in batches by a thread."""
+"""Path of frames to the disk through the page cache: copied to a buffer pool, written by a thread."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Queued(NamedTuple):
 
 
 class CopiedQueue(FramePath):
-    """Queue of frames copied into a buffer pool and written by a thread.
+    """Queue of frames before a file: they are copied into a buffer pool and written by a thread.
 
     Images that find no free buffer are dropped and counted.
     """
@@ -41,8 +41,8 @@ class CopiedQueue(FramePath):
         Args:
             file: destination of the frames.
             frames: size of the images.
-            buffers: number of images that may be held at a time, including those that wait for a trigger (the
-                opening of a window).
+            buffers: number of images that may be held at a time, including those that wait for the opening of
+                a window (time span of a strike).
         """
         super().__init__()
         self._pool = BufferPool(0, buffers, frames.image_bytes)
@@ -69,7 +69,7 @@ class CopiedQueue(FramePath):
         return True
 
     def copy(self, frame: Frame) -> Frame | None:
-        """Copy a frame into a pool buffer, which the caller must pass to `write` or release.
+        """Copy a frame into a buffer of the pool; the caller must pass the copy to `write` or release it.
 
         Returns:
             The copy; None if no buffer is free.
@@ -81,7 +81,7 @@ class CopiedQueue(FramePath):
 
         Args:
             frame: the copied frame.
-            with_meta: write the frame's meta (FrameMeta message) as well.
+            with_meta: True to write the frame's meta (FrameMeta message) as well.
         """
         self._put(_Queued(frame, with_image=True, with_meta=with_meta))
 
@@ -100,7 +100,10 @@ class CopiedQueue(FramePath):
             self._change.wait_for(lambda: not self._queue and not self._writing, timeout_s)
 
     def close(self) -> None:
-        """Write the waiting frames and end the thread. Safe to call twice."""
+        """Write the waiting frames, or drop their images after an error, and end the thread.
+
+        An error is kept in `error`, not raised. Safe to call twice.
+        """
         with self._change:
             self._ending = True
             self._change.notify_all()
@@ -127,7 +130,8 @@ class CopiedQueue(FramePath):
         """Wait for frames, and take those that are written together from the queue.
 
         Returns:
-            At least one entry, at most `_batch_frames`; empty once the queue is closed and empty.
+            Frames to write, with or without image and meta: at least one, at most `_batch_frames`; an empty
+            list once the queue is closed and empty.
         """
         with self._change:
             self._writing = False
@@ -143,10 +147,10 @@ class CopiedQueue(FramePath):
             return [self._queue.popleft() for _ in range(min(len(self._queue), self._batch_frames))]
 
     def _write_images(self, frames: list[Frame]) -> bool:
-        """Write images together; after an error count them as dropped.
+        """Write the images of frames together; after an error count them as dropped instead.
 
         Returns:
-            False if the file failed, now or earlier; else True, also for an empty list.
+            True if the images were written, or `frames` is empty; False if the file failed, now or earlier.
         """
         try:
             if frames and self.error is None:

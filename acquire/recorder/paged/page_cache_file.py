@@ -18,12 +18,13 @@ RESERVE_BYTES: Final = 8 << 20
 
 
 class PageCacheFile:
-    """File of a recording, written through the kernel's page cache (a RecordingFile).
+    """File of a recording, written through the kernel's page cache; implements RecordingFile.
 
-    Every `sync_bytes` the kernel is made to write, so that it never has seconds of data to write.
+    After each `sync_bytes` the kernel is made to write its cache, so that it never has seconds of data to
+    write.
 
     Args:
-        part_path: path of the new file.
+        part_path: path of the new file, which must not exist.
         sync_bytes: bytes after which `sync` calls fdatasync.
 
     Raises:
@@ -40,11 +41,14 @@ class PageCacheFile:
         self._synced = 0
 
     def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:  # noqa: ARG002 - `append` waits
-        """True always: `append` waits for the disk where it must, and raises an error where it is full."""
+        """Always True: `append` waits for the disk if it must, and raises OSError if the disk is full."""
         return True
 
     def append_borrowed(self, run: BorrowedRun) -> int:
-        """Write borrowed pages and the bytes around them, then release the buffers.
+        """Write images from borrowed camera buffers and the bytes around them, then release the buffers.
+
+        Args:
+            run: the images' borrowed pages, and the bytes before, between and after them.
 
         Returns:
             Number of bytes appended.
@@ -78,18 +82,18 @@ class PageCacheFile:
         return length
 
     def release_reserve(self) -> None:
-        """Give the RESERVE_BYTES of reserved disk space back to the disk, for the end of the recording."""
+        """Free the RESERVE_BYTES of reserved disk space, so that the end of the recording can be written."""
         if self._reserve is not None:
             os.close(self._reserve)
             self._reserve = None
 
     def wait_until(self, size: int) -> None:
-        """Do nothing: accepted bytes can be read at once."""
+        """Do nothing: other programs can read appended bytes at once."""
 
     def sync(self) -> None:
-        """Call fdatasync if `sync_bytes` were appended since the last time.
+        """Make the kernel write the file (fdatasync) if `sync_bytes` were appended since the last time.
 
-        An error of the disk is ignored here; `finish` meets it again.
+        An error of the disk is ignored here; the fsync of `finish` reports it again.
         """
         if self.size - self._synced >= self._sync_bytes:
             self._synced = self.size
@@ -97,7 +101,7 @@ class PageCacheFile:
                 os.fdatasync(self._fd)
 
     def finish(self) -> None:
-        """Write everything to the disk (fsync) and close the file.
+        """Make the kernel write the whole file to the disk (fsync), and close it.
 
         Raises:
             OSError: the disk refuses; the file is closed all the same.

@@ -1,1 +1,1 @@
-"""Recovery of recordings that were cut short, and editing of whole ones."""
+"""Recovery of recordings that were cut short or damaged, and additions to complete ones."""

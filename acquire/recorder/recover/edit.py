@@ -1,4 +1,7 @@
-"""Adds topics of ground truth to a finished recording, which is replaced only by a complete new file."""
+"""Adds topics of ground truth (of a simulation) to a finished recording, and copies chosen topics.
+
+The recording is replaced only by a complete new file.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from schemas.topics import TRUTH_PREFIX, Topic
 
 
 def read_manifest(path: Path) -> SessionManifest:
-    """Read the manifest (object, plan, camera and clock of the session) of a finished recording.
+    """Manifest of a finished recording: object, plan, camera and clock of its session.
 
     Raises:
         RecorderError: the recording is missing, cut short, or holds no manifest that this version reads.
@@ -36,7 +39,8 @@ def read_manifest(path: Path) -> SessionManifest:
 def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
     """Add messages of new topics below /truth/ (ground truth of a simulation) to a finished recording.
 
-    The recording is replaced by the new file; its content_id (hash of all other messages) does not change.
+    The recording is replaced by a new file. Its content_id (hash of all messages outside /truth/) does not
+    change.
 
     Args:
         path: the recording.
@@ -83,7 +87,7 @@ def _body(whole: bytes) -> memoryview:
 
 
 def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
-    """Copy a chunk's messages whose channel is in `topics` to a new file, and add them to `digest`.
+    """Copy those messages of an MCAP chunk whose topic is in `topics` to a new file, and hash them.
 
     A chunk of which every record is copied stays one chunk; else the messages are gathered in new chunks.
 
@@ -91,13 +95,14 @@ def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter
         messages: message records of the chunk, decompressed.
         topics: names of the topics to be copied, by channel id.
         writer: writer of the new file.
-        digest: content hash of the new file.
+        digest: content hash of the new file, to which the messages are added.
 
     Returns:
         Number of messages copied.
 
     Raises:
         ContainerError: a message is damaged.
+        RecorderError: the disk refuses.
     """
     records = list(walk(messages))
     found = [

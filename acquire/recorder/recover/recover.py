@@ -63,11 +63,11 @@ class RecoverReport:
 
     @property
     def anything_damaged(self) -> bool:
-        """True if the source holds bytes or records that could not be saved."""
+        """True if the cut or damaged recording holds bytes or records that could not be saved."""
         return self.damaged_records > 0 or self.skipped_bytes > 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Report as a JSON object: all fields, `anything_damaged` and `anything_lost`; paths as text."""
+        """Report as a JSON object: all its fields, `anything_damaged` and `anything_lost`; paths as text."""
         texts = {"source": str(self.source), "path": str(self.path)}
         losses = {"anything_damaged": self.anything_damaged, "anything_lost": self.anything_lost}
         return asdict(self) | texts | losses
@@ -101,14 +101,14 @@ def default_output(path: Path) -> Path:
 
 
 def recover(path: Path, out: Path) -> RecoverReport:
-    """Write everything of `path` that is whole to `out`, and verify the new file by reading it.
+    """Save everything that is whole in the recording `path` to `out`, and read the new file to verify it.
 
     Args:
         path: recording that was cut short or damaged; it stays unchanged.
         out: path of the new recording.
 
     Returns:
-        Numbers of saved messages and attachments, and extent of the losses.
+        Report: numbers of saved messages and attachments, and extent of the losses.
 
     Raises:
         RecorderError: `path` is missing, empty or no MCAP file, nothing in it can be saved, or `out` exists,
@@ -137,12 +137,12 @@ def recover(path: Path, out: Path) -> RecoverReport:
 
 
 class _Salvage:
-    """One pass over the bytes of a damaged recording.
+    """One pass over the bytes of a cut or damaged recording, which copies what is whole to a new file.
 
     Args:
         data: bytes of the recording.
         writer: writer of the new file.
-        report: filled during the pass.
+        report: report of the recovery, filled during the pass.
         digest: content hash, to which every saved message is added.
     """
 
@@ -190,7 +190,7 @@ class _Salvage:
         )
 
     def _data_end(self) -> int:
-        """Offset where the data end: trailing zeros within the file's last 4096 bytes are left out.
+        """Offset in the damaged file where its data end, without trailing zeros of its last 4096 bytes.
 
         A recording written past the page cache fills its last page with zeros.
         """
@@ -203,7 +203,7 @@ class _Salvage:
         A damaged record is left out and counted in the report.
 
         Returns:
-            Offset where the whole records end.
+            Offset in the damaged file where the whole records end.
         """
         at = start
         for opcode, found, body in walk(self._data, start):
@@ -258,9 +258,9 @@ class _Salvage:
         self._report.messages += copy_messages(messages, self._topics, self._writer, self._digest)
 
     def _salvage_cut_chunk(self, at: int) -> int:
-        """Copy the whole messages of an uncompressed chunk at offset `at` whose end is missing.
+        """Copy the whole messages of an uncompressed MCAP chunk at offset `at` whose end is missing.
 
-        They cannot be checked by the chunk's CRC, only by their form.
+        The messages cannot be checked by the chunk's CRC, only by their form.
 
         Returns:
             Number of bytes of the chunk that were used; 0 if no such chunk begins there or no message is
@@ -288,7 +288,7 @@ class _Salvage:
         return saved
 
     def _next_chunk(self, start: int) -> int:
-        """Offset of the next undamaged chunk at or after `start`; the size of the recording if there is none.
+        """Offset of the first undamaged MCAP chunk at or after `start`; the file's size if there is none.
 
         The bytes are searched for the head of a chunk, because a wrong record length must not cost everything
         after it. Chunks that compression made smaller are not found.
@@ -308,10 +308,10 @@ class _Salvage:
 
 
 def _verify(path: Path, report: RecoverReport) -> None:
-    """Read the messages of the new file and compare their number and hash with the report.
+    """Read the messages of the recovered file `path`, and compare number and hash with the report.
 
     Raises:
-        RecorderError: the file does not hold the messages that were written.
+        RecorderError: the file does not hold the messages that were written, or cannot be read.
     """
     digest, count = ContentHash(), 0
     with mapped(path) as data:

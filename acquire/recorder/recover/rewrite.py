@@ -1,6 +1,6 @@
-"""Assembles a recording from parts of another one.
+"""Assembles a new recording from parts of another one.
 
-Whole chunks are copied unchanged; of a chunk that must change, the messages are copied one by one.
+Whole MCAP chunks are copied unchanged; of a chunk that must change, the messages are copied one by one.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def refuse_folder(path: Path) -> None:
 
 @contextmanager
 def mapped(path: Path) -> Iterator[memoryview]:
-    """Map a recording's bytes into memory, read-only.
+    """Context manager that maps a recording's bytes into memory, read-only.
 
     Yields:
         The bytes of the whole file.
@@ -62,7 +62,7 @@ def mapped(path: Path) -> Iterator[memoryview]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Contents of a finished recording, as listed in its summary: channels, metadata, index records."""
+    """Contents of a finished recording, from the summary at its end: topics, metadata, index records."""
 
     summary: Summary
     """whole records of the summary section"""
@@ -75,12 +75,12 @@ class Layout:
 
     @property
     def topics(self) -> dict[int, str]:
-        """Topic names of a finished recording, by channel id."""
+        """Topic names of the recording, by channel id (number of the topic in the file)."""
         return {number: channel.topic for number, channel in self.channels.items()}
 
 
 def read_layout(path: Path, data: memoryview) -> Layout:
-    """Read the summary and the metadata of a finished recording.
+    """Contents of a finished recording: its topics, metadata and index records, and the end of its data.
 
     Args:
         path: path of the recording, for the error's text.
@@ -127,7 +127,9 @@ def _parse_layout(data: memoryview, section: memoryview, data_end: int) -> Layou
 
 
 class Rewriter:
-    """A new recording under a temporary name; after `finish` it is complete and can be renamed.
+    """Writer of a new recording under a temporary name; after `finish` the file is complete.
+
+    The caller then renames it.
 
     Args:
         path: final path, for the errors' texts.
@@ -146,18 +148,18 @@ class Rewriter:
 
     @property
     def summary(self) -> Summary:
-        """Summary (lists of channels, chunks, ... at the end of the file) of the records written so far.
+        """Summary of the records written so far: lists of topics, chunks, attachments and metadata.
 
-        Messages that are still pending are not in it.
+        Messages that wait for their chunk to fill up are not in it.
         """
         return self.records.summary
 
     def copy_from(self, source: Path, size: int, summary: Summary) -> None:
-        """Begin the file with the first `size` bytes of `source`.
+        """Begin the new file with the first `size` bytes of the file `source`.
 
         Args:
             source: existing recording.
-            size: number of bytes copied.
+            size: number of bytes to copy.
             summary: summary of the records in those bytes; it is extended by later records.
 
         Raises:
@@ -196,7 +198,7 @@ class Rewriter:
     def write_message(
         self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: Buffer
     ) -> None:
-        """Add one message to the pending chunk, which is written once it has CHUNK_BYTES.
+        """Add one message to those in memory, which are written as one MCAP chunk at CHUNK_BYTES.
 
         Raises:
             RecorderError: the disk refuses.
@@ -206,7 +208,7 @@ class Rewriter:
             self.flush()
 
     def flush(self) -> None:
-        """Write the pending messages as a chunk; does nothing if there are none.
+        """Write the messages that wait in memory as an MCAP chunk; does nothing if there are none.
 
         Raises:
             RecorderError: the disk refuses.
@@ -216,11 +218,11 @@ class Rewriter:
             self._pending = PendingMessages()
 
     def copy_chunk(self, messages: memoryview, places: MessagePlaces) -> None:
-        """Write message records of another recording as a chunk of their own.
+        """Write message records of another recording as an MCAP chunk of their own.
 
         Args:
-            messages: whole message records.
-            places: log time [ns] and offset in `messages` of each, by channel id.
+            messages: bytes of whole message records.
+            places: (log time [ns], offset in `messages`) of each record, by channel id.
 
         Raises:
             RecorderError: the disk refuses.
@@ -248,7 +250,7 @@ class Rewriter:
         self.records.write_metadata(name, entries)
 
     def finish(self) -> None:
-        """Write the pending messages and the summary, and fsync; the file keeps its temporary name.
+        """Write the messages in memory and the summary, and fsync; the file keeps its temporary name.
 
         Raises:
             RecorderError: the disk refuses.
@@ -278,7 +280,13 @@ class Rewriter:
 
 
 def _copy_range(source: int, target: int, count: int, offset: int) -> int:
-    """Copy bytes of the file `source` from `offset` on to the end of the file `target` (both descriptors).
+    """Copy bytes of the file `source` from `offset` on to the current position in the file `target`.
+
+    Args:
+        source: descriptor of the file to read.
+        target: descriptor of the file to write.
+        count: greatest number of bytes to copy.
+        offset: offset in `source` of the first byte.
 
     Returns:
         Number of bytes copied: at least 1, at most `count`.
