@@ -1,7 +1,8 @@
 """Repair of a mesh into one closed surface; repairs are reported, ambiguous defects are refused.
 
-Holes are closed first (`mesh_holes`); the closing faces are marked. Overlapping bodies are united (manifold3d); inner surfaces are dropped. A single surface that
-intersects itself is not repaired: inside and outside are ambiguous there.
+Holes are closed first (`mesh_holes`); the closing faces are marked. Overlapping bodies are united
+(manifold3d); inner surfaces are dropped. A single surface that intersects itself is not repaired: inside and
+outside are ambiguous there.
 """
 
 # scipy and manifold3d are only partly typed.
