@@ -77,8 +77,8 @@ class AccessUnits:
     def _one(self, packet: av.Packet) -> memoryview | None:
         """Convert one packet to a buffer: `room` free bytes, then its access unit with start codes.
 
-        Parameter sets are added to a key picture without them. Returns None if FFmpeg cannot convert the
-        packet.
+        An access unit is a picture as coded; a key picture without parameter sets gets them. Returns None if
+        FFmpeg cannot convert the packet.
         """
         data = memoryview(packet)
         if not self._has_starts and (self._head or not is_annex_b(data)):
@@ -87,7 +87,7 @@ class AccessUnits:
         return memoryview(bytearray().join((self._room, head, data)))
 
     def _filtered(self, packet: av.Packet) -> memoryview | None:
-        """Convert one packet by FFmpeg's filter for start codes.
+        """Convert one packet to an access unit (picture as coded) with start codes, by FFmpeg's filter.
 
         Returns a buffer: `room` free bytes, then the access unit; None if FFmpeg cannot convert the packet.
         """

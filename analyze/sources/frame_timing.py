@@ -1,4 +1,4 @@
-"""Frame times from a container's time stamps: clock, slow motion, and missing frames."""
+"""Capture times of frames from a container's time stamps, with slow motion and missing frames."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class FrameTiming:
 
     @property
     def played_hz(self) -> float:
-        """Frame rate at which the file plays [Hz]."""
+        """Frame rate at which the file plays [Hz]; for slow motion lower than that of capture."""
         return 1.0 / (self.interval_s * float(self.slowed))
 
     def time_ns(self, stamp: int) -> int:
@@ -257,7 +257,10 @@ class MissingFrames:
         return np.array([self.before(time_ns) for time_ns in times_ns.tolist()], dtype=np.int64)
 
     def restart(self) -> None:
-        """Begin a new sequence: the gap before its first frame is not counted; all counts are kept."""
+        """Begin a new sequence of frames: a gap before its first frame is not counted.
+
+        All counts are kept.
+        """
         self._last_ns = None
 
     def remark(self, name: str) -> str | None:

@@ -18,7 +18,7 @@ PNG_SIZE_OFFSET = 16
 
 
 class ImageFile(NamedTuple):
-    """Content of a PNG or JPEG file, as recordings store it."""
+    """Content of a PNG or JPEG file as recordings store it, with format and size [px]."""
 
     format: str
     """`JPEG` or `PNG`"""

@@ -28,7 +28,7 @@ MAX_RECORD_BYTES = 1 << 30
 
 @dataclass(frozen=True)
 class LoggedTopic:
-    """A topic of a message file, with one message type and encoding."""
+    """A topic of a message file, with one message type and encoding, and its number of messages."""
 
     name: str
     """name of the topic"""
@@ -41,7 +41,7 @@ class LoggedTopic:
 
 
 class LoggedMessage(NamedTuple):
-    """A message as stored in the file."""
+    """A message as stored in the file, not parsed, with its log time [ns]."""
 
     log_ns: int
     """time at which the recorder received the message, on the recorder's clock [ns]"""

@@ -1,4 +1,4 @@
-"""Opens the source at a path: a video, a folder of images, an MCAP file or a ROS 2 bag."""
+"""Opens the source of images at a path: a video, a folder of images, an MCAP file or a ROS 2 bag."""
 
 from __future__ import annotations
 

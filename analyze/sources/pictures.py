@@ -37,7 +37,7 @@ _RAW, _COMPRESSED = "foxglove.RawImage", "foxglove.CompressedImage"
 
 @dataclass(frozen=True)
 class RawPicture:
-    """Raw (uncompressed) image of a message, with its pixels as stored."""
+    """Raw (uncompressed) image of a message: its pixels as stored, their format, size and time stamp."""
 
     stamp_ns: int
     """time stamp of the message's header [ns]; 0 if it has none"""
@@ -57,7 +57,7 @@ class RawPicture:
 
 @dataclass(frozen=True)
 class CodedPicture:
-    """Content of an image file, or a coded picture of a video."""
+    """Content of an image file, or a coded picture of a video, with format and time stamp [ns]."""
 
     stamp_ns: int
     """time stamp of the message's header [ns]; 0 if it has none"""

@@ -393,7 +393,12 @@ class TopicSource:
 
 
 def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> LoggedTopic:
-    """Topic with readable images that the user means: the one called `name`, or the only one if None.
+    """Topic with readable images that the user means.
+
+    Args:
+        path: the message file, for error messages.
+        topics: all topics of the file.
+        name: name of the topic; None for the only one with images.
 
     Raises:
         ImportRefused: there is no such topic, or `name` is None and there are several.

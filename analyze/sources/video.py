@@ -351,7 +351,7 @@ class VideoSource:
         return given_hz or stated_hz
 
     def _first_frame(self, container: InputContainer) -> av.VideoFrame:
-        """First frame of an open file, decoded.
+        """First frame of the opened video file, decoded by FFmpeg.
 
         Raises:
             ImportRefused: no frame can be decoded.

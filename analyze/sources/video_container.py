@@ -25,7 +25,7 @@ def begins_like_mp4(path: Path) -> bool:
 
 
 def video_stream(container: InputContainer, path: Path) -> av.VideoStream:
-    """First video stream of an open file.
+    """First video stream of a file that FFmpeg has opened.
 
     Raises:
         ImportRefused: the file has no video stream.
