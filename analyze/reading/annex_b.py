@@ -31,8 +31,8 @@ class VideoFormat(Enum):
 def is_keyframe(video: VideoFormat, data: Buffer) -> bool:
     """True if a decoder can begin with an access unit (one coded picture), by its first slice's type.
 
-    H.264: a slice of an IDR picture; H.265: a slice of NAL unit type 16 to 23. False if no slice begins in
-    the first 64 KiB.
+    A slice is a part of a picture. H.264: a slice of an IDR picture, which needs no other pictures; H.265: a
+    slice of NAL unit type 16 to 23. False if no slice begins in the first 64 KiB.
     """
     for kind in _unit_types(video, data):
         if video is VideoFormat.H264 and kind in {1, 5}:  # a slice; of an IDR picture

@@ -21,7 +21,7 @@ from schemas.session_manifest import SessionManifest
 
 @dataclass(frozen=True)
 class SeriesFiles:
-    """Files of one recording in one folder."""
+    """Files of one recording that are in one folder, and the numbers of those that are missing."""
 
     files: tuple[Path, ...]
     """files in their order; an unfinished one ends in `.part`"""

@@ -153,7 +153,7 @@ class FollowedRecording:
         return ImageFrame(message.log_time_ns, message.sequence, image)
 
     def refuse_missing(self) -> None:
-        """Check, after a call of `poll`, that the file exists.
+        """Check that the followed file exists; to be called after `poll`.
 
         Raises:
             RecordingError: `poll` found no file at the path.

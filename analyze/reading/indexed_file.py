@@ -28,7 +28,7 @@ from schemas.mcap.walk import index_entries_at, record_at, walk, walk_messages
 
 @dataclass(frozen=True)
 class RecordedMessage:
-    """One message of a recording."""
+    """One message of a recording, not parsed, with topic, log time [ns] and sequence number."""
 
     topic: str
     """name of the topic"""
@@ -90,7 +90,7 @@ class IndexedFile:
             self.data.obj.madvise(mmap.MADV_DONTNEED)
 
     def close(self) -> None:
-        """Unmap the file, unless views of it are in use."""
+        """Unmap the file; while views of it are in use it stays mapped."""
         self._checked_chunks.clear()
         self._indexes.clear()
         mapping = self.data.obj

@@ -1,4 +1,4 @@
-"""Reads messages of a recording that is a series of files, by topic and time over all files."""
+"""Reads messages of a recording in several files (a series), by topic and time over all files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class IndexedSeries:
             file.release_memory()
 
     def close(self) -> None:
-        """Unmap the files, except where views of them are in use."""
+        """Unmap the files; one of which views are in use stays mapped."""
         self._indexes.clear()
         for file in self.files:
             file.close()

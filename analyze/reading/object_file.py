@@ -12,7 +12,7 @@ from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 
 @dataclass(frozen=True)
 class ObjectFiles:
-    """Specification and shape file of an object."""
+    """Specification (mass, shape, markers) and shape file of an object, with the hash of both."""
 
     spec: ObjectSpec
     """object specification: mass, shape, markers"""

@@ -60,7 +60,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class FilePart:
-    """One file of a recording."""
+    """One file of a recording, with its content hash and number of damaged chunks."""
 
     path: Path
     """path of the file"""
