@@ -28,7 +28,7 @@ above it the object was not placed as planned, or the camera was moved"""
 
 @dataclass(frozen=True)
 class StrikeCameraPose:
-    """Pose of the camera, estimated from one strike."""
+    """Pose of the camera in the world frame, estimated from the resting object of one strike."""
 
     strike_id: str
     """id of the strike in the recording"""
@@ -38,7 +38,7 @@ class StrikeCameraPose:
 
 @dataclass(frozen=True)
 class EstimatedCameraPose:
-    """Mean pose of the camera over all strikes, with the strikes' scatter."""
+    """Mean pose of the camera in the world frame over all strikes, with the strikes' deviation from it."""
 
     T_world_camera: Array
     """(4, 4) pose of the camera in the world frame, translation in m"""

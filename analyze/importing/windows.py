@@ -82,7 +82,7 @@ class StrikeWindow:
 
     @property
     def strike_id(self) -> str:
-        """Id of the strike in the recording: PLANNED_ID.ATTEMPT."""
+        """Id of the strike in the recording: its id in the plan and the number of the attempt, as "s2.1"."""
         return f"{self.plan_strike_id}.{self.attempt}"
 
 
@@ -164,8 +164,8 @@ def _windows(
 ) -> tuple[StrikeWindow, ...]:
     """Windows of strikes (parts of sources), in the order of `found`.
 
-    A window ends at the latest where the object rests before the next strike in the same clip, or at the
-    clip's end.
+    A window ends at the latest where the object rests before the next strike in the same clip (source), or at
+    the clip's end.
 
     Args:
         clips: the sources.

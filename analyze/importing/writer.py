@@ -1,7 +1,7 @@
 """Writes an imported recording in the layout that `acquire` writes (schemas/README.md, "A file").
 
 One thread assembles the records, another only hands them to the system: two threads that both run Python
-would wait for each other. While it is written the file is called `<name>.part`; the rename is the last step,
+would wait for each other. A file that is being written is called `<name>.part`; the rename is the last step,
 and after an error nothing is left, except a finished `.part` file whose final name was taken meanwhile.
 """
 
@@ -265,7 +265,7 @@ class RecordingWriter:
                     left[0] = left[0][written:]
 
     def _join(self) -> None:
-        """End the writing thread once all queued buffers are written."""
+        """End the writing thread once it has written all queued buffers."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
