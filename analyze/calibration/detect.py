@@ -60,7 +60,7 @@ class View:
 
 @dataclass(frozen=True)
 class BoardSighting:
-    """Tags of a board in one image, and the board corners that they predict."""
+    """Tags of a calibration board found in one image, and the board corners that they predict."""
 
     tags: Mapping[int, Array]
     """corners (4, 2) of each of the board's tags [px], by tag id"""

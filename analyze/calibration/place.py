@@ -1,4 +1,7 @@
-"""Pose of the camera in the world frame W, from one view of a board that lies or stands on the table."""
+"""Computes the camera's pose in the world frame W from one image of a board on the table.
+
+The board lies or stands at a known place.
+"""
 
 # scipy is only partly typed.
 # pyright: reportMissingTypeStubs=false

@@ -76,7 +76,7 @@ class PlumbLine:
 
 @dataclass(frozen=True)
 class TableLean:
-    """Table tilt from plumb lines: lean of the vertical from the table's normal.
+    """Table tilt from plumb lines: lean [rad] of the vertical from the table's normal.
 
     In the world frame W (z normal to the table) the vertical is (lean_x, lean_y, 1): a positive lean means
     that the table is higher towards that axis.

@@ -25,7 +25,10 @@ COLUMNS, ROWS = 41, 31
 
 @dataclass(frozen=True)
 class PixelMap:
-    """Standard deviation of the pixel to which a direction projects, on a grid over the whole image."""
+    """Uncertainty of a lens on a grid over its image.
+
+    It is the standard deviation of the pixel to which a direction projects [px].
+    """
 
     column: Array
     """(COLUMNS,) columns [px]"""
@@ -36,7 +39,7 @@ class PixelMap:
 
     @property
     def worst(self) -> float:
-        """Largest standard deviation in the image [px]."""
+        """Largest standard deviation of a pixel in the image [px]."""
         return float(np.nanmax(self.value))
 
     @property
@@ -47,7 +50,7 @@ class PixelMap:
 
     @property
     def median(self) -> float:
-        """Median of the standard deviations over the image [px]."""
+        """Median over the image of the pixels' standard deviations [px]."""
         return float(np.nanmedian(self.value))
 
 

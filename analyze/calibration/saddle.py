@@ -65,7 +65,7 @@ blur"""
 
 @dataclass(frozen=True)
 class Saddles:
-    """Chessboard corners fitted to an image from n first positions."""
+    """Result of fitting n chessboard corners in an image: positions, covariances, blur, and success."""
 
     place: Array
     """(n, 2) column and row: the first position plus the fitted shift [px]"""

@@ -92,9 +92,9 @@ class Bundle:
     threshold"""
 
     def scatter(self) -> float:
-        """Factor, at least 1, by which residuals exceed the corners' stated standard deviation.
+        """Factor, at least 1, by which the residuals exceed the corners' stated standard deviation.
 
-        The factor is the root of the sum of squared `sigmas` over the degrees of freedom.
+        It is the root of the sum of squared `sigmas` over the degrees of freedom.
         """
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
@@ -104,7 +104,7 @@ class Bundle:
 def weighted_corners(view: View, points: Array) -> ObservedView:
     """Corners of a view with their weights in the fit.
 
-    The weight follows from a corner's covariance plus `MODEL_PX` squared.
+    The weight is the inverse of the corner's covariance, to which `MODEL_PX` squared is added.
 
     Args:
         view: corners of the board in one image.
