@@ -22,7 +22,7 @@ UNREAD_SUFFIXES = (".xml", ".txt", ".ini", ".npz", ".mat")
 
 @dataclass(frozen=True)
 class CameraFile:
-    """Calibration from a camera file, or from a topic of a message file."""
+    """Calibration of a camera (lens and, if stated, pose) with its origin: a file or a message topic."""
 
     path: Path
     """origin of the calibration: a file, or FILE:TOPIC, which is no path of a file"""
