@@ -18,7 +18,7 @@ DEFAULT_SIZE_MM = 30.0
 
 @dataclass(frozen=True)
 class PrintOptions:
-    """Options for sheets of tags (`analyze print-tags`)."""
+    """Options for printing sheets of tags (`analyze print-tags`)."""
 
     family: str | None = None
     """Tag family; None for 36h11."""

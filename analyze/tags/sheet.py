@@ -69,7 +69,7 @@ class PlacedTag:
 
     @property
     def quiet_zone(self) -> float:
-        """Width [mm] of the white rim that a detector needs around the black square."""
+        """Width [mm] of the white rim around the tag's black square, which a detector needs."""
         return families.QUIET_CELLS * self.tag.size_mm / len(families.cells(self.tag.family, self.tag.id))
 
     @property
