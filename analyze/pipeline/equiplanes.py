@@ -27,9 +27,9 @@ def equiplanes(
 ) -> tuple[EquiPlane, ...]:
     """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
 
-    An equi-plane passes through a strike's pivot line and the centre of mass; the rate constant
-    k = m g R / I_edge [rad/s^2] is fitted to its motion, with m g the object's weight, R the distance of the
-    centre of mass from the line and I_edge the moment about it.
+    An equi-plane passes through a strike's pivot line and the centre of mass. The rate constant k = m g R /
+    I_edge [rad/s^2] is fitted to the strike's motion, with m g the object's weight, R the distance of the
+    centre of mass from the pivot line and I_edge the moment of inertia about it.
 
     Args:
         evidence: strikes of one or several recordings, with plan, object and manifests.
@@ -38,7 +38,7 @@ def equiplanes(
             None for the fit chosen for each motion.
 
     Returns:
-        One plane per motion, in their order, in the object frame O.
+        One plane per motion, in the order of `motions`, in the object frame O.
 
     Raises:
         EstimationError: a motion has no fit, or its planned pivot does not lie along the world's y.
@@ -76,10 +76,10 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
 
 
 def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
-    """Table tilt [rad] towards the world's x and y that a level showed, with sd.
+    """Table tilt [rad] towards the world's x and y by the reading of a level, with sd.
 
-    The sd towards y is that of an unread tilt if the reading has none for y. None if the manifest (the
-    recording's metadata) has no reading.
+    None if the manifest (the recording's metadata) has no reading. If the reading has no sd towards y, the sd
+    is the one that is assumed without a level.
     """
     read = manifest.level
     if read is None:
@@ -89,9 +89,10 @@ def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
 
 
 def equiplane_by(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
-    """Equi-plane of a motion by the named estimator, or by the motion's own fit if that did not fit it.
+    """Equi-plane of a strike by the named estimator, or by the fit chosen for its motion.
 
-    An equi-plane passes through the strike's pivot line and the centre of mass; it is in the object frame O.
+    The chosen fit is used if the estimator did not fit the motion, or is None. The plane passes through the
+    strike's pivot line and the centre of mass, and is in the object frame O.
 
     Raises:
         EstimationError: the motion has no fit, or the planned pivot does not lie along the world's y.

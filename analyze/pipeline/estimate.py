@@ -93,9 +93,9 @@ class EstimateOptions:
 
 @dataclass(frozen=True)
 class Agreements:
-    """Agreement between recordings, with the paper's centre of mass, and between a strike's estimators.
+    """Agreement of the centre of mass between recordings and with the paper's, and of estimators.
 
-    The paper is VISAPP 2013.
+    The paper is VISAPP 2013. Estimators are the ways to fit one strike's motion.
     """
 
     recordings: Agreement
@@ -108,7 +108,10 @@ class Agreements:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Joint estimate of one object with its checks, and the evidence (fitted strikes) behind it."""
+    """Joint estimate of one object's mass, centre of mass, inertia and masses of parts.
+
+    It includes its checks and the evidence (fitted motions of all strikes) that it was made from.
+    """
 
     evidence: Evidence
     """fitted motions of all strikes, with object, shape and plan"""
@@ -155,7 +158,7 @@ class Estimate:
     def com(self) -> CentreOfMass:
         """Centre of mass of the object in the object frame O, without its markers (printed tags).
 
-        The markers are included if the pose of one that has a mass is not known.
+        The markers are included if the pose of any marker that has a mass is not known.
         """
         return self.inertial.com
 
@@ -163,8 +166,8 @@ class Estimate:
     def planes(self) -> tuple[EquiPlane, ...]:
         """Equi-planes of the strikes used, in recording order, corrected for the table's estimated tilt.
 
-        Each passes through the pivot line and the centre of mass of the body that tipped, and contains the
-        estimated direction of gravity at the balance angle phi.
+        Each passes through a strike's pivot line and the centre of mass of the body that tipped. At the
+        balance angle it contains the estimated direction of gravity.
         """
         return self.com.planes
 
@@ -172,7 +175,9 @@ class Estimate:
 def estimate_recordings(
     paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> Estimate:
-    """Estimate one object from one or several recordings; their order does not matter.
+    """Estimate one object's centre of mass, inertia and masses of parts from one or several recordings.
+
+    The order of the recordings does not matter.
 
     Args:
         paths: one or more recordings (MCAP).
@@ -211,10 +216,10 @@ def estimate_recordings(
 
 
 def offset_progress(progress: Progress | None, before: int, total: int, prefix: str = "") -> Progress | None:
-    """Progress callback for one part of the work, which reports to the callback of the whole.
+    """Callback that reports the progress of one part of some work to `progress`, that of the whole work.
 
     It adds `before` to the part's number of steps done, reports `total` as the whole's steps, and puts
-    `prefix` in front of the part's texts. None if `progress` is None.
+    `prefix` in front of the part's texts. None is returned if `progress` is None.
     """
     if progress is None:
         return None
@@ -290,7 +295,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
 
 
 def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
-    """Motions to estimate from, in the evidence's order: fitted, of a usable verdict, not excluded.
+    """Motions to estimate from: fitted, tipped over or rocked back, and not excluded by the user.
+
+    They are in the order of the evidence.
 
     Raises:
         EstimationError: there are fewer than three.
@@ -305,7 +312,7 @@ def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotio
 
 
 def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
-    """True if a motion has a fit, tipped over or rocked back, and is not excluded."""
+    """True if a strike's motion has a fit, the object tipped over or rocked back, and it is not excluded."""
     return (
         motion.fit is not None
         and motion.verdict in USABLE_VERDICTS

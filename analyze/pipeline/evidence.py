@@ -20,7 +20,7 @@ from schemas.strike_plan import PlannedStrike, StrikePlan
 
 @dataclass(frozen=True)
 class RecordingHead:
-    """Identity and contents of a recording, known before its images are read."""
+    """Identity of a recording (manifest, hashes, files) and its strike ids, known before images are read."""
 
     path: Path
     """path of the file that was opened"""
@@ -51,7 +51,10 @@ class ImpactMeasurement:
 
 
 class StrikeSource(Protocol):
-    """Source of strikes (filmed hits that tip the object): a recording, complete or still being written."""
+    """Recording from which strikes are read, complete or still being written.
+
+    A strike is a filmed hit that tips the object.
+    """
 
     @property
     def path(self) -> Path:
@@ -88,7 +91,7 @@ class StrikeSource(Protocol):
         ...
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Yield the first camera's images as grey values, with their log times, by time.
+        """Yield the first camera's images as grey values, each with its log time [ns], in order of time.
 
         Args:
             start_ns: first log time [ns] to include; None for the recording's start.
@@ -117,7 +120,10 @@ class StruckObject:
 
 @dataclass(frozen=True)
 class StrikeReading:
-    """Motion and marker tracking of one strike, a filmed hit that tips the object."""
+    """One strike as read from a recording: fitted motion, marker tracking and frames lost.
+
+    A strike is a filmed hit that tips the object.
+    """
 
     record: pb.StrikeRecord
     """the recording's entry of the strike: ids, times, impact"""
@@ -172,11 +178,14 @@ class Evidence:
         return self.recordings[0].manifest
 
     def recording_of(self, strike_id: str) -> RecordingHead:
-        """Recording that holds the strike; the first recording for an id not in `recorded_in`."""
+        """Head (identity and contents) of the recording that holds the strike with id `strike_id`.
+
+        It is the first recording's for an id not in `recorded_in`.
+        """
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
-        """Planned strike (rest pose, pivot edge, direction on the table) that a motion carried out.
+        """Planned strike (rest pose, pivot edge, direction on the table) that led to a recorded motion.
 
         Raises:
             StopIteration: the plan does not hold the planned strike.

@@ -26,13 +26,14 @@ def estimate_filling(
 
     Args:
         evidence: fitted strikes, of which only the object file and the shape are used.
-        cells: the body divided with the given or assumed shell (outer wall).
+        cells: the body divided into cells, with the given or assumed shell (outer wall).
         moments: measured mass, centre of mass and moments of the whole object.
         rng: generator of the posterior draws.
 
     Returns:
-        Level [m] along the direction that pointed upwards when the object was filled, mass [kg] and density
-        [kg/m³], with 95 % intervals; None where the object file names no filling.
+        Level [m] along the direction that pointed upwards when the object was filled, from the origin of the
+        object frame O, mass [kg] and density [kg/m³], with 95 % intervals; None where the object file names
+        no filling.
 
     Raises:
         EstimationError: the object has no interior.
@@ -57,5 +58,5 @@ def estimate_filling(
 
 
 def filling_label(evidence: Evidence) -> PartLabel | None:
-    """Label of the part that fills the object, from its object file; None where there is none."""
+    """Entry of the object file that names the part which fills the object; None where there is none."""
     return next((label for label in evidence.spec.labels or [] if label.fills), None)

@@ -39,7 +39,7 @@ USUAL_RATES_HZ = (24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 200.0, 240.0, 480.
 
 @dataclass(frozen=True)
 class FrameRate:
-    """Stated frame rate of one recording, and its check by that recording's strikes."""
+    """Frame rate that one recording's video file states, and its check by that recording's strikes."""
 
     recording: int
     """number of the recording by start time, from 1"""
@@ -63,12 +63,12 @@ class FrameRate:
 
     @property
     def possible(self) -> bool:
-        """True if the stated rate can be the true one, or if it could not be checked."""
+        """True if the frame rate that the file states can be the true one, or could not be checked."""
         return self.check is None or self.check.possible
 
 
 def stated_scale(evidence: Evidence) -> Scale:
-    """Mass [kg] and gravity g [m/s²] as stated, each with its standard deviation.
+    """Mass [kg] by the object file and gravity g [m/s²] by the recordings, each with its sd.
 
     g is the first recording's. If the recordings state g with different sd, the largest counts and is shared
     by all strikes: that is safe, whereas averaging it over places would make intervals too narrow. The
@@ -82,7 +82,7 @@ def stated_scale(evidence: Evidence) -> Scale:
 
 
 def relative_rate_sd(manifest: SessionManifest) -> float:
-    """Relative 1 sigma of a recording's frame rate.
+    """Standard deviation of a recording's frame rate, divided by the rate.
 
     It is as measured where the manifest (the recording's metadata) gives an sd, `STATED_RATE_SD` where only a
     video file states the rate, and 0 otherwise (a rig's camera).
@@ -96,10 +96,11 @@ def relative_rate_sd(manifest: SessionManifest) -> float:
 def drop_untimed_k(
     evidence: Evidence, planes: Sequence[EquiPlane], scale: Scale, rates: Sequence[FrameRate]
 ) -> tuple[tuple[EquiPlane, ...], Scale]:
-    """Discard k of recordings whose stated frame rate is impossible; balance angles need no rate.
+    """Planes and scale to estimate with, without use of the k that depend on an impossible frame rate.
 
-    The rate constant k of a strike's motion scales with the square of the frame rate. With a single recording
-    gravity g becomes a free parameter instead, so that ratios between its k still count.
+    The rate constant k of a strike's motion scales with the square of the frame rate; its balance angle needs
+    no rate. With several recordings, the k of those with an impossible stated rate are discarded. With a
+    single one, gravity g becomes a free parameter instead, so that the ratios between the k still count.
 
     Args:
         evidence: recordings, and the recording that each strike belongs to.
@@ -108,8 +109,8 @@ def drop_untimed_k(
         rates: checked frame rates.
 
     Returns:
-        Planes to estimate with, without k where the rate is impossible, and mass and gravity, with a very
-        wide sd of g where it is a free parameter; both unchanged if all rates are possible.
+        The planes, some of them without k, and mass and gravity, with a very wide sd of g where it is a free
+        parameter; both unchanged if all rates are possible.
     """
     wrong = {each.recording - 1 for each in rates if not each.possible}
     if not wrong:
@@ -126,10 +127,10 @@ def drop_untimed_k(
 
 
 def with_estimated_gravity(scale: Scale, solution: JointSolution) -> Scale:
-    """Copy of `scale` with gravity g replaced by its joint estimate, where g was a free parameter.
+    """Mass and gravity with g replaced by its joint estimate, if g was a free parameter of the estimate.
 
-    `scale` is mass and gravity that the joint estimate `solution` started from. g was free if its sd is at
-    least `OPEN_LOG_GRAVITY_SD` times g; otherwise `scale` is returned unchanged.
+    `scale` is the mass and gravity that the joint estimate `solution` started from. g was free if its sd
+    there is at least `OPEN_LOG_GRAVITY_SD` times g; otherwise `scale` is returned unchanged.
     """
     if scale.gravity_sd < OPEN_LOG_GRAVITY_SD * scale.gravity:
         return scale
@@ -146,7 +147,7 @@ def check_frame_rates(
     moments: MomentModel,
     cells: Cells,
 ) -> list[FrameRate]:
-    """Check the stated frame rate of each recording whose times come from a file's time stamps.
+    """Check the frame rate stated with each recording whose frame times are a video file's time stamps.
 
     Args:
         evidence: recordings, their strikes and the shape.
@@ -158,7 +159,7 @@ def check_frame_rates(
         cells: the body divided into cells, where its mass may be.
 
     Returns:
-        One entry per such recording, by start time; empty if there is none.
+        Stated rate and its check for each such recording, by start time; empty if there is none.
     """
     found: list[FrameRate] = []
     for index, recording in enumerate(evidence.recordings):
@@ -191,7 +192,10 @@ def _mass_points(evidence: Evidence, cells: Cells) -> Array:
 
 
 def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
-    """Median 1 sigma [s] of the contact times of the strikes with ids `used`; None if none has one."""
+    """Median sd [s] of the contact times (onset of the motion) of the strikes with ids `used`.
+
+    None if no strike has a contact time.
+    """
     fits = [motion.fit for motion in evidence.motions if motion.strike_id in used]
     times = [contact_time(fit) for fit in fits if fit is not None]
     sds = [1e-9 * time.sd_ns for time in times if time is not None]
@@ -199,10 +203,11 @@ def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
 
 
 def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
-    """The only slow-motion rate [Hz] consistent with the strikes, otherwise the only usual rate.
+    """Frame rate [Hz] that is probably the true one; None if the strikes do not single one out.
 
-    Consistent are rates within the bounds of `check` and, if there is an estimate, within 3 sd of it. None if
-    of both kinds several or none are. `rate` is the stated rate [Hz].
+    Rates are tried that lie within the bounds of `check` and, if it has an estimate, within 3 sd of that. If
+    just one of them is a slow-motion rate (2, 4 or 8 times the stated `rate` [Hz], or the reverse), it is
+    returned; otherwise, if just one is a rate that cameras usually have, that one.
     """
     low, high = check.low, check.high
     if check.estimate is not None:

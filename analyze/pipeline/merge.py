@@ -23,7 +23,7 @@ V = TypeVar("V")
 
 
 def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
-    """Recordings in a new list, sorted by start time, and by content id where start times are equal."""
+    """New list of recordings, sorted by start time, or by content id where start times are equal."""
     return sorted(heads, key=_start_key)
 
 
@@ -101,9 +101,9 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
 
 
 def merged_id(heads: Sequence[RecordingHead], index: int, own: str) -> str:
-    """Id of a strike among several recordings: its own, with the recording's number before it (`2:s3.1`).
+    """Id of a strike among several recordings: the recording's number before its own id (`2:s3.1`).
 
-    With one recording it is the strike's own.
+    With a single recording it is the strike's own id.
 
     Args:
         heads: recordings by start time.
@@ -119,7 +119,7 @@ def paths_text(heads: Sequence[RecordingHead]) -> str:
 
 
 def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
-    """Merge the evidence (fitted strikes) of recordings of one object; the order given does not matter.
+    """Merge the evidence (fitted strikes) of recordings of one object; their order does not matter.
 
     Edges are identified by direction, resting face and place: an edge that two plans share gets one id,
     different edges get different ids. Object, shape and labels are the first recording's by start time.
@@ -128,7 +128,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
         evidence: one per recording, at least one.
 
     Returns:
-        Evidence with all strikes, renamed by `merged_id`; a single one is returned unchanged.
+        Evidence with all strikes, renamed by `merged_id`; that of a single recording is returned unchanged.
 
     Raises:
         MergeError: a strike would count twice, or the recordings are of different objects or shapes.
@@ -189,11 +189,11 @@ def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
 
 
 def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
-    """Number of each recording's table levelling, counted from 0 by first appearance.
+    """Number of each recording's levelling (set-up of the table), from 0 by first appearance.
 
-    A levelling is a set-up of the table with one unknown tilt. Recordings of one rig with equal level reading
-    and tilt sd share one. Rigs without a name count as one rig: that errs on the safe side, since a shared
-    error is not averaged away.
+    A levelling has one unknown tilt of the table. Recordings of one rig with equal level reading and tilt sd
+    share one. Rigs without a name count as one rig: that errs on the safe side, since a shared error is not
+    averaged away.
     """
     found: list[tuple[str, float, LevelReading | None]] = []
     for recording in recordings:
@@ -204,7 +204,10 @@ def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
 
 
 def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
-    """Rig name, sd of the table's tilt [rad] and level reading, which together identify a levelling."""
+    """Rig name, sd of the table's tilt [rad] and level reading: the identity of a set-up of the table.
+
+    The reading is None if the manifest (the recording's metadata) has none.
+    """
     return str(manifest.rig.get("name", "")), manifest.gravity_tilt_sd_rad, manifest.level
 
 
@@ -223,16 +226,16 @@ def _geometry(head: RecordingHead) -> tuple[object, ...]:
 
 
 def _difference(one: RecordingHead, other: RecordingHead) -> str:
-    """Name of the first entry in which two recordings' object files differ, for a message.
+    """Name of the first entry in which the object files of two recordings differ, for a message.
 
-    "by their checksums" if all entries are equal.
+    If all entries are equal, the text "by their checksums".
     """
     a, b = (head.manifest.object.model_dump(mode="json") for head in (one, other))
     return next((key for key in a if a[key] != b[key]), "by their checksums")
 
 
 def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict[str, str]:
-    """Merged axis ids of one plan, by its own ids.
+    """Ids that one plan's pivot axes get in the merged plan, keyed by their ids in the plan itself.
 
     Args:
         plan: strike plan of the recording.
@@ -262,7 +265,7 @@ def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict
 def edge_line(strike: PlannedStrike) -> EdgeLine:
     """Pivot edge of a planned strike: unit direction, upward direction at rest, point and radius [m].
 
-    All are in the object frame O.
+    Directions and point are in the object frame O; the point lies on the centre line of the edge's rounding.
     """
     direction, up = np.array(strike.pivot.direction), np.array(strike.R_world_object)[2]
     return EdgeLine(

@@ -47,18 +47,19 @@ def paper_estimate(
 ) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
     """The paper's centre of mass and region masses, markers included, with the equi-planes used.
 
-    If at least `MIN_TIPS` strikes tipped over the balance, only these count, otherwise all.
+    If at least `MIN_TIPS` strikes tipped over the balance, only those are used; otherwise also strikes that
+    rocked back. The paper is VISAPP 2013; regions are the shell and the interior on either side of a plane.
 
     Args:
         evidence: fitted strikes, of which the plan is used.
-        used: motions of the strikes used.
+        used: motions of the strikes of the joint estimate.
         cells: the body divided into cells, in shell and interior.
         scale: mass and gravity.
 
     Returns:
         The estimate in the object frame O, and one equi-plane (through pivot line and centre of mass) per
-        strike that counts, at the balance angle by the paper's estimator, or by the motion's own fit where
-        that has none.
+        strike used, at the balance angle by the paper's estimator, or by the fit chosen for the motion if the
+        paper's estimator has none.
     """
     # The sign change exists only where c passes over the balance; strikes that rocked back are used only if
     # too few others exist.
@@ -70,17 +71,17 @@ def paper_estimate(
 
 
 def _sign_change(motion: TipMotion) -> MotionFit | None:
-    """Fit of a motion by the paper's estimator, the sign change of the acceleration; None if it has none."""
+    """Fit of a motion by the paper's estimator, the acceleration's sign change; None if there is none."""
     return next((fit for fit in motion.alternatives if fit.estimator == SIGN_CHANGE), None)
 
 
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """Masses [kg] of shell and interior parts by the paper's method; None if no masses fit.
+    """Masses [kg] of shell and interior parts by the method of VISAPP 2013; None if no masses fit.
 
-    The moment about each edge is the mean over its strikes, by the paper's estimator, or by the motion's own
-    fit where that has none.
+    The moment about each edge is the mean over its strikes. A strike's balance angle is that by the paper's
+    estimator, or that of the fit chosen for the motion if the paper's estimator has none.
 
     Args:
         planes: planes of the strikes through pivot line and centre of mass, in the object frame O.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StrikePrediction:
-    """Measured motion of one strike compared with its prediction from all others."""
+    """Measured motion of one strike compared with its prediction from all other strikes."""
 
     left_out: LeaveOneOut
     """balance angle phi and k, predicted and measured"""
@@ -32,28 +32,34 @@ class StrikePrediction:
 
     @property
     def motion_sigmas(self) -> float:
-        """Difference of measured and predicted tipping angle theta(t), in standard deviations.
+        """Difference between measured and predicted tipping angle theta(t), in standard deviations.
 
-        It is scaled so that it compares with a single normal error.
+        It is scaled to be judged as a single normal error.
         """
         return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.chi2)
 
     @property
     def consistent(self) -> bool:
-        """True if balance angle, rate constant k and tipping angle agree with their prediction to 3 sd."""
+        """True if a strike's balance angle, rate constant k and tipping angle are as predicted, to 3 sd.
+
+        The prediction is from all other strikes.
+        """
         return self.left_out.agrees and self.motion_sigmas <= SIGMAS
 
 
 def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tuple[StrikePrediction, ...]:
-    """Predict the tipping angle theta(t) of each strike used from its phi and k as predicted by all others.
+    """Predict the tipping angle theta(t) of each strike from all other strikes, and compare.
+
+    theta(t) follows from balance angle phi and rate constant k as the other strikes predict them.
 
     Args:
         evidence: measured motions.
-        left_out: predictions of balance angle phi and rate constant k by `checks.leave_one_out`.
+        left_out: predictions of phi and k by `checks.leave_one_out`.
 
     Returns:
-        One entry per prediction, in order; strikes without theta(t) or without a fit are left out. k is
-        scaled from gravity of the first recording to that of the strike's own.
+        Comparison of the measured motion with its prediction, one entry for each of `left_out` in order;
+        strikes without theta(t) or without a fit are left out. k is scaled from gravity of the first
+        recording to that of the strike's own.
     """
     motions = {motion.strike_id: motion for motion in evidence.motions}
     found: list[StrikePrediction] = []

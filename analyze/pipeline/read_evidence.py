@@ -47,7 +47,9 @@ MAX_EDGE_SHIFT = 0.05
 
 
 def read_head(path: Path) -> RecordingHead:
-    """Identity and contents of the recording at `path`, without reading its images.
+    """Identity and contents (metadata, strike ids, file names, hashes) of the recording at `path`.
+
+    No images are read.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -76,7 +78,10 @@ def read_open_head(recording: Recording) -> RecordingHead:
 
 
 def placed_markers(spec: ObjectSpec) -> list[Marker]:
-    """Markers (square tags) of the object, with poses in the object frame where its file gives them."""
+    """Markers (square tags) of the object: name, edge length [m], and pose in the object frame O.
+
+    The pose is None where the object file does not give it.
+    """
     return [
         Marker(
             marker.name,
@@ -88,7 +93,10 @@ def placed_markers(spec: ObjectSpec) -> list[Marker]:
 
 
 def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
-    """Markers (square tags) of the object, without poses even where its file gives them."""
+    """Markers (square tags) of the object: name and edge length [m], without poses.
+
+    A pose in the object file is not used.
+    """
     return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
 
 
@@ -98,13 +106,13 @@ def read_evidence(
     progress: Progress | None = None,
     markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
 ) -> Evidence:
-    """Track the markers and fit the motion of every strike of a recording.
+    """Track the markers and fit the motion of every strike of a recording; return these as evidence.
 
     Args:
         head: identity and contents of the recording.
         object_path: object file to use instead of the recording's; None for the recording's.
         progress: called with (text, done, total) before each strike.
-        markers_of: markers to track, from the object file.
+        markers_of: gives the markers to track, from the object file.
 
     Returns:
         Fitted motions and tracking reports, with object, shape and plan.
@@ -164,7 +172,7 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
 def read_strike(
     recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
 ) -> StrikeReading:
-    """Track the markers and fit the motion of one strike.
+    """Track the markers (square tags) and fit the motion of one strike of a recording.
 
     Args:
         recording: complete recording, or one still being written.
@@ -174,8 +182,8 @@ def read_strike(
 
     Returns:
         Motion, tracking report and frames lost. If no marker can be tracked, the motion has verdict
-        UNREADABLE and no fit, the report is None and `problem` is the error; if the motion is a tip only at
-        another frame rate than a video file states, it has verdict UNREADABLE and no fit.
+        UNREADABLE and no fit, the report is None and `problem` is the error. The motion also has verdict
+        UNREADABLE and no fit if it is a tip only at another frame rate than a video file states.
 
     Raises:
         RecordingError: the file is damaged within the strike's time window.
@@ -193,9 +201,9 @@ def read_strike(
 def evidence_from_readings(
     head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]
 ) -> Evidence:
-    """Evidence (fitted strikes) of one recording from the readings of its strikes.
+    """Evidence (fitted motions with object, shape and plan) of one recording, from its strikes' readings.
 
-    An impact is kept only where the striker measured both tip speed and height.
+    The striker's measured tip speed and height at impact are kept for strikes that have both.
 
     Args:
         head: identity and contents of the recording.
@@ -229,9 +237,10 @@ def evidence_from_readings(
 
 
 def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
-    """Object file of the body that tips: the markers' masses added to a mass that was weighed without them.
+    """Copy of an object file in which the mass [kg] includes that of the markers (printed tags).
 
-    An object file whose mass includes the markers is returned unchanged.
+    Their masses are added to a mass that was weighed without them. An object file whose mass includes the
+    markers is returned unchanged.
     """
     if spec.mass_includes_markers:
         return spec
@@ -240,13 +249,16 @@ def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
 
 
 def _frames_lost(recording: StrikeSource, record: pb.StrikeRecord) -> int:
-    """Number of frames lost between the first and the last frame of the strike's time window."""
+    """Number of frames lost between the first and the last frame of the time window of one strike."""
     metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
     return sum(meta.frames_lost_before for meta in metas)
 
 
 def _refuse_other_plan(recording: StrikeSource) -> None:
-    """Raise PlanError unless the recording's plan was made for its object file and shape (equal hash)."""
+    """Raise PlanError unless the recording's plan was made for the recorded object file and shape.
+
+    The plan names them by a hash, which must be equal.
+    """
     own = object_sha256(recording.object_spec, recording.shape_bytes)
     if recording.plan.object_sha256 != own:
         raise PlanError(
@@ -259,8 +271,8 @@ def _refuse_other_plan(recording: StrikeSource) -> None:
 def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
     """Raise PlanError unless the plan's edges lie on the surface of the object file given afterwards.
 
-    The depth of a pivot point below the surface may differ from the edge's radius by `MAX_EDGE_SHIFT` of the
-    shape's longest extent.
+    `model` is the shape of that file. The depth of an edge's pivot point below the surface may differ from
+    the edge's radius by `MAX_EDGE_SHIFT` of the shape's longest extent.
     """
     tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
     strikes = recording.plan.strikes
@@ -280,10 +292,10 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Strike
 def _strike(
     recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
 ) -> tuple[TipMotion, TrackingReport]:
-    """Motion of one strike, and its tracking report.
+    """Fitted motion of one strike, and the report on the tracking of its markers.
 
-    If the motion is a tip only at another frame rate than a video file states, it has no fit, verdict
-    UNREADABLE and the ratio of true to stated rate.
+    If a video file states the frame rate and the motion is a tip only at another one, the motion has no fit,
+    verdict UNREADABLE and the ratio of true to stated rate.
 
     Raises:
         PlanError: the plan does not hold the strike.
@@ -322,7 +334,7 @@ def _strike(
 
 
 def _rough_k(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
-    """Rough rate constant k = m g R / I_edge [rad/s²] of a strike's motion.
+    """Rough value of the rate constant k = m g R / I_edge [rad/s²] of a strike's motion, before any fit.
 
     m is the object's mass, g = `gravity` [m/s²], I_edge the moment about the edge as planned, R the distance
     of the shape's centroid, taken as centre of mass, from the pivot axis.

@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 
 def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Support function of the curved flank on which the object rolls in a strike; None if it does not roll.
+    """Support function of the curved flank on which the object rolls in a strike, or None.
 
-    The support function is the height [m] of the pivot point over the table by tipping angle [rad]. The table
-    touches the lowest point of the whole hull, wherever along the axis it lies, so that the outline seen
-    along the axis counts, not a cut.
+    The support function is the height [m] of the pivot point over the table by tipping angle [rad]. It is
+    that of the hull's outline as seen along the pivot axis, not of a cut: the table touches the lowest point
+    of the whole hull, wherever along the axis that lies.
 
     Args:
         model: the object's exterior, in the object frame O.
         planned: rest pose and pivot of the strike.
 
     Returns:
-        Support function with the sd [m] of the outline; None at a corner or bevel, which its edge radius
-        describes, and if the outline has no area.
+        Support function with the sd [m] of the outline. None if the object tips about a corner or bevel,
+        which its edge radius describes, and if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or not is_curved(section, planned.phi_predicted_rad):
@@ -49,7 +49,7 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 
 
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Least tipping angle [rad] at which the object's next face may touch the table, or None.
+    """Least tipping angle [rad] at which the object's next face may land on the table, or None.
 
     Args:
         model: the object's exterior, in the object frame O.
@@ -82,9 +82,9 @@ def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | Non
 class MeshSections:
     """Outlines and landing angles of a mesh object, for judging a strike while the session is running.
 
-    The shape is loaded once, on first use; all later answers are None if it was not available then, that is
-    if its file is not recorded yet or cannot be used. A primitive (box, cylinder) has no file; a point cloud
-    is not loaded here, since fitting its surface takes seconds; the estimate fits it later.
+    The shape is loaded once, on first use. All answers are None if it was not available then, that is if its
+    file was not recorded yet or cannot be used. They are None too for a primitive (box, cylinder), which has
+    no file, and for a point cloud: fitting its surface takes seconds, and the estimate does it later.
 
     Args:
         spec: the object's file: mass, shape, markers.
@@ -98,16 +98,16 @@ class MeshSections:
         self._load_tried = False
 
     def outline(self, planned: PlannedStrike) -> SupportFunction | None:
-        """Support function of the curved flank on which the object rolls in the strike.
+        """Support function of the curved flank on which the object rolls in a planned strike, or None.
 
-        It is the pivot point's height [m] over the table by tipping angle [rad]. None at a corner or bevel,
-        if the outline has no area, or if the shape is not available.
+        The support function is the pivot point's height [m] over the table by tipping angle [rad]. None if
+        the object tips about a corner or bevel, if the outline has no area, or if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else rolling_outline(model, planned)
 
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
-        """Least tipping angle [rad] at which the object's next face may touch the table.
+        """Least tipping angle [rad] at which the object's next face may land on the table, or None.
 
         None on a curved flank, if no face touches or the first one touches before the predicted balance, if
         the outline has no area, or if the shape is not available.
@@ -116,7 +116,7 @@ class MeshSections:
         return None if model is None else next_face_angle(model, planned)
 
     def _loaded(self) -> ObjectModel | None:
-        """The object's exterior, loaded at the first call; None if it was not available then."""
+        """The object's exterior, loaded at the first call; None if it was not available at that call."""
         if not self._load_tried:
             self._load_tried = True
             self._model = self._load()

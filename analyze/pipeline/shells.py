@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
-    """The body divided into cells of side `pitch` [m], for each candidate thickness of its shell.
+    """The body divided into cells with edge `pitch` [m], once for each possible thickness of its shell.
 
-    The shell is the outer wall. Thicknesses that leave no interior are left out; the thinnest is first. Empty
-    if no thickness leaves an interior.
+    The shell is the outer wall. Candidate thicknesses that leave no interior are left out; the thinnest is
+    first. Empty if no thickness leaves an interior.
     """
     shells = [
         ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))

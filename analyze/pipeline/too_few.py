@@ -20,7 +20,7 @@ def too_few_text(
     excluded: Collection[str],
     plan: StrikePlan,
 ) -> str:
-    """Message, one line, that names the missing strikes, the reasons and the remedy.
+    """Message of one line that too few strikes can be used: their number, the reasons and the remedy.
 
     Args:
         needed: least number of usable strikes for an estimate.
