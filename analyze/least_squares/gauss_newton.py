@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 class Linearised(NamedTuple):
-    """Weighted least-squares problem linearised at one state: residuals and their derivatives."""
+    """Weighted least-squares problem linearised at one state: residuals and their derivatives by a step.
+
+    Both are divided by the observations' standard deviations.
+    """
 
     residual: Array
     """(n,) observed minus expected, over their standard deviations"""

@@ -53,12 +53,12 @@ class Minimum:
 def minimise(
     observed: Array, sd: Array, model: Model, start: Array, scale: Array, positive_index: int = 1
 ) -> Minimum:
-    """Minimise the Huber loss of (observed - expected) / sd over the parameters (p,).
+    """Parameters (p,) that minimise the Huber loss of (observed - expected) / sd.
 
     Args:
         observed: (n,) observations, in any unit.
         sd: (n,) their standard deviations, in the same unit.
-        model: expected values and derivatives at given parameters.
+        model: function that gives expected values (n,) and derivatives (n, p) at given parameters.
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
         positive_index: index of the parameter that must stay above 0.1.
@@ -105,7 +105,9 @@ def minimise(
 
 
 def with_differences(expected: Callable[[Array], Array], steps: Array) -> Model:
-    """Model with central differences as derivatives, from a function of many parameter sets at once.
+    """Model for `minimise` (values and derivatives) from a function that gives values only.
+
+    The derivatives are central differences; the function takes many sets of parameters at once.
 
     Args:
         expected: function that gives the observations (n, c) of c sets of parameters (c, p).
@@ -118,7 +120,7 @@ def with_differences(expected: Callable[[Array], Array], steps: Array) -> Model:
     offsets = np.concatenate([np.zeros((1, p)), np.diag(steps), -np.diag(steps)])
 
     def model(x: Array) -> tuple[Array, Array]:
-        """Observations (n,) at parameters (p,), and their derivatives (n, p)."""
+        """Expected observations (n,) at parameters `x` (p,), and their derivatives (n, p) by `x`."""
         found = expected(x + offsets)
         return found[:, 0], (found[:, 1 : p + 1] - found[:, p + 1 :]) / (2 * steps)
 
@@ -126,15 +128,19 @@ def with_differences(expected: Callable[[Array], Array], steps: Array) -> Model:
 
 
 def _weights(standardised: Array) -> Array:
-    """Huber weights (n,) in 0..1 of standardised residuals (n,).
+    """Huber weights (n,) in 0..1 of standardised residuals (n,): 1 up to a threshold, less beyond it.
 
-    The threshold is scaled by the residuals' own spread where that exceeds the stated noise.
+    The threshold is `HUBER_THRESHOLD` sd, scaled by the residuals' own spread where that exceeds the stated
+    noise.
     """
     return huber_weights(standardised, HUBER_THRESHOLD, max(1.0, median_scale(standardised)))
 
 
 def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
     """Covariance (p, p) of the parameters of a robust fit, if the weighted residuals have variance 1.
+
+    The weighted residuals are residuals over their sd, times Huber weights; `residual_variance` gives their
+    variance.
 
     Args:
         minimum: the fit.
@@ -147,12 +153,13 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
 
 
 def residual_variance(minimum: Minimum, sd: Array) -> float:
-    """Variance of the weighted residuals (unitless), inflated by their correlation from sample to sample.
+    """Variance of a fit's weighted residuals (unitless), inflated if neighbours are correlated.
 
-    Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2, with psi the standardised residuals
-    times their weights, n residuals and p parameters. The divisor here is n - p - 2, at least 1, which gives
-    the variance of Student's t, because the intervals are computed as for a normal variable. The mean of
-    psi', the share of residuals of full weight, counts as at least 0.5.
+    It multiplies `unit_covariance`. Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2,
+    with psi the standardised residuals times their weights, psi' the derivative of psi by the residual, n
+    residuals and p parameters. Two terms differ here: the divisor is n - p - 2, at least 1, which gives the
+    variance of Student's t, because the intervals are computed as for a normal variable; the mean of psi',
+    the share of residuals of full weight, counts as at least 0.5.
 
     Args:
         minimum: the fit.

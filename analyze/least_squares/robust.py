@@ -28,17 +28,18 @@ def huber_weights(distance: Array, threshold: float, scale: float = 1.0) -> Arra
 
     Args:
         distance: (n,) residuals, or norms of residual vectors.
-        threshold: multiple of `scale` above which a residual counts less than its square.
+        threshold: multiple of `scale` above which a residual has a weight below 1.
         scale: standard deviation of `distance`.
     """
     return np.minimum(1.0, threshold * scale / np.maximum(np.abs(distance), 1e-9))
 
 
 def lag_one_correlation(standardised: Array) -> float:
-    """Correlation a of neighbouring residuals (n,): 0 below its own noise of 2 / sqrt(n), at most 0.9.
+    """Correlation a, from 0 to 0.9, of neighbouring values in a sequence of standardised residuals (n,).
 
-    A fit of p parameters absorbs part of any slow variation, which leaves a near -p / n for white noise; a
-    variance must not be deflated for that, so a negative correlation counts as 0.
+    It is 0 if the value found is below 2 / sqrt(n), its noise. A fit of p parameters absorbs part of any slow
+    variation, which leaves a near -p / n for white noise; a variance must not be deflated for that, so a
+    negative correlation counts as 0.
     """
     power = max(float(np.sum(standardised * standardised)), 1e-30)
     correlation = float(np.sum(standardised[1:] * standardised[:-1])) / power
@@ -46,9 +47,10 @@ def lag_one_correlation(standardised: Array) -> float:
 
 
 def correlation_factor(standardised: Array) -> float:
-    """Variance inflation (1 + a) / (1 - a) of a mean of residuals (n,) with lag-one correlation a.
+    """Factor (1 + a) / (1 - a) on the variance of a mean of residuals (n,) with lag-one correlation a.
 
-    It is 1 if a is below 2 / sqrt(n), its noise, and at most 19, for a = 0.9.
+    a is the correlation of neighbouring residuals. The factor is 1 if a is below 2 / sqrt(n), its noise, and
+    at most 19, for a = 0.9.
     """
     correlation = lag_one_correlation(standardised)
     return (1.0 + correlation) / (1.0 - correlation)
