@@ -44,7 +44,10 @@ def borrowable_frames(rig: RigConfig) -> int:
 
 
 class OpenRecording:
-    """An open recording: its files, its frame recorder with the windows, and its small messages."""
+    """An open recording: its files, the recorder of its frames, and the writer of its small messages.
+
+    Small messages are those of all topics but the camera's images and frame metadata.
+    """
 
     def __init__(
         self,

@@ -49,8 +49,8 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
             minus 1.
 
     Returns:
-        Mean and covariance of the lines' offset [ns], counted at the newest reading, and rate; None if no
-        line satisfies all readings.
+        Mean and covariance of the lines' rate and offset; None if no line satisfies all readings. The offset
+        [ns] is a line's host time at the newest reading, minus that reading's `host_before_ns`.
     """
     newest = readings[-1]
     width = float(max(1, newest.host_after_ns - newest.host_before_ns))

@@ -72,7 +72,7 @@ class _Point:
 
 @dataclass(frozen=True)
 class _Line:
-    """Line from device time to host time, through an origin (device0, host0) except for an offset.
+    """Line from device time to host time, with its terms counted from an origin (device0, host0).
 
     host = host0 + (device - device0) + offset + rate * (device - device0), all times in ns. The rate is the
     host clock's against the device clock's, minus 1. Only offset and rate, both small, are floating point.

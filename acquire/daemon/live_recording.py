@@ -199,7 +199,7 @@ class LiveRecording:
         self._capture.write(topic.name, *entry[1:])
 
     def log(self, text: str, level: Any = Log.Level.INFO) -> None:
-        """Record a line of text with a level of foxglove.Log; does nothing if no recording is open."""
+        """Record a line of text with a severity (foxglove.Log level), if a recording is open."""
         now = self._clock.monotonic_ns()
         message = Log(level=level, message=text, name="acquire")
         message.timestamp.FromNanoseconds((self.anchor_ns or 0) + now)
@@ -340,7 +340,7 @@ class LiveRecording:
     def _salvage_parts(
         self, opened: RecordingState, first: int, next_frame_ns: Callable[[], int | None]
     ) -> None:
-        """Start to rebuild the files of a dead capture process, from number `first` to the last but current.
+        """Start to rebuild a dead capture process's files: number `first` up to that before the current file.
 
         Args:
             opened: state of the recording, to which the recovery is added; `part` is the current file.
@@ -387,7 +387,7 @@ class LiveRecording:
         return opened.watch.watcher if opened is not None else None
 
     def expect(self, plan_strike_id: str) -> None:
-        """Make `analyze watch` check from now on that the object stands as a strike of the plan needs it.
+        """Make `analyze watch` compare the object's placement with a strike of the plan from now on.
 
         Args:
             plan_strike_id: id of the strike in the plan.

@@ -111,7 +111,7 @@ class Connection:
 
 
 class ApiServer:
-    """Server of the daemon's local API; it runs the requests of each client in order, in a thread per client.
+    """Server of the daemon's local API, with a thread per client that runs its requests in order.
 
     Therefore the request `striker.stop` never waits for the `striker.strike` of another client.
 

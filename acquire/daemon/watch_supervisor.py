@@ -39,7 +39,7 @@ class WatchSupervisor:
     def expect(self, plan_strike_id: str) -> None:
         """Make `analyze watch` compare the object's placement with a strike of the plan from now on.
 
-        The comparison continues in a child process that is started later.
+        A child process that is started later makes the same comparison.
 
         Args:
             plan_strike_id: id of the strike in the plan.

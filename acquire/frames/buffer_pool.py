@@ -40,8 +40,8 @@ class BufferPool:
                 circulating - 1.
             reserve: number of buffers that replace borrowed ones.
             payload: size of a buffer in bytes.
-            requeue: function that gives the buffer with this number back to the stream, to be filled; not
-                called after `close`.
+            requeue: function that gives a buffer, by its number, back to the stream to be filled; not called
+                after `close`.
         """
         count, stride = circulating + reserve, whole_pages(payload)
         # Views of it keep the memory: the memory of a closed camera lives as long as one of its frames is

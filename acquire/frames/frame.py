@@ -37,7 +37,9 @@ class FrameBuffer(Protocol):
 
 
 class Frame(NamedTuple):
-    """A complete camera frame: pixels, numbers and times; its pixels are valid until its buffer is released.
+    """A complete camera frame: pixels, numbers and times.
+
+    Its pixels are valid until its buffer is released.
 
     A named tuple, because one is made for every frame on the camera's thread: a frozen dataclass takes three
     times as long.

@@ -44,9 +44,9 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def newest_part(path: Path) -> int:
-    """Number of the newest file in the series that begins with `path`, complete or not, found in its folder.
+    """Number of the newest file, complete or not, in the series that begins with `path`.
 
-    1 if there is no file with a number in its name.
+    The folder is searched; 1 if there is no file with a number in its name.
     """
     newest = 1
     for found in path.parent.glob(f"{path.stem}-????{path.suffix}*"):
@@ -58,7 +58,7 @@ def newest_part(path: Path) -> int:
 
 
 class FileSeries:
-    """Writer of a recording to `path`, then to `<stem>-0002.mcap`, `<stem>-0003.mcap`, ... as files fill up.
+    """Writer of a recording to `path`, then, as files fill up, to `<stem>-0002.mcap` and so on.
 
     Every method may be called from any thread.
 

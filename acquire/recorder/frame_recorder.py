@@ -296,7 +296,7 @@ class FrameRecorder(ABC):
 
 
 class ContinuousRecorder(FrameRecorder):
-    """Recorder of every frame; a window (time span of a strike) only selects the frames it reports."""
+    """Recorder of every frame; a window (time span of a strike) only determines which frames are counted."""
 
     def _take(self, frame: Frame) -> DelayedFrame:
         return DelayedFrame(frame, self._path.take(frame))

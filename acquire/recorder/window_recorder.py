@@ -7,8 +7,8 @@ A frame enters a delay line (queue of recent frames) and leaves it `pre_trigger_
 takes the frames in the line. A frame's meta (FrameMeta message: times, losses), and a preview, wait at most
 META_WAIT_S (0.25 s), so that a killed process loses no more. If `pre_trigger_s` is not longer than that,
 images and meta reach the file in the order of their exposure, and `image_recorded` in the meta is always
-correct. If `pre_trigger_s` is longer, the images that a window takes from the line come after newer metas, and their own
-metas, written before, state that the images are not recorded.
+correct. If `pre_trigger_s` is longer, the images that a window takes from the line come after newer metas,
+and their own metas, written before, state that the images are not recorded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Packs MCAP chunks (groups of messages) of one image each, so that each image begins on a page of the file.
+"""Packs MCAP chunks (groups of messages) of one image each, which begins on a page of the file.
 
 Therefore the disk can read the image from the camera's buffer, without a copy.
 

@@ -56,7 +56,8 @@ _libc = ctypes.CDLL(None, use_errno=True)
 def _allocate(fd: int, offset: int, size: int) -> None:
     """Allocate `size` bytes of disk space from `offset` on, without changing the file's length.
 
-    os.posix_fallocate changes the length, and writes zeros on file systems that cannot allocate.
+    fallocate(2) is called, because os.posix_fallocate changes the length, and writes zeros on file systems
+    that cannot allocate.
 
     Raises:
         OSError: the disk is full, or the file system cannot allocate.
@@ -232,7 +233,7 @@ class DirectFile:
                 self._change.notify_all()
 
     def release_reserve(self) -> None:
-        """Do nothing: the space reserved for the recording's end is allocated; only images are refused it."""
+        """Do nothing: the disk space reserved for the recording's end is allocated and kept from images."""
 
     def wait_until(self, size: int) -> None:
         """Wait until other programs can read the first `size` bytes from the file.

@@ -158,7 +158,10 @@ class _Salvage:
         self._manifest_hash: dict[str, str] = {}
 
     def run(self) -> None:
-        """Copy whole records, then write the seal (metadata record with the content hash); fill the report.
+        """Copy what is whole in the damaged recording to the new file, then write the seal; fill the report.
+
+        The seal is the metadata record with the content hash. A cut chunk is searched for whole messages, and
+        after damage the next undamaged chunk is searched for.
 
         Raises:
             RecorderError: the new file cannot be written.

@@ -187,7 +187,9 @@ class Rewriter:
         self.records.add_topic(topic, number)
 
     def copy_declaration(self, whole: bytes) -> None:
-        """Write a whole schema or channel record of another recording, unchanged.
+        """Write a schema or channel record (declaration of a message type or topic) of another recording.
+
+        The bytes of the record, `whole`, are written unchanged.
 
         Raises:
             RecorderError: the disk refuses.
@@ -231,7 +233,7 @@ class Rewriter:
         self.records.write_chunk([messages], len(messages), zlib.crc32(messages), places)
 
     def copy_attachment(self, whole: memoryview) -> None:
-        """Write a whole attachment record of another recording, unchanged.
+        """Write an attachment record of another recording; its bytes, `whole`, are unchanged.
 
         Raises:
             ContainerError: the record is damaged.
