@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def disagreement_texts(agreements: Agreements) -> Iterator[str]:
-    """Yield one sentence per pair of estimators that disagree on a strike, then one on the centres of mass.
+    """Yield one sentence per pair of estimators that disagree on a strike, and one on the centres of mass.
 
-    The latter is yielded only if the centre of mass by the paper's method (VISAPP 2013) differs from ours by
-    more than 3 sd. Nothing is yielded if all agree.
+    The last is yielded only if the centre of mass by the paper's method (VISAPP 2013) differs from the joint
+    estimate by more than 3 sd. Nothing is yielded if all agree.
     """
     for each in agreements.estimators:
         yield f"strike {each.strike_id}: {estimator_difference_text(each)}"
@@ -33,7 +33,7 @@ def disagreement_texts(agreements: Agreements) -> Iterator[str]:
 
 
 def estimator_difference_text(each: EstimatorDisagreement) -> str:
-    """Clause on the difference between two estimators of one strike, with its significance in sd.
+    """Clause on the difference between two estimators of one strike's motion, with its size in sd.
 
     It states the relative difference [%] of the rate constant k of the motion if `each.k_off` is given,
     otherwise the difference [°] of the balance angle φ: the other estimator minus the one used.

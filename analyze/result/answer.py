@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Answer:
-    """Estimate of one object, with the Result document built from it."""
+    """Joint estimate of one object, with the Result document (JSON) built from it."""
 
     estimate: Estimate
     """the estimate with its checks and evidence"""
@@ -30,18 +30,18 @@ class Answer:
 
     @classmethod
     def from_estimate(cls, estimate: Estimate) -> Answer:
-        """Answer that holds an estimate and the Result document built from it."""
+        """Answer that holds a given estimate and the Result document built from it."""
         return cls(estimate, result_document(estimate))
 
     def json(self) -> str:
-        """Result document as one line of JSON; the same recordings and options give the same bytes."""
+        """The Result document as one line of JSON; the same recordings and options give the same bytes."""
         return canonical_json(self.result)
 
 
 def answer_recordings(
     paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> Answer:
-    """Estimate one object from one or several recordings and build the Result document.
+    """Estimate one object from one or several recordings; return it with the Result document.
 
     Args:
         paths: one or more recordings (MCAP), in any order.
@@ -49,7 +49,7 @@ def answer_recordings(
         progress: called with (text, done, total) before each strike, and before the estimate.
 
     Returns:
-        The estimate with its Result document.
+        The estimate (centre of mass, inertia, masses of parts) with its Result document.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -64,14 +64,14 @@ def answer_recordings(
 
 
 def answer_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Answer:
-    """Estimate one object from fitted motions and build the Result document; no files are read.
+    """Estimate one object from fitted motions; return it with the Result document. No files are read.
 
     Args:
         evidence: fitted motions of all strikes, with object, shape and plan.
         options: choices of the user; None for the defaults.
 
     Returns:
-        The estimate with its Result document.
+        The estimate (centre of mass, inertia, masses of parts) with its Result document.
 
     Raises:
         EstimationError: fewer than three strikes can be used, or parts or filling cannot be estimated.

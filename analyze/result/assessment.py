@@ -30,9 +30,10 @@ masses of shell and interior parts are trusted; above the second, they are repor
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
     """Sentences on an estimate: first what to trust, then what to doubt, last which strikes to repeat.
 
-    Each begins with one of these three words. None begins with trust if the centre of mass lies more than
-    `MAX_OUTSIDE_SD` sd outside the shape's hull. The same holds if all stated frame rates are possible and
-    the estimated gravity disagrees with the stated one, or a moment of inertia is impossible for the shape.
+    Each begins with the word trust, doubt or repeat. None begins with trust if the centre of mass lies more
+    than `MAX_OUTSIDE_SD` sd outside the shape's hull. Nor does one if all stated frame rates are possible,
+    and gravity by the strikes disagrees with the stated one or a moment of inertia is impossible for the
+    shape.
 
     Args:
         estimate: the estimate.
@@ -77,10 +78,11 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
 
 
 def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
-    """Yield sentences on what to trust: centre of mass, measured entries of the tensor, region masses.
+    """Yield sentences on what to trust: centre of mass, entries of the inertia tensor, region masses.
 
-    `regions` is the sentence on the masses of shell and interior parts, yielded if it begins with trust and
-    the centre of mass is observed.
+    The centre of mass is trusted only if it is observed, the entries if strikes measured them, the region
+    masses (of shell and interior parts) only if it is observed and their sentence, `regions`, begins with
+    trust.
     """
     com, predictions = estimate.com, estimate.predictions
     if com.observed:
@@ -99,8 +101,9 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
 
-    `regions` is the sentence on the masses of shell and interior parts. It is yielded if it begins with
-    doubt; otherwise another doubts these masses if the centre of mass is not observed.
+    `regions` is the sentence on the masses of shell and interior parts. If it begins with doubt, it is
+    yielded; otherwise, if the centre of mass is not observed, a sentence is yielded that doubts these masses
+    for that.
     """
     observed = estimate.com.observed
     if not observed:
@@ -116,8 +119,9 @@ def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
 def regions_text(distribution: MassDistribution, mass: float) -> str:
     """Sentence on how far the masses of shell and interior parts can be trusted.
 
-    It begins with trust or doubt, by the half width of the least certain region's 95 % interval over the
-    object's mass; always with doubt if no body of uniform parts explains the moments.
+    It begins with trust if the half width of the least certain region's 95 % interval is at most
+    `MAX_TRUSTED_SHARE` of the object's mass, otherwise with doubt; always with doubt if no body of uniform
+    parts explains the moments.
 
     Args:
         distribution: masses of the shell and of the interior on either side of a plane, with intervals.
@@ -151,9 +155,9 @@ def _ranges(names: Sequence[str], ends: Array) -> str:
 
 
 def gravity_text(checks: Checks) -> str:
-    """Clause on the relative difference of gravity by the strikes from the stated one, and on the remedy.
+    """Clause on how much gravity by the strikes differs from the stated one [%], and on what to check.
 
-    The difference is given in % with the half width of its 95 % interval.
+    The half width of the difference's 95 % interval is given too.
     """
     gravity = checks.gravity
     return (
@@ -166,8 +170,8 @@ def gravity_text(checks: Checks) -> str:
 def prediction_text(prediction: StrikePrediction) -> str:
     """Clause on the difference of a strike from its prediction by all others, with 95 % ranges.
 
-    It gives the differences, measured minus predicted, of the balance angle φ [°], of the rate constant k
-    [%] where k was used, and of the tipping angle θ [°] at the frame where it is largest over its sd.
+    It gives the differences, measured minus predicted, of the balance angle φ [°], of the rate constant k of
+    the motion [%] if k was used, and of the tipping angle θ [°] at the frame where it is largest over its sd.
     """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     text = (
@@ -184,9 +188,9 @@ def prediction_text(prediction: StrikePrediction) -> str:
 
 
 def _entries(inertial: InertialParameters, measured: bool) -> str:
-    """Names of the inertia tensor's entries that strikes measured, separated by commas; "" if there are none.
+    """Names, separated by commas, of the inertia tensor's entries that strikes measured.
 
-    With `measured` False, names of those that they did not measure.
+    With `measured` False, names of those that they did not measure. "" if there are none.
     """
     return ", ".join(
         tensor_entry_name((i, j)) for i, j in TENSOR_ENTRIES if bool(inertial.measured[i, j]) == measured

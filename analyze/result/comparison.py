@@ -37,7 +37,7 @@ OUTLIER_P_VALUE = 1e-3
 
 @dataclass(frozen=True)
 class Session:
-    """Answer of one session (one recording), and its agreement with all others."""
+    """Answer of one session (one recording) of several, and its agreement with all others."""
 
     head: RecordingHead
     """identity and contents of the recording"""
@@ -50,16 +50,19 @@ class Session:
 
     @property
     def p_value(self) -> float:
-        """Probability that chance alone makes this session differ from all others as much, or more.
+        """Probability that a session's centre of mass differs as much, or more, from the others' by chance.
 
-        Their centres of mass are compared: chi squared with three degrees of freedom.
+        It is that of chi squared with three degrees of freedom; the others are taken as one.
         """
         return chi_squared_p_value(self.against_others.chi_squared, 3)
 
 
 @dataclass(frozen=True)
 class SessionComparison:
-    """Two or more sessions (recordings) of one object, each estimated by itself and all together."""
+    """Two or more sessions (recordings) of one object, each estimated by itself and all together.
+
+    It includes the test of one centre of mass for all.
+    """
 
     sessions: tuple[Session, ...]
     """sessions by start time"""
@@ -78,15 +81,15 @@ class SessionComparison:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Degrees of freedom of the sessions' chi squared: three coordinates per session but the first."""
+        """Degrees of freedom of the test of one centre of mass: three per session but the first."""
         return 3 * (len(self.sessions) - 1)
 
     @property
     def outlier(self) -> int | None:
-        """Index in `sessions` of the session that differs most from the others, if beyond chance.
+        """Index in `sessions` of the session whose centre of mass is an outlier, or None.
 
-        None if no session's p-value is below `OUTLIER_P_VALUE` over the number of sessions, or if there are
-        fewer than three sessions.
+        The session is the one that differs most from the others. None if its p-value (`Session.p_value`) is
+        not below `OUTLIER_P_VALUE` over the number of sessions, or if there are fewer than three sessions.
         """
         p_values = [session.p_value for session in self.sessions]
         worst = int(np.argmin(p_values))
@@ -137,6 +140,8 @@ def compare_evidence(
     read: Sequence[Evidence], options: EstimateOptions | None = None, progress: Progress | None = None
 ) -> SessionComparison:
     """Compare sessions of one object from their fitted motions; no files are read.
+
+    Each session is estimated by itself and all together.
 
     Args:
         read: evidence (fitted motions) of two or more recordings, in any order.
@@ -197,20 +202,22 @@ def compare_evidence(
 
 
 def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
-    """Probability of this chi squared or a larger one by chance alone; a negative value is taken as 0."""
+    """Probability that chance gives a chi squared of at least `chi_squared`; a negative one is taken as 0."""
     return float(chdtrc(degrees_of_freedom, max(chi_squared, 0.0)))
 
 
 def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
-    """Agreement of groups of strikes: decrease of chi squared if each group has its own centre of mass.
+    """Test whether groups of strikes share one centre of mass, against one of its own for each group.
+
+    It uses the balance angles of the joint estimate.
 
     Args:
         joint: estimate from all strikes.
         numbers: group of each strike used, in the order of `joint.planes`.
 
     Returns:
-        Largest distance [m] of a group's centre of mass from that of the group with the smallest number,
-        decrease of chi squared and its critical value, by the balance angles that the estimate used.
+        Largest distance [m] of a group's centre of mass from that of the group with the smallest number;
+        decrease of chi squared if each group has its own, and the critical value of the decrease.
     """
     prior = ComPrior.from_bounds(*joint.evidence.model.bounds)
     return agreement(joint.fitted_planes, numbers, joint.com_struck, systematic_errors(joint.evidence), prior)

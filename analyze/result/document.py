@@ -52,9 +52,9 @@ if TYPE_CHECKING:
 
 
 def result_document(estimate: Estimate) -> Result:
-    """Result document of an estimate: its numbers with units and intervals, warnings and a verdict.
+    """Result document of an estimate: its values with units and 95 % intervals, warnings and a verdict.
 
-    Numbers are rounded, so that the same estimate gives the same bytes.
+    The values are rounded, so that the same estimate gives the same bytes.
     """
     evidence, inertial = estimate.evidence, estimate.inertial
     frame_times = frame_times_documents(estimate.frame_rates)
@@ -86,9 +86,10 @@ def result_document(estimate: Estimate) -> Result:
 
 
 def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
-    """Outcomes of all strikes, in recording order, each strike used with its prediction from the others.
+    """Entries of all strikes in the Result document, in recording order.
 
-    An excluded strike has verdict EXCLUDED, and its own verdict in the reason.
+    The entry of a strike used includes its prediction from the other strikes. An excluded strike has verdict
+    EXCLUDED, and its own verdict in the reason.
     """
     evidence, planes = estimate.evidence, estimate.fitted_planes
     index = {plane.strike_id: i for i, plane in enumerate(planes)}
@@ -113,7 +114,7 @@ def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
 
 
 def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
-    """Ids and hashes of recordings, object, plan and settings that the result was computed from."""
+    """Identity of the inputs of a result: ids and hashes of recordings, object, plan and settings."""
     recordings = evidence.recordings
     plans = sorted({each.manifest.plan_sha256 for each in recordings})
     return ResultInputs(
@@ -149,9 +150,9 @@ def quantity(value: float, sd: float, unit: str, lowest: float | None = None) ->
 
     Args:
         value: value in `unit`.
-        sd: its standard deviation.
+        sd: standard deviation of the value.
         unit: name of the unit.
-        lowest: least lower end of the interval, as 0 for a moment of inertia; None for no bound.
+        lowest: bound below which the interval is cut, as 0 for a moment of inertia; None for no bound.
     """
     low = value - SIGMAS_95 * sd
     return Quantity(
@@ -164,9 +165,10 @@ def quantity(value: float, sd: float, unit: str, lowest: float | None = None) ->
 
 
 def com_quantity(com: CentreOfMass) -> Quantity:
-    """Centre of mass (3,) [m] in the object frame O, with 95 % intervals and covariance (3, 3) [m²].
+    """Centre of mass (3,) [m] in the Result's form, with 95 % intervals and covariance (3, 3) [m²].
 
-    The unobserved direction is None if the strikes determine all three coordinates.
+    The frame is the object frame O. The entry for the unobserved direction is None if the strikes determine
+    all three coordinates.
     """
     sd = np.sqrt(np.diag(com.covariance))
     return Quantity(
@@ -184,10 +186,11 @@ def com_quantity(com: CentreOfMass) -> Quantity:
 
 
 def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Inertia tensor (3, 3) [kg m²] about the centre of mass, axes of the object frame O.
+    """Inertia tensor (3, 3) [kg m²] in the Result's form, with standard deviations and 95 % intervals.
 
-    Standard deviations and 95 % intervals are listed by rows, nine each. It counts as observed, with source
-    "measured", only if strikes determine every entry; otherwise its source is "prior".
+    It is about the centre of mass, with the axes of the object frame O. Standard deviations and intervals are
+    listed by rows, nine each. The tensor counts as observed, with source "measured", only if strikes
+    determine every entry; otherwise its source is "prior".
     """
     value, sd = _clean(parameters.inertia), parameters.inertia_sd
     every = bool(parameters.measured.all())
@@ -208,10 +211,10 @@ def _intervals(values: Array, sd: Array) -> list[list[float]]:
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
-    """Two moments of inertia [kg m²] per pivot axis, in the order of `parameters.axes`.
+    """Two moments of inertia [kg m²] for each pivot axis, in the order of `parameters.axes`.
 
-    One is about the contact line on the edge at balance, one about the parallel axis through the centre of
-    mass. Both have 95 % intervals; that of the second has no negative end.
+    One is about the line of contact at balance, one about its parallel through the centre of mass. Both have
+    95 % intervals; that of the second is cut at 0.
     """
     return [
         AxisMoment(
@@ -294,9 +297,10 @@ def parts_document(found: PartMasses) -> Parts:
 
 
 def _paper_regions(distribution: MassDistribution, paper: PaperRegions | None) -> Regions | None:
-    """Region masses [kg] and dividing plane in O by the paper's method, without sd and intervals.
+    """Masses [kg] of shell and interior parts, and dividing plane, by the paper's method (VISAPP 2013).
 
-    None if the paper's method found no masses. `distribution` gives the regions' names.
+    The masses have no sd and no intervals; the plane is in the object frame O. None if the method found no
+    masses. `distribution` gives the regions' names.
     """
     if paper is None:
         return None
@@ -318,19 +322,20 @@ def strike_result(
     com: CentreOfMass,
     scale: Scale,
 ) -> StrikeResult:
-    """Outcome of one strike: verdict, fitted values, and its part in the estimate.
+    """Entry of one strike in the Result document: verdict, fitted values, and its part in the estimate.
 
     Args:
         motion: motion and fits of the strike.
-        planned: the planned strike that it carried out.
+        planned: the planned strike that was carried out.
         planes: equi-planes (through pivot line and centre of mass) of the strikes used.
         index: index of the strike in `planes` and in `com`'s arrays; None if it was not used.
         com: centre of mass, whose residuals and distances belong to the strikes used.
-        scale: mass and gravity, from which the moment about the edge, I_edge = m g R / k, follows.
+        scale: mass m and gravity g, from which the moment of inertia about the edge, I_edge = m g R / k,
+            follows, with R the distance of the centre of mass from the edge.
 
     Returns:
-        Row of the Result document. The values of the fit (balance angle, rate constant k, residual rms) are
-        None without a fit. The distance [m] of the centre of mass from the strike's equi-plane is None if the
+        Entry of the strike. The values of the fit (balance angle, rate constant k, residual rms) are None
+        without a fit. The distance [m] of the centre of mass from the strike's equi-plane is None if the
         strike was not used; I_edge [kg m²] is None if the strike or its k was not used.
     """
     fit = motion.fit
@@ -377,9 +382,9 @@ def strike_result(
 def prediction_document(prediction: StrikePrediction) -> PredictionResult:
     """Prediction of a strike from all others, in the Result's form: balance angle, k, tipping angle.
 
-    The balance angle [rad] and the rate constant k of the motion [rad/s²], for gravity at the place where the
-    strike was made, have the sd of the prediction alone, without the measurement's. Of the tipping angle the
-    offset [rad] is given at the frame where it is largest over its sd.
+    k is the rate constant of the motion [rad/s²], for gravity at the place where the strike was made. Balance
+    angle [rad] and k have the sd of the prediction alone, without that of the measurement. Of the tipping
+    angle, the offset [rad] from the prediction is given at the frame where it is largest over its sd.
     """
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
     phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
@@ -403,7 +408,10 @@ def _k_quantity(fit: MotionFit) -> Quantity | None:
 
 
 def _alternative(fit: MotionFit) -> AlternativeFit:
-    """Entry of another estimator's fit: balance angle [rad], rate constant k, violated assumptions."""
+    """Entry of a strike's fit by a further estimator: balance angle [rad], k, violated assumptions.
+
+    k is the rate constant of the motion [rad/s²], None if the estimator does not report it.
+    """
     return AlternativeFit(
         estimator=fit.estimator,
         phi=quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad"),
@@ -414,5 +422,5 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
 
 
 def _clean(matrix: Array) -> Array:
-    """Copy of an array in which entries of a magnitude below 1e-9 of the largest are 0: rounding noise."""
+    """Copy of an array without rounding noise: entries of a size below 1e-9 of the largest are set to 0."""
     return np.where(np.abs(matrix) < 1e-9 * np.abs(matrix).max(), 0.0, matrix)

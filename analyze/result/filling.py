@@ -20,9 +20,9 @@ def filling_document(name: str, found: FillLevel) -> Filling:
     """Entry of a filling in the Result document: level, share, masses and density with 95 % intervals.
 
     The level [m] is measured from the origin of the object frame O along the direction that pointed upwards
-    when the object was filled. The share is that of the interior's volume; masses [kg] are those of filling
-    and shell (outer wall), the density [kg/m³] is the filling's; the shell's thickness [m] is None where the
-    object file gives it.
+    when the object was filled. The share is the filled part of the interior's volume. Masses [kg] are those
+    of filling and shell (outer wall), the density [kg/m³] is the filling's. The shell's thickness [m] is None
+    where the object file gives it.
 
     Args:
         name: name of the filling in the object file.
@@ -81,7 +81,10 @@ def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
 
 
 def _quantity(found: Marginal, unit: str, frame: str | None = None) -> Quantity:
-    """Posterior of one quantity in the Result's form: value, sd, 95 % interval, unit, frame if it has one."""
+    """Posterior of one quantity of a filling in the Result's form: value, sd, 95 % interval, unit, frame.
+
+    `frame` is None for a quantity without a frame.
+    """
     return Quantity(
         value=found.value,
         sd=found.sd,

@@ -17,15 +17,15 @@ DROP_TEST = "film a drop: analyze calibrate --drop"
 
 
 def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:
-    """Entries of checked frame rates in the Result document, one per rate in their order."""
+    """Entries of the Result document on recordings' frame times, one per checked frame rate, in order."""
     return [_document(each) for each in rates]
 
 
 def _document(rate: FrameRate) -> FrameTimes:
-    """Entry of one recording's frame times: their source and sd, the stated rate and its check by strikes.
+    """Entry of one recording's frame times: their source and sd, the stated frame rate and its check.
 
-    Bounds and estimate of the true over the stated rate are None where the strikes allow no check, or none
-    of that kind.
+    The strikes check the rate. Bounds and estimate of the true over the stated rate are None where the
+    strikes do not give them.
     """
     check = rate.check
     return FrameTimes(
@@ -93,11 +93,14 @@ def unchecked_text(times: FrameTimes) -> str:
 
 
 def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[str]:
-    """Lines on the origin and the check of frame times, one or two per entry; empty if there are none.
+    """Lines on the origin of frame times and the check of the frame rate, one or two per entry.
 
     Args:
         times: entries of the Result document; None if no recording's times come from a file's time stamps.
         several: True to add the recording's number to each line.
+
+    Returns:
+        The lines; empty for None or no entries.
     """
     found: list[str] = []
     for each in times or []:
@@ -126,11 +129,11 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
 
 
 def _ratio_text(ratio: Quantity) -> str:
-    """Text of a ratio with the half width of its 95 % interval, to three decimals, as "1.002 ± 0.004"."""
+    """Text of a ratio and the half width of its 95 % interval, to three decimals, as "1.002 ± 0.004"."""
     value, sd = (each if isinstance(each, float) else 0.0 for each in (ratio.value, ratio.sd))
     return f"{value:.3f} ± {SIGMAS_95 * sd:.3f}"
 
 
 def _factor_text(ratio: float) -> str:
-    """Text of a factor, to two decimals below 10, otherwise to none."""
+    """Text of a factor with two decimals if it is below 10, otherwise with none."""
     return f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0f}"

@@ -28,7 +28,10 @@ RECORDING_SUFFIX = ".mcap"
 
 @dataclass(frozen=True)
 class EarlierResults:
-    """Earlier results of an object, from which the next plan of strikes starts."""
+    """Earlier results of an object, from which its next plan of strikes starts.
+
+    They are centre of mass, inertia and strikes made, merged from all files, and the impacts measured.
+    """
 
     given: EarlierResult
     """centre of mass, inertia and strikes made, merged from all files"""
@@ -39,7 +42,9 @@ class EarlierResults:
 def read_given(
     paths: Sequence[Path], object_sha256: str, mass: float, rig: RigConfig | None
 ) -> EarlierResults:
-    """Read earlier results of an object for its next plan; recordings among them are estimated jointly.
+    """Read earlier results of an object for its next plan; return them merged into one.
+
+    Recordings among the files are estimated jointly.
 
     Args:
         paths: recordings (.mcap) and results (JSON), at least one.
@@ -87,7 +92,10 @@ def read_given(
 
 
 def _refuse_other_object(name: str, found: str, wanted: str) -> None:
-    """Raise PlanError unless the object's hash `found` in the file `name` is the one `wanted`."""
+    """Raise PlanError unless the result in the file `name` is of the object to plan for.
+
+    `found` and `wanted` are the hashes of the two objects.
+    """
     if found != wanted:
         raise PlanError(
             f"{name}: is of another object, or of this one before its file was changed: give a result of this"
@@ -96,10 +104,11 @@ def _refuse_other_object(name: str, found: str, wanted: str) -> None:
 
 
 def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]:
-    """Impact and outcome of each strike used whose speed was measured by the rig's striker.
+    """Measured impact and its outcome for each strike used that was made by the rig's striker.
 
-    A strike needs a positive balance angle, rate constant k, moment about the edge and energy ratio (energy
-    over that needed to tip), and a striker that equals the rig's in rig name, kind and arm length.
+    A strike is listed if its speed was measured, and balance angle, rate constant k, moment about the edge
+    and energy ratio (energy over that needed to tip) are positive. Its striker must equal the rig's in rig
+    name, kind and arm length.
 
     Args:
         answer: answer from the recordings.
@@ -136,7 +145,7 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
 
 
 def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
-    """Earlier result in the planner's form: centre of mass, inertia per kilogram, strikes made.
+    """Convert a Result document to the form that the planner starts from.
 
     Args:
         result: an earlier result of the object.
@@ -180,13 +189,13 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
 
 
 def _device(head: RecordingHead) -> tuple[object, object, object]:
-    """Identity of the striker that made a recording: rig name, kind and arm length; None where not stated."""
+    """Rig name, kind and arm length [m] of the striker that made a recording; None where not stated."""
     manifest = head.manifest
     return manifest.rig.get("name"), manifest.striker.get("kind"), manifest.striker.get("arm_length_m")
 
 
 def read_result(path: Path) -> Result:
-    """Read the Result document (JSON) that `analyze estimate --json` printed to the file at `path`.
+    """Read the Result document that `analyze estimate --json` printed to the file at `path`; return it.
 
     Raises:
         PlanError: the file does not exist, cannot be read, or is no JSON.
@@ -218,5 +227,5 @@ def _recordings(result: Result) -> set[str]:
 
 
 def _scalar_or(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:
-    """Value of a quantity if it is a number, `otherwise` if it is a list or None."""
+    """The value of a quantity if it is a number; `otherwise` if it is a list or None."""
     return value if isinstance(value, float | int) else otherwise

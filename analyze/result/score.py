@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TipTruth:
-    """True balance angle, moment of inertia and distance of the centre of mass for one strike's pivot."""
+    """True balance angle, moment about the edge and distance of the centre of mass for one strike's pivot."""
 
     phi: float
     """balance angle [rad]: the centre of mass c stands above the centre line of the edge's rounding"""
@@ -40,13 +40,17 @@ class TipTruth:
 
 
 def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
-    """True balance angle, moment about the contact line and distance of the centre of mass of one strike.
+    """True values for one strike's pivot, from the ground truth of a virtual recording.
 
     The formulas are those of method.md, section 3.
 
     Args:
         planned: rest pose and pivot of the strike; the pivot lies on the centre line of the edge's rounding.
         body: ground truth: mass, centre of mass and inertia about it, in the object frame O.
+
+    Returns:
+        Balance angle [rad], moment of inertia about the contact line at balance [kg m²], and distance of the
+        centre of mass from the centre line [m].
     """
     direction = np.array(planned.pivot.direction)
     direction = direction / np.linalg.norm(direction)
@@ -63,11 +67,13 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
     """Errors of an answer against the ground truth of a virtual recording, as a table ready for JSON.
 
     Lists run over the strikes used (`strike_ids`); an entry of `i_edge_relative_error` is None where the
-    strike has no I_edge (moment about the edge). Region masses are those of the shell, the upper and the
-    lower part of the interior; their errors are the paper's metric, the mean over regions of abs(dm) / M, and
-    the mass in the wrong region, sum abs(dm) / 2M, with dm the error of a region's mass and M the object's
-    mass; both are None if the truth has no three regions. "Upper" is the true side of the dividing plane; the
-    two interior names of the estimate are swapped where its plane points to the other side.
+    strike has no I_edge (moment about the edge).
+
+    Region masses are those of the shell, the upper and the lower part of the interior. Their errors are the
+    paper's metric, the mean over regions of abs(dm) / M, and the mass in the wrong region, sum abs(dm) / 2M,
+    with dm the error of a region's mass and M the object's mass; both are None if the truth has no three
+    regions. "Upper" is by the true plane that divides the interior. If the estimated plane's normal points to
+    the other side, the estimate's names of the two interior parts are swapped.
 
     Args:
         path: recording that holds the ground truth.
@@ -177,7 +183,7 @@ def _holds_truth(path: Path) -> bool:
 
 
 def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
-    """Errors of the masses of the shell and of the interior above and below the dividing plane, by name.
+    """Errors, by name, of the masses of the shell and of the interior above and below the dividing plane.
 
     They come with the regions' names, true and estimated masses [kg], the error of the plane's normal [rad],
     and the mean relative error of each naive answer and, if it found masses, of the paper's method. If the
@@ -190,7 +196,10 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
     normal = np.array(body.region_plane[:3])
 
     def aligned(masses: Array, normal_found: Array) -> Array:
-        """Masses (3,) with the interior's two swapped if the normal found is opposite to the true one."""
+        """Masses (3,) of shell, upper and lower part, the last two swapped if the dividing plane is reversed.
+
+        It is reversed if its normal `normal_found` is opposite to that of the true plane.
+        """
         return masses if normal_found @ normal >= 0 else masses[[0, 2, 1]]
 
     distribution = estimate.distribution
@@ -227,13 +236,13 @@ def _scalar(quantity: Any) -> float:
 
 
 def render_score(score: dict[str, Any]) -> None:
-    """Print the errors of an answer on the terminal: a table of the strikes, then two lines of text.
+    """Print the errors of an answer on the terminal: a table of the strikes, then one or two sentences.
 
-    The lines give the errors of the centre of mass and of the masses of shell and interior parts, the latter
-    only if the truth has them.
+    The first gives the error of the centre of mass; the second, only if the truth has region masses, the
+    errors of the masses of shell and interior parts.
 
     Args:
-        score: the table of `score_answer`.
+        score: the table that `score_answer` returns.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console

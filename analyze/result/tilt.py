@@ -28,7 +28,8 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
     A levelling is a set-up of the table whose recordings share one tilt. A tilt is positive if that side of
     the table is the higher one; it has a 95 % interval and a source: measured by the strikes, given by the
-    reading of a level, or the prior. Each entry lists the numbers of its recordings, from 1.
+    reading of a level, or the prior (assumed). Each entry lists the numbers of the levelling's recordings,
+    from 1.
 
     Args:
         com: estimated centre of mass, which holds the estimated tilts; no entries if it holds none.
@@ -55,10 +56,10 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest prior sd [rad] of a table tilt towards x of the world frame W that is only assumed to be 0.
+    """Largest sd [rad] among table tilts towards x of the world frame W that are only assumed to be 0.
 
-    0 if the tilts towards x of all levellings (set-ups of the table) were measured by strikes or read from
-    a level.
+    The sd is that of the assumption (prior). 0 if the tilts towards x of all levellings (set-ups of the
+    table) were measured by strikes or read from a level.
     """
     assumed = [
         float(tilt.prior_sd[0])
@@ -71,11 +72,11 @@ def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
 def _sources(
     com: CentreOfMass, evidence: Evidence, level: int
 ) -> list[Literal["measured", "given", "prior"]]:
-    """Sources of the table's tilts towards the world's x and y for one levelling (set-up of the table).
+    """Sources of one levelling's table tilts towards the world's x and y: "measured", "given" or "prior".
 
-    Each is "measured" if the strikes reduced the tilt's sd below `MEASURED_FRACTION` of the prior's,
-    otherwise "given" if the manifest holds the reading of a level (for y: one with an sd for y), else
-    "prior".
+    A levelling is a set-up of the table. "measured": the strikes reduced the tilt's sd below
+    `MEASURED_FRACTION` of the prior's; otherwise "given": the manifest holds the reading of a level (for y:
+    one with an sd for y); otherwise "prior": the tilt is only assumed.
 
     Args:
         com: estimated centre of mass with the tilts of all levellings.
@@ -109,7 +110,10 @@ def tilt_lines(result: Result) -> list[str]:
 
 
 def _line(tilt: TableTilt, name: str) -> str:
-    """Line on a tilt towards the world's x with its 95 % range [°] and source; it begins with `name`."""
+    """Line of text on a table's tilt towards the world's x [°], with its 95 % range and source.
+
+    It begins with `name`.
+    """
     origin = {
         "measured": "measured by the strikes",
         "given": "by the rig file's level reading",

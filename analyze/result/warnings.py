@@ -47,6 +47,8 @@ MAX_NAMES = 6
 def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> list[ResultWarning]:
     """All warnings of an estimate but those of its filling, in a fixed order; empty if there are none.
 
+    A warning is a code with a sentence.
+
     Args:
         estimate: the estimate.
         frame_times: entries of the Result document on its recordings' frame times.
@@ -70,7 +72,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
 
 
 def _warning(code: WarningCode, text: str) -> ResultWarning:
-    """Entry of a warning in the Result document."""
+    """Warning as an entry of the Result document: its code and its sentence."""
     return ResultWarning(code=code, text=text)
 
 
@@ -100,7 +102,7 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of another object file, of strikes excluded by the user, and of few strikes used."""
+    """Yield warnings that an object file was replaced, strikes were excluded, or few strikes were used."""
     if estimate.evidence.object_path_used:
         text = (
             "the object file given replaces the recording's; the edges are the plan's, with the rounding of"
@@ -121,7 +123,10 @@ def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of a centre of mass that has an unobserved direction, or lies outside the hull."""
+    """Yield warnings if the centre of mass has an unobserved direction, and if it lies outside the hull.
+
+    The hull is that of the object's shape.
+    """
     direction = estimate.com.unobserved_direction
     if direction is not None:
         x, y, z = direction
@@ -139,9 +144,10 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Iterator[ResultWarning]:
-    """Yield warnings of recordings whose stated frame rate is wrong or unchecked, then of such strikes.
+    """Yield warnings of recordings, then of strikes, that contradict the stated frame rate.
 
-    A strike is reported if its motion is a tip only at another frame rate than stated.
+    A recording is reported if its stated rate is wrong or unchecked, a strike if its motion is a tip only at
+    another frame rate than stated.
     """
     several = len(evidence.recordings) > 1
     for each in frame_times:
@@ -178,7 +184,8 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
 def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     """Yield warnings of strikes used: outliers, poor fits, rocked back; then of answers that disagree.
 
-    The latter are two estimators of one strike, and the paper's centre of mass (VISAPP 2013) and ours.
+    Answers that disagree are those of two estimators of one strike, and the centres of mass by the paper's
+    method (VISAPP 2013) and by the joint estimate.
     """
     for plane, robust in zip(estimate.fitted_planes, estimate.com.robust, strict=True):
         if robust < MIN_ROBUST_WEIGHT:
@@ -206,7 +213,7 @@ def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield a warning if a table's tilt towards the world's x is only assumed."""
+    """Yield a warning if a table's tilt towards the world's x was neither measured nor read from a level."""
     assumed = assumed_tilt(estimate.com, estimate.evidence)
     if assumed > 0:
         text = (
@@ -217,7 +224,10 @@ def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
-    """Yield a warning that names the tensor's entries that come from the shape, if there are any."""
+    """Yield a warning that names the entries of the inertia tensor that come from the shape, not strikes.
+
+    Nothing is yielded if strikes measured all entries.
+    """
     if not inertial.measured.all():
         entries = [
             tensor_entry_name((i, j)) for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]
@@ -258,7 +268,7 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
 
 
 def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of contacts that roll: on a round rim, on an uneven flank, or not modelled."""
+    """Yield warnings of contacts with the table that roll: on a rim, on an uneven flank, not modelled."""
     evidence, planes = estimate.evidence, estimate.fitted_planes
     on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}
     if rims := sorted({plane.axis_id for plane in planes if plane.axis_id in on_rim}):
@@ -292,9 +302,10 @@ def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
-    """True if the contact rolls, but the estimate uses a fit by the user's estimator, which has it fixed.
+    """True if the contact with the table rolls, but the fit that the estimate uses takes it as fixed.
 
-    False if the user chose no estimator (None), or if the one chosen has no fit of the motion.
+    That is a fit by `estimator`, the user's choice. False if the user chose none (None), or if the one chosen
+    has no fit of the motion.
     """
     fit = motion.fit
     return (
@@ -336,7 +347,10 @@ def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
 
 
 def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
-    """Yield a warning that the markers' mass is subtracted, or included; none for markers without mass."""
+    """Yield a warning that the markers' (printed tags') mass is subtracted from the results, or included.
+
+    Nothing is yielded if no marker has a mass.
+    """
     mass = sum(marker.mass_kg for marker in spec.marker)
     if mass > 0 and can_subtract(spec.marker):
         text = (
@@ -352,7 +366,7 @@ def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
 
 
 def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
-    """Yield warnings of labelled parts: masses that the moments leave open, moments not explained.
+    """Yield warnings of labelled parts: masses that the moments do not determine, moments not explained.
 
     Nothing is yielded for None (the object file labels no parts).
     """
@@ -375,7 +389,7 @@ def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
 
 
 def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
-    """Yield a warning if frame times of a recording are arrival times at the host computer."""
+    """Yield a warning if the frame times of a recording are times of arrival at the host computer."""
     if any(recording.manifest.time_source is TimeSource.HOST_ARRIVAL for recording in evidence.recordings):
         text = (
             f"frame times are {TimeSource.HOST_ARRIVAL.value}, which drift and jitter: k is less certain than"
@@ -385,7 +399,7 @@ def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
 
 
 def _names(items: Sequence[str]) -> str:
-    """Names separated by commas; of more than `MAX_NAMES`, the first ones and the number of the rest."""
+    """Text of names separated by commas; of more than `MAX_NAMES`, the first and the number of the rest."""
     return (
         ", ".join(items)
         if len(items) <= MAX_NAMES
