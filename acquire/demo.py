@@ -23,8 +23,9 @@ from acquire.config import read_rig
 from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.errors import ConfigError, RecorderError, SessionError
 from acquire.recorder.atomic import refuse_unwritable
-from acquire.session.runner import Progress, SessionReport, SessionRunner
+from acquire.session.runner import Progress, SessionRunner
 from acquire.session.session_input import SessionInput
+from acquire.session.session_report import SessionReport
 from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink

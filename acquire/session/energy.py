@@ -16,17 +16,15 @@ there, and draws from that normal distribution give the distribution of E for th
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from acquire.session.energy_model import EnergyModel
+from acquire.session.energy_observations import LOG_ENERGY_SD, Observation, Quantity, strike_observations
 from schemas.strike_plan import PlannedStrike, StrikePlan
-from schemas.strike_result import Verdict
 from schemas.watch_lines import StrikeVerdict
 
 if TYPE_CHECKING:
@@ -34,22 +32,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-LOG_ENERGY_SD = 0.03
-"""standard deviation of ln E, E the energy ratio, between strikes on one axis"""
-LOG_ENERGY_SD_DISTURBED = 0.25
-"""standard deviation of ln E for strikes with a disturbed contact (verdicts of `_DISTURBED`)"""
 T_DEGREES_OF_FREEDOM = 3.0
 """degrees of freedom of the measurements' t distribution; its tails are heavy because a second contact of the
 arm sometimes adds a third or a half of the energy"""
-PHI_EXTRA_SD_RAD = math.radians(0.3)
-"""standard deviation [rad] added in quadrature to that of a balance angle: gravity's tilt, the edge's
-position, the placement"""
-LOG_ENERGY_SD_FROM_TOP = 0.08
-"""standard deviation of ln E derived from the largest angle of a tip that fell back"""
-BOUND_SD = 0.05
-"""standard deviation of the bounds on ln E from strikes that tipped over or fell back"""
-MAX_ENERGY_UNMOVED = 0.4
-"""largest energy ratio of a strike that turned the object by less than half a degree"""
 TIP_SPEED_SD = 0.012
 """relative standard deviation of one measured tip speed"""
 DRAW_COUNT, DRAW_SEED = 600, 20070601
@@ -60,13 +45,11 @@ MAX_ITERATIONS, UNWEIGHTED_ITERATIONS = 14, 4
 DIFFERENCE_STEP, CONVERGED_STEP = 1e-4, 1e-3
 STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)
 """fractions of a Gauss-Newton step tried, until one does not increase the cost"""
-_DISTURBED = frozenset(
-    {Verdict.SLID, Verdict.ROLLED, Verdict.TWISTED, Verdict.AIRBORNE, Verdict.STRUCK_TWICE}
-)
-"""verdicts on strikes whose energy ratio is known, but only roughly"""
 ENERGY_LIMITS = ((0.5, 1.15), (0.95, 2.0), (0.995, 2.7))
 """limits of the next strike's energy ratio E: (probability, greatest value of that quantile of E); E is the
 kinetic energy after the strike over the energy needed to reach balance"""
+_MEASURED = frozenset({Quantity.LOG_SWING_RATIO, Quantity.PHI, Quantity.LOG_ENERGY, Quantity.TOP_ANGLE})
+"""quantities that a strike measures; the others are bounds"""
 
 
 @dataclass(frozen=True)
@@ -98,69 +81,6 @@ class StrikerEstimate:
         )
 
 
-class _Quantity(enum.Enum):
-    """Kind of number that a strike measures, or to which it gives a bound.
-
-    E is the energy ratio, kinetic energy after the strike over the energy needed to reach balance.
-    """
-
-    LOG_SWING_RATIO = "ln of reached over commanded tip speed"
-    PHI = "balance angle"
-    LOG_ENERGY = "ln E"
-    LOG_ENERGY_BELOW = "upper bound of ln E"
-    LOG_ENERGY_ABOVE = "lower bound of ln E"
-    TOP_ANGLE = "largest angle of a tip that fell back"
-
-
-_MEASURED = frozenset({_Quantity.LOG_SWING_RATIO, _Quantity.PHI, _Quantity.LOG_ENERGY, _Quantity.TOP_ANGLE})
-
-
-@dataclass(frozen=True)
-class _Observation:
-    """One number that a strike measured, or one bound that it gave, with its standard deviation.
-
-    Angles are in rad; tip speeds and energy ratios are natural logarithms.
-    """
-
-    axis: int
-    """number of the pivot axis in the model"""
-    quantity: _Quantity
-    value: float
-    """measured value or bound"""
-    sd: float
-    """standard deviation of the value"""
-    log_speed: float
-    """ln of the reached tip speed in m/s"""
-
-    def residual(self, log_swing_ratio: Array, log_energy: Array, phi: Array) -> Array:
-        """Residual (k,) of this observation for k states of the model, in standard deviations.
-
-        For a measurement it is predicted less measured value. For a bound it is near 0 if the predicted value
-        keeps the bound, and grows with the excess if not.
-
-        Args:
-            log_swing_ratio: (k,) predicted ln of reached over commanded tip speed.
-            log_energy: (k,) predicted ln E (E: energy ratio) at a tip speed of 1 m/s.
-            phi: (k,) predicted balance angle [rad].
-        """
-        log_energy = log_energy + 2 * self.log_speed
-        match self.quantity:
-            case _Quantity.LOG_SWING_RATIO:
-                predicted = log_swing_ratio
-            case _Quantity.PHI:
-                predicted = phi
-            case _Quantity.LOG_ENERGY:
-                predicted = log_energy
-            case _Quantity.TOP_ANGLE:
-                phi = np.maximum(phi, self.value + 1e-3)
-                reached = (np.cos(phi - self.value) - np.cos(phi)) / (1 - np.cos(phi))
-                return (log_energy - np.log(reached)) / self.sd
-            case _Quantity.LOG_ENERGY_BELOW | _Quantity.LOG_ENERGY_ABOVE:
-                excess = (log_energy - self.value) / self.sd
-                return _bound_residual(excess if self.quantity is _Quantity.LOG_ENERGY_BELOW else -excess)
-        return (predicted - self.value) / self.sd
-
-
 class EnergyLearner:
     """Distribution of striker and object parameters, learned strike by strike; gives tip speeds.
 
@@ -176,7 +96,7 @@ class EnergyLearner:
         }
         first = {strike.axis_id: strike for strike in reversed(plan.strikes)}
         self._model = EnergyModel(plan, [first[axis_id] for axis_id in self._axes])
-        self._observations: list[_Observation] = []
+        self._observations: list[Observation] = []
         self._mode = np.zeros(self._model.size)
         self._covariance = np.eye(self._model.size)
         self._draws = np.random.default_rng(DRAW_SEED).standard_normal((DRAW_COUNT, self._model.size + 1))
@@ -240,10 +160,10 @@ class EnergyLearner:
             log_speed = math.log(speed_m_s)
             log_ratio = log_speed - math.log(command_m_s)
             self._observations.append(
-                _Observation(axis, _Quantity.LOG_SWING_RATIO, log_ratio, TIP_SPEED_SD, 0.0)
+                Observation(axis, Quantity.LOG_SWING_RATIO, log_ratio, TIP_SPEED_SD, 0.0)
             )
         if verdict is not None:
-            self._observations += _observations(axis, log_speed, verdict)
+            self._observations += strike_observations(axis, log_speed, verdict)
         self._solve()
 
     @property
@@ -336,74 +256,3 @@ class EnergyLearner:
         ]
         dof = T_DEGREES_OF_FREEDOM
         return np.where(measured, (dof + 1) / (dof + residual**2), 1.0)
-
-
-def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Observations of the balance angle phi and of the energy ratio E from one verdict on a strike.
-
-    E is the kinetic energy after the strike over the energy needed to reach balance.
-
-    Args:
-        axis: number of the pivot axis in the model.
-        log_speed: ln of the reached tip speed in m/s.
-        verdict: answer of `analyze watch`, which judges the strike from its images.
-
-    Returns:
-        After a strike that tipped the object, phi and ln E as far as measured; if E was not, a bound on ln E
-        (above 0 if the object tipped over, below if it fell back) and the largest angle of an object that
-        fell back. After a strike that did not move the object, an upper bound on ln E; after a disturbed one
-        ln E alone, with a larger sd. An empty list after any other verdict, such as a lost marker.
-    """
-    code = verdict.code
-    if code is Verdict.NOT_MOVED:
-        return [
-            _Observation(axis, _Quantity.LOG_ENERGY_BELOW, math.log(MAX_ENERGY_UNMOVED), BOUND_SD, log_speed)
-        ]
-    if code in _DISTURBED:
-        return _energy_observation(axis, log_speed, verdict, LOG_ENERGY_SD_DISTURBED)
-    if code not in {Verdict.GOOD, Verdict.ROCKED_BACK}:
-        return []
-    found: list[_Observation] = []
-    if verdict.phi is not None:
-        phi_sd = math.hypot(PHI_EXTRA_SD_RAD, verdict.phi_sd or 0.0)
-        found.append(_Observation(axis, _Quantity.PHI, verdict.phi, phi_sd, log_speed))
-    energy = _energy_observation(axis, log_speed, verdict, LOG_ENERGY_SD)
-    return found + (energy or _energy_bounds(axis, log_speed, verdict))
-
-
-def _energy_observation(axis: int, log_speed: float, verdict: StrikeVerdict, sd: float) -> list[_Observation]:
-    energy = verdict.energy_ratio
-    if energy is None or energy <= 0:
-        return []
-    return [_Observation(axis, _Quantity.LOG_ENERGY, math.log(energy), sd, log_speed)]
-
-
-def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Bounds on ln E from a strike that tipped the object, but whose energy ratio E was not measured.
-
-    E is the kinetic energy after the strike over the energy needed to reach balance.
-
-    Args:
-        axis: number of the pivot axis in the model.
-        log_speed: ln of the reached tip speed in m/s.
-        verdict: answer of `analyze watch`: good (the object tipped over) or rocked back (it fell back).
-
-    Returns:
-        A lower bound of 0 if the object tipped over; an upper bound of 0 if it fell back, and its largest
-        angle if that is known.
-    """
-    if verdict.code is Verdict.GOOD:
-        return [_Observation(axis, _Quantity.LOG_ENERGY_ABOVE, 0.0, BOUND_SD, log_speed)]
-    found = [_Observation(axis, _Quantity.LOG_ENERGY_BELOW, 0.0, BOUND_SD, log_speed)]
-    top = verdict.theta_max_rad
-    if top is not None and top > 0:
-        found.append(_Observation(axis, _Quantity.TOP_ANGLE, top, LOG_ENERGY_SD_FROM_TOP, log_speed))
-    return found
-
-
-def _bound_residual(excess: Array) -> Array:
-    """Residual of a soft bound that is exceeded by `excess` standard deviations: sqrt(-2 ln Phi(-excess)).
-
-    Phi is the normal distribution function; a negative `excess` keeps the bound and gives a residual near 0.
-    """
-    return np.sqrt(-2 * log_ndtr(-excess))

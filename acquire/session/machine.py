@@ -10,14 +10,38 @@ a strike from its images; a strike without any verdict is not repeated.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
+from acquire.session.actions import (
+    Action,
+    Announce,
+    Arm,
+    AskToPlace,
+    CheckPose,
+    ClearFault,
+    CloseRecording,
+    Judge,
+    RecordUntilRest,
+    Strike,
+    WriteRecord,
+)
 from acquire.session.energy import EnergyLearner
+from acquire.session.events import (
+    Event,
+    FileCutShort,
+    Judged,
+    Placed,
+    PoseChecked,
+    Ready,
+    Recorded,
+    Started,
+    StopRequested,
+    StrikerFailed,
+    Struck,
+)
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.strike_result import Verdict
-from schemas.watch_lines import StrikeVerdict
 
 State = pb.SessionState.State
 
@@ -31,202 +55,6 @@ MAX_FAULTS = 3
 ENERGY_ACCEPTED = (1.0, 2.5)
 """range of energy ratios (kinetic energy after the strike over the energy needed to reach balance) in which a
 good strike is not repeated"""
-
-# --- events
-
-
-class Event:
-    """Base of the events that a session reacts to."""
-
-
-@dataclass(frozen=True)
-class Started(Event):
-    """Event: the recording is open."""
-
-
-@dataclass(frozen=True)
-class Placed(Event):
-    """Event: the operator has placed the object."""
-
-
-@dataclass(frozen=True)
-class PoseChecked(Event):
-    """Event: the object's pose has been compared with the planned placement."""
-
-    good: bool
-    """True if the object lies as planned, or could not be checked"""
-    text: str = ""
-    """reason if the pose is not good, or was not checked"""
-
-
-@dataclass(frozen=True)
-class Ready(Event):
-    """Event: the striker is armed (may strike once) and cocked, and its arm has come to rest."""
-
-
-@dataclass(frozen=True)
-class Struck(Event):
-    """Event: the striker has completed the strike. Times are host monotonic [ns]."""
-
-    contact_time_ns: int | None
-    """time of first contact as the striker measured it [ns]; None if it measured none"""
-    contact_time_sd_ns: float
-    """standard deviation of the contact time [ns]"""
-    tip_speed_m_s: float
-    """tip speed just before contact [m/s]; 0 if it was not measured"""
-    contacts: int
-    """number of contacts that may have occurred"""
-
-
-@dataclass(frozen=True)
-class Recorded(Event):
-    """Event: the recording window of a strike (time span whose images are kept) is closed.
-
-    Usually the object is at rest again; at a time limit the window is closed although the object moves. Times
-    are log times [ns].
-    """
-
-    window_start_ns: int
-    """log time of the window's first image [ns]"""
-    window_end_ns: int
-    """log time of the window's last image [ns]"""
-    frames: int
-    """number of frames recorded in the window"""
-    lost: int
-    """number of frames lost in the window, or dropped by a slow disk"""
-
-
-@dataclass(frozen=True)
-class Judged(Event):
-    """Event: `analyze watch` has judged the strike from its images, or did not answer in time."""
-
-    verdict: StrikeVerdict | None
-    """None if there was no answer in time"""
-
-
-@dataclass(frozen=True)
-class StopRequested(Event):
-    """Event: the operator, or an error that cannot be cleared, ends the session."""
-
-    text: str = "stopped by the operator"
-    """reason for the end"""
-
-
-@dataclass(frozen=True)
-class StrikerFailed(Event):
-    """Event: the striker reported a fault, or stopped answering, while arming, cocking or swinging."""
-
-    text: str
-    """description of the fault"""
-
-
-@dataclass(frozen=True)
-class FileCutShort(Event):
-    """Event: the file with this strike's images was cut short; the recording continues in the next file."""
-
-    text: str
-    """description of the loss"""
-
-
-# --- actions
-
-
-@dataclass(frozen=True)
-class Announce:
-    """Action: write the session's state into the recording and send it to the daemon's subscribers."""
-
-    state: State
-    strike_id: str
-    """id of the planned strike; "" before the first and after the last"""
-    attempt: int
-    """number of the attempt, from 1; 0 before the first strike and after the last"""
-    text: str = ""
-    """remark on the state"""
-
-
-@dataclass(frozen=True)
-class AskToPlace:
-    """Action: ask the operator to place the object for a planned strike."""
-
-    strike: PlannedStrike
-    hint: str = ""
-    """reason why the object is to be placed again; "" the first time"""
-
-
-@dataclass(frozen=True)
-class CheckPose:
-    """Action: compare the object's pose with the placement of a planned strike."""
-
-    strike: PlannedStrike
-
-
-@dataclass(frozen=True)
-class Arm:
-    """Action: arm the striker (permit one strike) and cock it (draw the arm back)."""
-
-
-@dataclass(frozen=True)
-class ClearFault:
-    """Action: home the striker after a fault (clear it, raise the arm); if that fails, the session ends."""
-
-
-@dataclass(frozen=True)
-class Strike:
-    """Action: open the recording window (time span whose images are kept) and strike."""
-
-    strike: PlannedStrike
-    strike_id: str
-    """id of the attempt, unique in the recording"""
-    tip_speed_m_s: float
-    """tip speed to command [m/s]"""
-
-
-@dataclass(frozen=True)
-class RecordUntilRest:
-    """Action: wait until the object is at rest or a time limit, then close the strike's recording window."""
-
-
-@dataclass(frozen=True)
-class Judge:
-    """Action: ask `analyze watch` to judge a strike, given its recording window and contact time."""
-
-    strike: PlannedStrike
-    strike_id: str
-    """id of the attempt, unique in the recording"""
-    recorded: Recorded
-    struck: Struck
-
-
-@dataclass(frozen=True)
-class WriteRecord:
-    """Action: write a message on one strike (window, speeds, contact, verdict) into the recording."""
-
-    strike: PlannedStrike
-    strike_id: str
-    """id of the attempt, unique in the recording"""
-    attempt: int
-    """number of the attempt, from 1"""
-    tip_speed_command_m_s: float
-    """commanded tip speed [m/s]"""
-    struck: Struck
-    recorded: Recorded
-    verdict: StrikeVerdict | None
-    """None if `analyze watch` did not answer in time"""
-
-
-@dataclass(frozen=True)
-class CloseRecording:
-    """Action: close the recording; the session ends."""
-
-    aborted: bool = False
-    """True if the session ends before its last planned strike"""
-    text: str = ""
-    """reason if the session was aborted"""
-
-
-Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | WriteRecord
-"""an action after which the session continues"""
-Action = Step | CloseRecording
 
 
 class SessionMachine:

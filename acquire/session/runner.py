@@ -6,7 +6,6 @@ import base64
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +20,11 @@ from acquire.errors import (
     StrikerRefused,
     StrikerStopped,
 )
-from acquire.session import machine
+from acquire.session import actions, events
+from acquire.session.machine import SessionMachine, State
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.session_input import SessionInput
+from acquire.session.session_report import SessionReport
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import StrikeVerdict, WatchEvent
@@ -48,26 +49,6 @@ REST_MINIMUM_S = 0.9
 """shortest recorded time after the strike [s]: an object that hesitates at the balance point looks at rest"""
 
 
-@dataclass(frozen=True)
-class SessionReport:
-    """Files and counts (strikes, frames) of a session that has closed its recording."""
-
-    path: Path
-    """path of the recording; `files` lists all of its files"""
-    files: tuple[Path, ...]
-    """files of the recording; more than one if the capture process died on the way"""
-    strikes: int
-    """number of strikes whose record is in the recording"""
-    frames: int
-    """number of frames recorded"""
-    lost: int
-    """number of frames lost"""
-    aborted: bool
-    """True if the session ended before its last planned strike"""
-    text: str
-    """reason if the session was aborted"""
-
-
 Progress = Callable[[str, int, int], None]
 """called with a text, the number of planned strikes done, and the number of all planned strikes"""
 
@@ -90,7 +71,7 @@ class SessionRunner:
         self._input = given
         self._output = output
         self._progress = progress
-        self._machine = machine.SessionMachine(given.plan)
+        self._machine = SessionMachine(given.plan)
         self._anchor_ns = 0
         self._ordered = 0
         """number of strikes commanded to the striker"""
@@ -133,17 +114,17 @@ class SessionRunner:
         self._anchor_ns = int(opened["wall_anchor_ns"])
         if problem := camera_pose_problem(self._input.plan, limits):
             self._report(f"{self._input.plan_path}: {problem}: {self._input.replan_advice}")
-        event: machine.Event = machine.Started()
+        event: events.Event = events.Started()
         try:
             self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):
-                    if isinstance(action, machine.CloseRecording):
+                    if isinstance(action, actions.CloseRecording):
                         return self._close_recording(action)
                     answer = self._execute(action)
                     if answer is not None:
                         event = answer
-                    if isinstance(answer, machine.FileCutShort | machine.StopRequested):
+                    if isinstance(answer, events.FileCutShort | events.StopRequested):
                         break  # the actions that remain follow the repeated strike, or are dropped
         except BaseException:
             with contextlib.suppress(Exception), self._client.another() as client:
@@ -168,7 +149,7 @@ class SessionRunner:
             path.unlink(missing_ok=True)
         self._report(f"discarded: {names}: no strike was ordered yet")
 
-    def _close_recording(self, action: machine.CloseRecording) -> SessionReport:
+    def _close_recording(self, action: actions.CloseRecording) -> SessionReport:
         report = self._client.call("recording.close")
         if self._kept:
             self._report(f"learned: {self._machine.learner.striker.text()}")
@@ -182,7 +163,7 @@ class SessionRunner:
             text=action.text,
         )
 
-    def _execute(self, action: machine.Step) -> machine.Event | None:
+    def _execute(self, action: actions.Step) -> events.Event | None:
         """Execute an action of the state machine and return the event that results; None if there is none.
 
         If the file with the images was cut short, the event is FileCutShort.
@@ -191,32 +172,32 @@ class SessionRunner:
             return self._call_daemon(action)
         except RecordingBroken as error:
             self._report(f"{error}: strike again")
-            return machine.FileCutShort(str(error))
+            return events.FileCutShort(str(error))
 
-    def _call_daemon(self, action: machine.Step) -> machine.Event | None:
-        event: machine.Event | None = None
+    def _call_daemon(self, action: actions.Step) -> events.Event | None:
+        event: events.Event | None = None
         match action:
-            case machine.Announce():
+            case actions.Announce():
                 self._announce(action)
-            case machine.AskToPlace(strike=strike, hint=hint):
+            case actions.AskToPlace(strike=strike, hint=hint):
                 event = self._ask_to_place(strike, hint)
-            case machine.CheckPose(strike=strike):
+            case actions.CheckPose(strike=strike):
                 event = self._check_pose(strike)
-            case machine.Arm():
+            case actions.Arm():
                 event = self._arm()
-            case machine.ClearFault():
+            case actions.ClearFault():
                 event = self._clear_fault()
-            case machine.Strike():
+            case actions.Strike():
                 event = self._strike(action)
-            case machine.RecordUntilRest():
+            case actions.RecordUntilRest():
                 event = self._record_until_rest()
-            case machine.Judge():
+            case actions.Judge():
                 event = self._judge(action)
-            case machine.WriteRecord():
+            case actions.WriteRecord():
                 self._write_record(action)
         return event
 
-    def _announce(self, action: machine.Announce) -> None:
+    def _announce(self, action: actions.Announce) -> None:
         self._client.call(
             "recording.state",
             state=action.state,
@@ -224,10 +205,10 @@ class SessionRunner:
             attempt=action.attempt,
             text=action.text,
         )
-        name = machine.State.Name(action.state).replace("_", " ").lower()
+        name = State.Name(action.state).replace("_", " ").lower()
         self._report(f"{action.strike_id} {name} {action.text}".strip())
 
-    def _ask_to_place(self, strike: PlannedStrike, hint: str) -> machine.Event:
+    def _ask_to_place(self, strike: PlannedStrike, hint: str) -> events.Event:
         rotation, p = strike.R_world_object, strike.p_world_object
         impact = [sum(rotation[i][j] * strike.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
         answer = self._client.call(
@@ -242,12 +223,12 @@ class SessionRunner:
             heading_rad=strike.heading_rad,
         )
         return (
-            machine.Placed()
+            events.Placed()
             if answer["ok"]
-            else machine.StopRequested(answer["text"] or "stopped by the operator")
+            else events.StopRequested(answer["text"] or "stopped by the operator")
         )
 
-    def _check_pose(self, strike: PlannedStrike) -> machine.Event:
+    def _check_pose(self, strike: PlannedStrike) -> events.Event:
         since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
         end = time.monotonic() + POSE_TIMEOUT_S
         text = "none of the object's markers is in view"
@@ -258,7 +239,7 @@ class SessionRunner:
             if answer["alive"]:
                 alive_until = time.monotonic() + WATCHER_RESTART_S
             elif time.monotonic() > alive_until:
-                return machine.PoseChecked(
+                return events.PoseChecked(
                     good=True, text="analyze watch is not running: the placement was not checked"
                 )
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
@@ -269,21 +250,21 @@ class SessionRunner:
             if event is not None and event.time_ns > since_ns and event.markers:
                 error = event.placement_error_rad
                 if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
-                    return machine.PoseChecked(good=True)
+                    return events.PoseChecked(good=True)
                 text = event.text or "the object does not come to rest"
             time.sleep(0.05)
         trouble = self._client.call("status")["trouble"]
-        return machine.PoseChecked(good=False, text=trouble or text)
+        return events.PoseChecked(good=False, text=trouble or text)
 
-    def _arm(self) -> machine.Event:
+    def _arm(self) -> events.Event:
         try:
             self._client.call("striker.arm")
             self._client.call("striker.cock")
         except StrikerError as error:
             return self._striker_failed(error)
-        return machine.Ready()
+        return events.Ready()
 
-    def _clear_fault(self) -> machine.StopRequested | None:
+    def _clear_fault(self) -> events.StopRequested | None:
         """Home the striker; while its servo does not answer, wait and try again.
 
         Returns:
@@ -299,7 +280,7 @@ class SessionRunner:
             try:
                 self._client.call("striker.home", after_stop=False)
             except StrikerStopped as error:
-                return machine.StopRequested(str(error))
+                return events.StopRequested(str(error))
             except (StrikerNotFound, StrikerLost) as error:
                 if time.monotonic() > end:
                     raise
@@ -310,7 +291,7 @@ class SessionRunner:
             else:
                 return None
 
-    def _striker_failed(self, error: StrikerError) -> machine.Event:
+    def _striker_failed(self, error: StrikerError) -> events.Event:
         """Event that follows from an error of the striker while arming, cocking or swinging.
 
         Returns:
@@ -319,10 +300,10 @@ class SessionRunner:
         """
         in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
         if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
-            return machine.StopRequested(str(error))
-        return machine.StrikerFailed(str(error))
+            return events.StopRequested(str(error))
+        return events.StrikerFailed(str(error))
 
-    def _strike(self, action: machine.Strike) -> machine.Event:
+    def _strike(self, action: actions.Strike) -> events.Event:
         self._client.call("window.open")
         self._ordered += 1  # from here on the file may hold images that cannot be made again
         try:
@@ -333,14 +314,14 @@ class SessionRunner:
             with contextlib.suppress(RecordingBroken):  # this window is not needed
                 self._client.call("window.close")
             return self._striker_failed(error)
-        return machine.Struck(
+        return events.Struck(
             contact_time_ns=outcome["contact_time_ns"],
             contact_time_sd_ns=outcome["contact_time_sd_ns"],
             tip_speed_m_s=outcome["tip_speed_m_s"],
             contacts=outcome["contacts"],
         )
 
-    def _record_until_rest(self) -> machine.Event:
+    def _record_until_rest(self) -> events.Event:
         start = time.monotonic()
         struck_ns, end_ns = time.monotonic_ns() + self._anchor_ns, 0
         while time.monotonic() - start < LATE_TIMEOUT_S:
@@ -358,11 +339,11 @@ class SessionRunner:
         report = self._client.call("window.close", end_ns=end_ns)
         self._frames += int(report["frames"])
         self._lost += int(report["lost"])
-        return machine.Recorded(
+        return events.Recorded(
             int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"])
         )
 
-    def _judge(self, action: machine.Judge) -> machine.Event:
+    def _judge(self, action: actions.Judge) -> events.Event:
         contact = action.struck.contact_time_ns
         answer = self._client.call(
             "watch.judge",
@@ -372,9 +353,9 @@ class SessionRunner:
             window_end_ns=action.recorded.window_end_ns,
             contact_time_ns=contact + self._anchor_ns if contact else 0,
         )
-        return machine.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
+        return events.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
-    def _contact(self, action: machine.WriteRecord) -> tuple[int, float]:
+    def _contact(self, action: actions.WriteRecord) -> tuple[int, float]:
         """Log time of the contact of arm and object, and its standard deviation [ns]; both 0 if unknown.
 
         The striker's measurement is taken or, if there is none, the estimate from the images in the verdict.
@@ -386,7 +367,7 @@ class SessionRunner:
             return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
         return 0, 0.0
 
-    def _write_record(self, action: machine.WriteRecord) -> None:
+    def _write_record(self, action: actions.WriteRecord) -> None:
         verdict = action.verdict
         contact_ns, contact_sd_ns = self._contact(action)
         record: dict[str, Any] = {

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from acquire.session import machine as s
+from acquire.session import actions, events
+from acquire.session.machine import SessionMachine
 from acquire.striker.detector import ContactDetector
 from acquire.striker.servo import (
     ACCELERATION_UNIT_RAD_S2,
@@ -191,30 +192,30 @@ class SimulatedRig:
         )
         self._yaw = 0.0
 
-    def run(self, machine: s.SessionMachine) -> list[Attempt]:
+    def run(self, machine: SessionMachine) -> list[Attempt]:
         """Run a whole session and return its strikes."""
-        event: s.Event = s.Started()
+        event: events.Event = events.Started()
         struck: PlannedStrike | None = None
         while True:
             match machine.handle(event)[-1]:
-                case s.AskToPlace(strike=strike):
+                case actions.AskToPlace(strike=strike):
                     struck = strike
                     self.place(strike)
-                    event = s.Placed()
-                case s.CheckPose():
-                    event = s.PoseChecked(good=True)
-                case s.Arm():
-                    event = s.Ready()
-                case s.Strike(strike=strike, tip_speed_m_s=speed):
+                    event = events.Placed()
+                case actions.CheckPose():
+                    event = events.PoseChecked(good=True)
+                case actions.Arm():
+                    event = events.Ready()
+                case actions.Strike(strike=strike, tip_speed_m_s=speed):
                     attempt = self.strike(strike, speed)
                     self.attempts.append(attempt)
                     reported = attempt.speed_m_s * (1 + self.rng.normal(0.0, SPEED_SD))
-                    event = s.Struck(1, CONTACT_TIME_SD_NS, reported, 1)
-                case s.RecordUntilRest():
-                    event = s.Recorded(1, 2, 100, 0)
-                case s.Judge():
-                    event = s.Judged(self.attempts[-1].verdict)
-                case s.CloseRecording():
+                    event = events.Struck(1, CONTACT_TIME_SD_NS, reported, 1)
+                case actions.RecordUntilRest():
+                    event = events.Recorded(1, 2, 100, 0)
+                case actions.Judge():
+                    event = events.Judged(self.attempts[-1].verdict)
+                case actions.CloseRecording():
                     return self.attempts
                 case other:
                     raise AssertionError(f"{other} for {struck}")

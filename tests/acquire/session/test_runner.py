@@ -12,7 +12,7 @@ import pytest
 
 from acquire.errors import DaemonSilent, StrikerLost, StrikerStopped
 from acquire.session import runner as session_runner
-from acquire.session.machine import Recorded, StopRequested, StrikerFailed
+from acquire.session.events import Recorded, StopRequested, StrikerFailed
 from acquire.session.runner import LATE_TIMEOUT_S, REST_TIMEOUT_S, SessionRunner
 from acquire.session.session_input import SessionInput
 from tests.acquire.session.test_machine import POSE

@@ -1,0 +1,111 @@
+"""Actions of a session: ordered by the state machine in `machine.py`, executed by `runner.py`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from acquire.session.events import (
+    Recorded,
+    Struck,
+)
+from schemas.proto import percuss_pb2 as pb
+from schemas.strike_plan import PlannedStrike
+from schemas.watch_lines import StrikeVerdict
+
+
+@dataclass(frozen=True)
+class Announce:
+    """Action: write the session's state into the recording and send it to the daemon's subscribers."""
+
+    state: pb.SessionState.State
+    strike_id: str
+    """id of the planned strike; "" before the first and after the last"""
+    attempt: int
+    """number of the attempt, from 1; 0 before the first strike and after the last"""
+    text: str = ""
+    """remark on the state"""
+
+
+@dataclass(frozen=True)
+class AskToPlace:
+    """Action: ask the operator to place the object for a planned strike."""
+
+    strike: PlannedStrike
+    hint: str = ""
+    """reason why the object is to be placed again; "" the first time"""
+
+
+@dataclass(frozen=True)
+class CheckPose:
+    """Action: compare the object's pose with the placement of a planned strike."""
+
+    strike: PlannedStrike
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Action: arm the striker (permit one strike) and cock it (draw the arm back)."""
+
+
+@dataclass(frozen=True)
+class ClearFault:
+    """Action: home the striker after a fault (clear it, raise the arm); if that fails, the session ends."""
+
+
+@dataclass(frozen=True)
+class Strike:
+    """Action: open the recording window (time span whose images are kept) and strike."""
+
+    strike: PlannedStrike
+    strike_id: str
+    """id of the attempt, unique in the recording"""
+    tip_speed_m_s: float
+    """tip speed to command [m/s]"""
+
+
+@dataclass(frozen=True)
+class RecordUntilRest:
+    """Action: wait until the object is at rest or a time limit, then close the strike's recording window."""
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Action: ask `analyze watch` to judge a strike, given its recording window and contact time."""
+
+    strike: PlannedStrike
+    strike_id: str
+    """id of the attempt, unique in the recording"""
+    recorded: Recorded
+    struck: Struck
+
+
+@dataclass(frozen=True)
+class WriteRecord:
+    """Action: write a message on one strike (window, speeds, contact, verdict) into the recording."""
+
+    strike: PlannedStrike
+    strike_id: str
+    """id of the attempt, unique in the recording"""
+    attempt: int
+    """number of the attempt, from 1"""
+    tip_speed_command_m_s: float
+    """commanded tip speed [m/s]"""
+    struck: Struck
+    recorded: Recorded
+    verdict: StrikeVerdict | None
+    """None if `analyze watch` did not answer in time"""
+
+
+@dataclass(frozen=True)
+class CloseRecording:
+    """Action: close the recording; the session ends."""
+
+    aborted: bool = False
+    """True if the session ends before its last planned strike"""
+    text: str = ""
+    """reason if the session was aborted"""
+
+
+Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | WriteRecord
+"""an action after which the session continues"""
+Action = Step | CloseRecording
