@@ -11,9 +11,10 @@ import numpy as np
 
 from acquire.preflight.check import Check, Outcome
 from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
+from acquire.preflight.read_video import VideoContent
 from acquire.preflight.servo import ServoState
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
-from acquire.preflight.video import CheckVideo, VideoContent
+from acquire.preflight.video import CheckVideo
 from schemas.rig import RigConfig
 from schemas.watch_lines import SeenMarker, WatchEvent
 from tests.rig_text import CALIBRATION

@@ -14,9 +14,9 @@ from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, St
 from acquire.preflight.check import Outcome, failed_by_error
 from acquire.preflight.computer import FolderState, PortState, ReceiveBuffer, Route
 from acquire.preflight.picture import CheckPicture
+from acquire.preflight.read_video import VideoContent
 from acquire.preflight.servo import ServoState, check_held_servo
 from acquire.preflight.session import LINES
-from acquire.preflight.video import VideoContent
 from schemas.rig import StrikerConfig
 from schemas.watch_lines import SeenMarker
 from tests.acquire.preflight.bench import (
