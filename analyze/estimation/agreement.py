@@ -183,7 +183,7 @@ class CentreDifference:
 
     @property
     def agree(self) -> bool:
-        """True if the two centres of mass differ by at most `MAX_SIGMAS` standard deviations."""
+        """True if the paper's centre of mass and the joint estimate differ by at most `MAX_SIGMAS` sd."""
         return self.sigmas <= MAX_SIGMAS
 
 

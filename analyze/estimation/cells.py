@@ -51,10 +51,10 @@ class Cells:
         return self.volumes @ self.points / self.volumes.sum()
 
     def principal_directions(self) -> Array:
-        """Principal directions of the uniform solid (3, 3), unit rows in the object frame O.
+        """Principal directions (3, 3) of the body as a uniform solid, as unit rows in the object frame O.
 
-        The direction of largest extent (variance of the volume) is first; the component of largest size in
-        each row is positive.
+        The direction of largest extent (variance of the volume) is first. The sign of each row is such that
+        its largest component is positive.
         """
         values, vectors = np.linalg.eigh(np.cov((self.points - self.centroid).T, aweights=self.volumes))
         rows = vectors.T[np.argsort(-values, kind="stable")]

@@ -195,7 +195,7 @@ def _refined_grid(
 class _Grid:
     """Posterior of shell thickness and fill level on a grid of t thicknesses times h levels.
 
-    The masses of shell and filling are integrated out.
+    The masses of shell and filling are integrated out. The inside is the space within the shell.
 
     Attributes:
         levels: (h,) levels from the origin of the object frame O [m].
@@ -292,10 +292,11 @@ class _Grid:
         return self._moments.com + first, float(np.sqrt(max(self.chi2[t, h], 0.0) / len(self._target)))
 
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
-        """Mean, sd and 95 % interval of all quantities of filling and shell, from `DRAWS` random draws.
+        """Mean, sd and 95 % interval of level, filled share, masses, density and shell thickness.
 
-        Draws of masses outside their bounds are rejected; if fewer than `MIN_DRAWS` remain, they are clipped
-        to the bounds instead. `whole` are the lowest and the highest possible level [m].
+        They are taken from `DRAWS` random draws. Draws of masses outside their bounds are rejected; if fewer
+        than `MIN_DRAWS` remain, masses are clipped to the bounds instead. `whole` are the lowest and the
+        highest possible level [m].
         """
         weight = np.exp(self.log - np.max(self.log)).ravel()
         place = rng.choice(len(weight), DRAWS * DRAWS_PER_KEPT, p=weight / weight.sum())

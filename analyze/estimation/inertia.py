@@ -30,8 +30,9 @@ def shape_prior(cells: Cells) -> MomentPrior:
 
     Returns:
         Function of the centre of mass (3,) [m], in the object frame O, that gives the prior mean and sd, each
-        (3, 3) [m^2], of the inertia per kilogram about it. The uniform solid and the shell are not moved
-        there; the parallel-axis term of their distance from it is small and widens the prior.
+        (3, 3) [m^2], of the inertia per kilogram about that point. The uniform solid and the shell stay at
+        their own places; the parallel-axis term of their distance from the point is small and widens the
+        prior.
     """
     shares = np.array([cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()])
     centroids = np.array([share @ cells.points for share in shares])

@@ -44,7 +44,7 @@ _UNOBSERVED_WIDTH = 0.5
 
 
 def whitening_matrix(covariance: Array) -> Array:
-    """Matrix (n, n) that transforms errors with `covariance` (n, n) to independent ones of unit sd.
+    """Matrix (n, n) that turns errors with `covariance` (n, n) into independent errors of unit sd.
 
     Eigenvalues of the correlation matrix are bounded below by 1e-9 of the largest.
     """
@@ -119,10 +119,10 @@ class PartMasses:
 
 
 def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
-    """Measured mass, centre of mass and moments about the struck axes, from inertial parameters.
+    """Measured mass, centre of mass and moments about the struck axes, with covariance, of the object.
 
-    The covariance also holds the error of modelling the body by cells: 0.1 mm of the centre of mass
-    (`LEVER_ERROR`) and 0.4 % of each moment (`MODEL_ERROR`).
+    To the covariance of `parameters` the error of modelling the body by cells is added: 0.1 mm of the centre
+    of mass (`LEVER_ERROR`) and 0.4 % of each moment (`MODEL_ERROR`).
     """
     mass, moments = parameters.mass, np.array([axis.i_com for axis in parameters.axes])
     model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * moments])
@@ -218,10 +218,10 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 
 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
-    """Mode (n,) of a normal distribution of n masses, each truncated to between 0 and `most` (n,).
+    """Mode (n,) [kg] of a normal distribution of n masses, each bounded by 0 and `most` (n,).
 
-    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. The mode is kept
-    1e-6 of `most` inside the bounds.
+    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation at the bounds. The
+    mode is kept 1e-6 of `most` inside the bounds.
     """
     values, vectors = np.linalg.eigh(precision)
     root = (vectors * np.sqrt(values)).T * most

@@ -26,7 +26,8 @@ class TiltPrior:
 class SystematicErrors:
     """Standard deviations of errors that several strikes share, which repeats do not average out.
 
-    A levelling is a set-up of the table with one unknown lean of the vertical; levellings count from 0.
+    They are: table tilt, shape scale, edge radius, angles. A levelling is a set-up of the table with one
+    unknown lean of the vertical; levellings count from 0.
     """
 
     gravity_tilt_sd: float
@@ -49,10 +50,10 @@ class SystematicErrors:
     """Readings of a level for levellings 0, 1, ...; None or missing: 0 within the sd above."""
 
     def tilts(self) -> list[TiltPrior]:
-        """Prior of the vertical's lean [rad] of every levelling of the table, in the order of their numbers.
+        """Prior of the vertical's lean [rad] for every levelling of the table, in the order of their numbers.
 
-        A levelling is a set-up of the table with one lean. The prior is a level's reading where there is one,
-        otherwise 0 within the levelling's sd.
+        A levelling is a set-up of the table with one lean. Mean and sd are those of a level's reading where
+        there is one; otherwise the mean is 0 and the sd the one assumed for the levelling.
         """
         plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
         read = [*self.readings, *[None] * (len(plain) - len(self.readings))]

@@ -85,7 +85,7 @@ class RateCheck:
 
     @property
     def possible(self) -> bool:
-        """True if the stated rate is consistent with the bounds, and with the estimate where there is one."""
+        """True if the stated frame rate is within the bounds and agrees with any estimate of it."""
         return self.low <= 1 <= self.high and (self.estimate is None or self.estimate.agrees)
 
 

@@ -73,7 +73,7 @@ class DividingPlanes:
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)
 
     def replaced_where(self, accept: NDArray[np.bool_], other: DividingPlanes) -> DividingPlanes:
-        """Copy of this set of b planes with those of `other` in the places where `accept` (b,) is True."""
+        """Copy of this set of b dividing planes, with the planes of `other` where `accept` (b,) is True."""
 
         def either(name: str) -> Any:
             mine = getattr(self, name)
@@ -173,7 +173,7 @@ class RegionProblem:
         return 1.0 if freedom < 1 else float(chdtrc(freedom, max(misfit, 0.0)))
 
     def pieces(self, normal: Array, height: float) -> BodyPieces:
-        """Pieces of the body: the shell as one, and the interior on either side of the plane in clumps.
+        """The body cut into pieces: the shell as one, and clumps of cells on either side of a dividing plane.
 
         Args:
             normal: (3,) unit normal of the dividing plane, in the object frame O.

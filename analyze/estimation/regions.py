@@ -66,8 +66,8 @@ def mass_distribution_over(
 ) -> MassDistribution:
     """Masses of three uniform regions, averaged over an unknown shell thickness.
 
-    The regions are the shell and the interior on either side of a plane. A thickness has the weight of its
-    evidence, the probability of the measured moments under it.
+    The regions are the shell and the interior on either side of a plane. The weight of a thickness is its
+    evidence: the probability of the measured moments with this thickness.
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
@@ -145,8 +145,9 @@ def _distribution(
 
     Returns:
         Masses [kg] in the order shell, upper, lower, with the best plane (in the object frame O) of the
-        likeliest thickness. If no plane explains the moments, the middles of the bounds for any filling,
-        moved to the right sum, with the plane through the body's middle; `explained` is then False.
+        likeliest thickness. If no plane explains the moments: the middles of the bounds for any filling,
+        moved so that their sum is the object's mass, with the plane through the body's middle; `explained` is
+        then False.
     """
     first = posteriors[int(np.argmax(weight))]
     problem, planes = first.problem, first.chains.planes
@@ -190,10 +191,11 @@ def _distribution(
 def _unexplained_distribution(
     problem: RegionProblem, counted: Sequence[RegionProblem], parameters: InertialParameters, misfit: float
 ) -> MassDistribution:
-    """Mass distribution of a body whose moments no dividing plane explains; its `explained` is False.
+    """Region masses of a body whose moments no dividing plane explains; their `explained` is False.
 
-    The plane passes through the body's middle, normal to its longest direction. The masses are the middles of
-    the bounds for any filling of a uniform shell, moved to the right sum in proportion to the bounds' widths.
+    The regions are the shell and the interior on either side of a plane through the body's middle, normal to
+    its longest direction. The masses are the middles of the bounds for any filling of a uniform shell, moved
+    in proportion to the bounds' widths so that their sum is the object's mass.
 
     Args:
         problem: Problem of the mass shares for the likeliest shell thickness.

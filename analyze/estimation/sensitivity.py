@@ -182,7 +182,7 @@ def _shares(
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Indices of the joint model's unknowns that belong to each error source, by source.
+    """Indices, by error source, of the joint model's unknowns that belong to the source.
 
     Sources without unknowns of their own (noise, scatter, prior, mass) are absent.
     """

@@ -137,6 +137,7 @@ def _minimised_dual(
     """Multipliers lambda (k,) that minimise the dual of the maximum-entropy problem, by Newton's method.
 
     The dual is sum m_max log(1 + exp(a + lambda.f)) - lambda.t + stiffness lambda^2 / 2, summed over n cells.
+    There is one multiplier for each of the k measured moments.
 
     Args:
         start: (k,) multipliers to start from.
