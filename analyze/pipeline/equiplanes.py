@@ -58,11 +58,11 @@ def equiplanes(
 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Standard deviations of errors shared by strikes: scale, edge radius, table tilt per levelling.
+    """Standard deviations of errors that strikes share: shape scale, edge radius, table tilt.
 
-    Those of scale (relative) and edge radius [m] are the object file's. A levelling is a set-up of the table
-    with one unknown tilt [rad] against gravity; a level's reading in a manifest (the recording's metadata)
-    replaces the assumption that the tilt is 0.
+    Those of scale (relative) and edge radius [m] are the object file's. Each levelling (set-up of the table)
+    has one unknown tilt [rad] against gravity. It is assumed to be 0 within an sd, or is that of a level's
+    reading if the manifest (the recording's metadata) has one.
     """
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}

@@ -102,7 +102,7 @@ class StrikeSource(Protocol):
 
 @dataclass(frozen=True)
 class StruckObject:
-    """Object file, shape and plan that the strikes of a recording are analysed with."""
+    """Object file, shape and plan with which the strikes of a recording are analysed."""
 
     spec: ObjectSpec
     """object file with the markers' masses included"""
@@ -180,7 +180,7 @@ class Evidence:
     def recording_of(self, strike_id: str) -> RecordingHead:
         """Head (identity and contents) of the recording that holds the strike with id `strike_id`.
 
-        It is the first recording's for an id not in `recorded_in`.
+        The head of the first recording for an id that `recorded_in` does not list.
         """
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 

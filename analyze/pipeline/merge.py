@@ -28,7 +28,7 @@ def by_start_time(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
 
 
 def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False) -> None:
-    """Raise an error if recordings cannot be merged for one estimate of one object.
+    """Raise MergeError if recordings cannot be merged for one estimate of one object.
 
     Args:
         heads: two or more recordings.
@@ -67,8 +67,8 @@ def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False)
 def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) -> frozenset[str]:
     """Merged ids of the strikes that a user excludes.
 
-    A merged id is the strike's own with the recording's number before it (`2:s3.1`) if there are several
-    recordings. A bare id is enough where only one recording holds it.
+    A merged id is the strike's own id with the recording's number before it (`2:s3.1`) if there are several
+    recordings. The user may give a bare id, without number, where only one recording holds it.
 
     Args:
         heads: recordings by start time.
@@ -176,7 +176,7 @@ def merge_evidence(evidence: Sequence[Evidence]) -> Evidence:
 
 
 def merged_axis_ids(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
-    """Ids of pivot axes after merging: per recording a mapping from its plan's own ids to merged ones.
+    """Mapping from the ids of pivot axes in a recording's plan to merged ids, one for each recording.
 
     An edge has one id in all recordings, that of the first plan that has the edge. If another edge has that
     id already, the recording's number (from 1) is put before it.
@@ -212,14 +212,15 @@ def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
 
 
 def _start_key(head: RecordingHead) -> tuple[str, str]:
-    """Start time and content id of a recording, to sort by."""
+    """Start time and content id (hash of the contents) of a recording, by which recordings are sorted."""
     return head.manifest.created, head.content_id
 
 
 def _geometry(head: RecordingHead) -> tuple[object, ...]:
     """Shape that a recording's plan was made for: hash of the shape file, its unit, box and cylinder.
 
-    An object file given afterwards does not change the shape.
+    Recordings with equal values are of one shape. The values are those recorded, also if another object file
+    is given afterwards.
     """
     shape = head.manifest.object.shape
     return head.shape_sha256, shape.unit, shape.box, shape.cylinder

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StrikePrediction:
-    """Measured motion of one strike compared with its prediction from all other strikes."""
+    """Measured motion of one strike compared with its prediction from all other strikes.
+
+    Compared are the balance angle, the rate constant k of the motion and the tipping angle theta(t).
+    """
 
     left_out: LeaveOneOut
     """balance angle phi and k, predicted and measured"""

@@ -135,7 +135,7 @@ def read_evidence(
 
 
 def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
-    """Load plan, object and shape of a recording; object and shape from a given object file, if there is one.
+    """Load object file, shape and plan of a recording, or use the object file and shape given instead.
 
     Args:
         recording: complete recording, or one still being written.

@@ -123,7 +123,10 @@ class MeshSections:
         return self._model
 
     def _load(self) -> ObjectModel | None:
-        """The object's exterior from its mesh file; None without a file, for a point cloud or a bad shape."""
+        """The object's exterior from its mesh file, or None.
+
+        None if there is no file, or it holds a point cloud or a shape that cannot be used.
+        """
         name, data = self._spec.shape.file or "", self._shape_bytes()
         suffix = PurePath(name).suffix.lower().removeprefix(".")
         if data is None or not mesh_files.is_mesh(data, suffix):
