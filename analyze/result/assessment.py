@@ -101,9 +101,9 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
 
-    `regions` is the sentence on the masses of shell and interior parts. If it begins with doubt, it is
-    yielded; otherwise, if the centre of mass is not observed, a sentence is yielded that doubts these masses
-    for that.
+    `regions` is the sentence on the masses of shell and interior parts. It is yielded if it begins with
+    doubt. Otherwise, if the centre of mass is not observed, another sentence doubts these masses for this
+    reason.
     """
     observed = estimate.com.observed
     if not observed:
@@ -148,7 +148,7 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
 
 
 def _ranges(names: Sequence[str], ends: Array) -> str:
-    """Text of the ranges `ends` (n, 2) [kg] of named masses, in grams."""
+    """Text of the lower and upper ends `ends` (n, 2) [kg] of n named masses, in grams, with their names."""
     return ", ".join(
         f"{name} {1e3 * low:.3g} to {1e3 * high:.3g} g" for name, (low, high) in zip(names, ends, strict=True)
     )

@@ -97,7 +97,10 @@ class SessionComparison:
 
     @property
     def may_merge(self) -> bool:
-        """True if one centre of mass fits all sessions, so that their recordings may be merged."""
+        """True if one centre of mass fits all sessions, so that their recordings may be merged.
+
+        It fits if the decrease of chi squared by one for each session is within its critical value.
+        """
         return self.together.holds
 
 
@@ -226,7 +229,7 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
 def _setups(heads: Sequence[RecordingHead]) -> list[int]:
     """Number of each recording's set-up, counted from 0 by first appearance; equal set-ups share a number.
 
-    A set-up is one rig name, sd of the table's tilt, level reading and calibration of all cameras.
+    A set-up is the rig's name, the sd of the table's tilt, the level reading and the cameras' calibration.
     """
     found: list[tuple[str, ...]] = []
     for head in heads:

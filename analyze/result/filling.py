@@ -44,7 +44,7 @@ def filling_document(name: str, found: FillLevel) -> Filling:
 def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
     """Yield warnings about a filling: its assumption, a misfit, quantities that the moments leave open.
 
-    The first, that the filling is assumed to move with the object, is always yielded; nothing is yielded for
+    The first, always yielded, is that the filling is assumed to move with the object. Nothing is yielded for
     None (the object file names no filling).
     """
     if filling is None:

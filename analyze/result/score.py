@@ -124,14 +124,15 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
 
 
 def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | None:
-    """Errors of an answer against the recordings' ground truth; None if a recording holds no ground truth.
+    """Errors of an answer against the ground truth that virtual recordings hold.
 
     Args:
         paths: recordings that the answer was estimated from, at least one.
         answer: the answer.
 
     Returns:
-        Errors by name, ready for JSON, as `score_answer` lists them.
+        Errors by name, ready for JSON, as `score_answer` lists them; None if a recording holds no ground
+        truth.
 
     Raises:
         RecordingError: the recordings hold different ground truths, or one cannot be read.

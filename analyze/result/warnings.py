@@ -77,7 +77,10 @@ def _warning(code: WarningCode, text: str) -> ResultWarning:
 
 
 def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of missing files, planned strikes that were not made, and recordings that disagree."""
+    """Yield warnings of missing files, of planned strikes not made, and of recordings that disagree.
+
+    Recordings disagree if one centre of mass does not explain them all.
+    """
     evidence = estimate.evidence
     several = len(evidence.recordings) > 1
     for number, recording in enumerate(evidence.recordings, 1):
@@ -162,10 +165,11 @@ def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Ite
 
 
 def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[ResultWarning]:
-    """Yield warnings of failed checks: impossible moments, gravity, strikes that were not predicted.
+    """Yield warnings of checks that failed: moments of inertia, gravity, strikes not as predicted.
 
-    If a stated frame rate is wrong (`rates_possible` is False), moments and gravity are not reported: the
-    wrong rate explains them.
+    Moments may be impossible for the shape, gravity by the strikes may disagree with the stated one, a strike
+    with its prediction from the others. If a stated frame rate is wrong (`rates_possible` is False), moments
+    and gravity are not reported: the wrong rate explains them.
     """
     checks = estimate.checks
     if checks.impossible_axes and rates_possible:
@@ -238,9 +242,10 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
 
 
 def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[ResultWarning]:
-    """Yield warnings of region masses: shell thickness not given, moments not explained, or a large sd.
+    """Yield warnings of the masses of shell and interior parts.
 
-    `mass` is the object's [kg]; an sd is large if a region's exceeds `MAX_REGION_SD` of it.
+    They are: shell thickness not given; moments not explained, or else a large sd. `mass` is the object's
+    [kg]; an sd is large if it exceeds `MAX_REGION_SD` of it.
     """
     if distribution.shell is not None:
         shell = distribution.shell
