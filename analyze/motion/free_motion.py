@@ -18,6 +18,7 @@ from analyze.least_squares.robust import median_scale
 from analyze.motion.pendulum import trajectory
 from analyze.motion.phases import speed_jump
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
+from analyze.motion.settings import VerdictLimits
 from analyze.types import Array, MotionFit, TipAngle
 
 Estimator = Callable[[TipAngle, tuple[int, int]], MotionFit]
@@ -55,6 +56,18 @@ def largest_jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
     _, _, jacobian = trajectory(time, fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
     index, size, gain = speed_jump(time, fit.residual, angle.sd[window], jacobian)
     return fit.window[0] + index, size, gain
+
+
+def is_jump(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
+    """True if a jump in angular speed is both significant and large for the fit.
+
+    Args:
+        fit: the fit without the jump.
+        size: jump in speed [rad/s].
+        gain: decrease of chi^2 by the jump.
+        limits: least gain, and least ratio of the jump to the speed at the start of the fit.
+    """
+    return gain >= limits.speed_jump_chi2 and abs(size) >= limits.speed_jump_ratio * abs(fit.omega0)
 
 
 def longest_clean_fit(

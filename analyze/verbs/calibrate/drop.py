@@ -11,7 +11,8 @@ import numpy as np
 from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError, RecordingForeign
 from analyze.motion.fall_window import MIN_FALL_M, fall_windows
-from analyze.motion.free_fall import Fall, FallSetup, TrueTime, settled_fall, true_time
+from analyze.motion.free_fall import Fall, FallSetup, settled_fall
+from analyze.motion.true_time import TrueTime, true_time
 from analyze.pipeline.read_evidence import read_head
 from analyze.progress import Progress, no_progress
 from analyze.reading.recording import open_recording

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from analyze.motion.fall_window import fall_windows
-from analyze.motion.free_fall import FallSetup, settled_fall, true_time
+from analyze.motion.free_fall import FallSetup, settled_fall
+from analyze.motion.true_time import true_time
 from analyze.tracking.pose import position_covariance
 from tests.analyze.motion.falling import CAMERA, GRAVITY, Drop, moved, track
 

@@ -1,0 +1,154 @@
+"""Choice between a hinge (edge in place) and the moment balance for a strike, with the reason.
+
+The moment balance is a fit that allows for the edge's measured sliding and lifting.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.motion.balance_fit import moment_balance
+from analyze.motion.free_motion import (
+    frame_noise,
+    is_jump,
+    largest_jump,
+    longest_clean_fit,
+    settled_fit,
+)
+from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.two_impact_fit import fit_two_impacts
+
+if TYPE_CHECKING:
+    from analyze.motion.edge_motion import EdgeMotion
+    from analyze.motion.settings import VerdictLimits
+    from analyze.types import MotionFit, TipAngle
+    from schemas.strike_plan import PlannedStrike
+
+_MAX_NOISE_TO_SEE_CREEP = math.radians(0.2)
+"""largest noise of a frame's angle [rad] at which a creeping edge can be distinguished from noise"""
+_MAX_EDGE_NOISE = 1.5
+"""largest ratio of the residuals' scatter to the angle's own noise that is attributed to the noisy position
+of the edge"""
+_UNEXPLAINED_SHARE = 0.25
+"""largest share of a jump's chi^2 that may remain if the moment balance is to explain the jump"""
+_SAME_PHI_SIGMAS = 4.0
+"""number of sd within which two values of phi agree"""
+_CREEP_SIGMAS, _MIN_CREEP_RAD = 3.0, math.radians(0.02)
+"""least difference of phi between hinge and balance, in sd and in rad, that proves a creeping edge
+
+Smaller differences are within the error of the edge's position.
+"""
+
+
+def balance_instead_of_hinge(
+    edge: EdgeMotion,
+    window: tuple[int, int],
+    hinge: MotionFit | None,
+    planned: PlannedStrike,
+    limits: VerdictLimits,
+) -> tuple[MotionFit | None, str]:
+    """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
+
+    A hinge is an edge in place; the moment balance allows for the edge's measured motion. The hinge is kept
+    if the moment balance fails or leaves a jump in speed. If the edge was not seen to move, it is also kept
+    where the moment balance is no better, or the angle is too noisy to show it.
+
+    Args:
+        edge: sliding and lifting of the edge.
+        window: frames [start, stop).
+        hinge: the hinge fit; None if a hinge does not fit.
+        planned: the planned strike, with predicted balance angle phi and the pivot's rounding.
+        limits: limits of a moved edge and of a jump.
+    """
+    moved = max(edge.slide_range, edge.lift_range) >= limits.edge_moved
+    noise = float(np.median(edge.motion.angle.sd[slice(*window)]))
+    if not moved and (hinge is None or noise > _MAX_NOISE_TO_SEE_CREEP):
+        return None, ""
+    phi = None if hinge is not None else planned.phi_predicted_rad
+
+    def balance(frames: tuple[int, int]) -> MotionFit:
+        """Moment-balance fit over frames [start, stop); EstimationError if it fails."""
+        return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
+
+    try:
+        fit = balance(window)
+    except EstimationError:
+        return None, ""
+    angle = edge.motion.angle
+    _, size, left = largest_jump(angle, fit)
+    # The angle's sd does not include the noise of the edge's position. The factor is limited, because a
+    # motion that does not fit must not pass as noise.
+    angle_sd = float(np.median(angle.sd[slice(*fit.window)]))
+    left /= min(max(1.0, frame_noise(fit.residual) / angle_sd), _MAX_EDGE_NOISE) ** 2
+    if is_jump(fit, size, left, limits):
+        return None, ""
+    if moved or hinge is None:
+        slid = f"the edge slid by {1e3 * edge.slide_range:.1f} mm and rose by {1e3 * edge.lift_range:.1f} mm"
+        return settled_fit(fit, balance), slid
+    reason = _reason_for_balance(angle, window, hinge, fit, left, planned.pivot.radius_m, limits)
+    return (fit if reason else None), reason
+
+
+def _reason_for_balance(
+    angle: TipAngle,
+    window: tuple[int, int],
+    hinge: MotionFit,
+    balanced: MotionFit,
+    left: float,
+    radius: float,
+    limits: VerdictLimits,
+) -> str:
+    """Reason, in words, for a moment balance although the edge was not seen to move; empty if none.
+
+    A moment balance is a fit that allows for the edge's measured motion. It is preferred if it explains a
+    jump in speed that the hinge shows, or if its balance angle is more certain and clearly another.
+
+    Args:
+        angle: tipping angle theta(t).
+        window: frames [start, stop).
+        hinge: fit with an edge that stays in place.
+        balanced: fit by the moment balance.
+        left: decrease of chi^2 by a jump in speed that remains with the moment balance.
+        radius: radius of the edge's rounding [m].
+        limits: limits of a jump.
+    """
+    _, size, gain = largest_jump(angle, hinge)
+    if is_jump(hinge, size, gain, limits):
+        if left < _UNEXPLAINED_SHARE * gain and _explains_jump(angle, window, balanced, radius):
+            return f"the edge moved at one end of the window, where a hinge shows a jump of {size:+.2f} rad/s"
+        return ""
+    sd, balanced_sd = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(balanced.covariance[0, 0]))
+    apart = abs(balanced.phi - hinge.phi)
+    if balanced_sd < sd and apart > max(_CREEP_SIGMAS * sd, _MIN_CREEP_RAD):
+        off = f"{math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd"
+        return f"a hinge would put phi {off}: the edge crept"
+    return ""
+
+
+def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
+    """True if a moment balance explains a jump in angular speed that a hinge fit (edge in place) shows.
+
+    The moment balance is a fit that allows for the edge's measured motion. It explains the jump if its
+    residuals are no noisier than those of a fit with a second impact, and its balance angle phi agrees
+    (within 4 sd) with that of a hinge fitted to the longest stretch without a jump. False if there is no such
+    stretch.
+
+    Args:
+        angle: tipping angle theta(t).
+        window: frames [start, stop).
+        balanced: fit by the moment balance.
+        radius: radius of the edge's rounding [m].
+    """
+    twice = fit_two_impacts(angle, window, radius)
+    if twice is not None and frame_noise(twice.fit.residual) < frame_noise(balanced.residual):
+        return False
+    clean = longest_clean_fit(angle, window, partial(pivot_fit, radius=radius))
+    if clean is None:
+        return False
+    sd = math.sqrt(float(clean.covariance[0, 0] + balanced.covariance[0, 0]))
+    return abs(clean.phi - balanced.phi) < _SAME_PHI_SIGMAS * sd
