@@ -1,7 +1,4 @@
-"""Sub-pixel corners of a black square in an image, by fits of its edges to the grey values.
-
-All is in one file, because the band of pixels along the edges, their model and its fit share a layout tuned
-for speed.
+"""Sub-pixel corners of a black square; one file, because band, model and fit share a layout tuned for speed.
 
 Each edge is fitted to the grey values of the pixels along it; corners are accurate to a few hundredths of a
 pixel.

@@ -5,7 +5,7 @@ A strike is one impact that tips the object; its frames are the images around it
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from analyze.errors import TrackingError
 from analyze.tracking.camera_model import distort, pixel_map, undistort
 from analyze.tracking.edges import find_square, refit_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, marker_of_other_family
+from analyze.tracking.marker_path import FoundMarker, MarkerPath
 from analyze.tracking.pose import choose_by_motion, solve_poses
 from analyze.tracking.rolling_shutter import corners_at_one_time
 from analyze.types import MarkerTrack
@@ -71,54 +72,6 @@ class TrackingReport:
         return len(self.image_times_ns)
 
 
-@dataclass(frozen=True)
-class _FoundMarker:
-    """Marker found in one frame: its fitted square and raw corners."""
-
-    fit: SquareFit
-    """the fitted square"""
-    corners_raw: Array
-    """(4, 2) corners [raw px]"""
-
-
-@dataclass
-class _Path:
-    """Observations of one marker in the frames so far."""
-
-    marker: Marker
-    """the marker"""
-    time_ns: list[int] = field(default_factory=list)
-    """log times of the frames in which it was found [ns]"""
-    corners_raw: list[Array] = field(default_factory=list)
-    """(4, 2) corners in each of them [raw px]"""
-    corners_ideal: list[Array] = field(default_factory=list)
-    """(4, 2) corners in each of them [ideal px]"""
-    sd: list[float] = field(default_factory=list)
-    """standard deviation of the corners in each of them [px]"""
-    missed: int = 0
-    """number of frames since it was last found"""
-    fit: SquareFit | None = None
-    """the newest fit; None if there is none"""
-
-    def predict(self, time_ns: int) -> tuple[Array, Array, float]:
-        """Expected corners (4, 2) [raw px] and (4, 2) [ideal px], and their uncertainty [px].
-
-        They move on at the velocity of the last two observations. After a single observation they stay in its
-        place, with an uncertainty of 4 px. The marker must have been found at least once.
-
-        Args:
-            time_ns: log time of the frame for which the corners are expected [ns].
-        """
-        raw, ideal = self.corners_raw[-1], self.corners_ideal[-1]
-        if len(self.time_ns) < 2:
-            return raw, ideal, 4.0
-        step = self.time_ns[-1] - self.time_ns[-2]
-        ratio = min((time_ns - self.time_ns[-1]) / step, 4.0) if step > 0 else 0.0
-        move = (raw - self.corners_raw[-2]) * ratio
-        moved = ideal + (ideal - self.corners_ideal[-2]) * ratio
-        return raw + move, moved, 6.0 + 1.5 * float(np.abs(move).max()) + 4.0 * self.missed
-
-
 class MarkerFollower:
     """Tracker of the markers of one object; frames are added one by one in order of time.
 
@@ -140,7 +93,7 @@ class MarkerFollower:
         """Prepare the tracker; no frame is searched yet."""
         self._camera = camera
         self._pixels = pixel_map(camera)
-        self._paths = {marker.id: _Path(marker) for marker in markers}
+        self._paths = {marker.id: MarkerPath(marker) for marker in markers}
         self._rescan_every = rescan_every
         self._known = frozenset(self._paths)
         self._expected = frozenset(expected) & self._known
@@ -174,7 +127,7 @@ class MarkerFollower:
         self._image_times_ns.append(frame.time_ns)
         if self._first is None:
             self._first = frame.image
-        found: dict[int | str, _FoundMarker] = {}
+        found: dict[int | str, FoundMarker] = {}
         for marker_id, path in self._paths.items():
             if path.time_ns and (seen := self._follow(frame, path)) is not None:
                 found[marker_id] = seen
@@ -238,7 +191,7 @@ class MarkerFollower:
             )
         return TrackingReport(tracks, unknown, np.array(self._image_times_ns, dtype=np.int64))
 
-    def _follow(self, frame: ImageFrame, path: _Path) -> _FoundMarker | None:
+    def _follow(self, frame: ImageFrame, path: MarkerPath) -> FoundMarker | None:
         """Find a marker near its expected position, and return its fitted square; None if it is not there.
 
         Tried are the edges at the expected corners, if it was found in the last frame, and then a search of
@@ -272,15 +225,15 @@ class MarkerFollower:
                 return self._refined_sighting(frame, sighting)
         return None
 
-    def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> _FoundMarker | None:
+    def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> FoundMarker | None:
         """Detected marker with corners fitted to its edges in the frame; None if the fit fails."""
         ideal = undistort(self._camera, sighting.corners_px)
         fit = find_square(frame.image, self._pixels, ideal, sighting.corners_px)
         return None if fit is None else self._with_raw_corners(fit)
 
-    def _with_raw_corners(self, fit: SquareFit) -> _FoundMarker:
+    def _with_raw_corners(self, fit: SquareFit) -> FoundMarker:
         """Found marker: a fitted square, with its corners converted to raw pixels (with lens distortion)."""
-        return _FoundMarker(fit, distort(self._camera, fit.square.corners))
+        return FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
         """Search the whole image for the followed markers, and count the sightings of unknown ones.
@@ -309,7 +262,7 @@ class MarkerFollower:
             seen.add(sighting.marker_id)
         return known
 
-    def _record(self, frame: ImageFrame, found: dict[int | str, _FoundMarker]) -> None:
+    def _record(self, frame: ImageFrame, found: dict[int | str, FoundMarker]) -> None:
         """Append the markers found in a frame to their paths, and count the frame as missed for the others.
 
         Frames before a marker was first found do not count.
@@ -358,7 +311,7 @@ class MarkerFollower:
         """
         return self._camera.line_time_s * (row - 0.5 * (self._camera.height - 1))
 
-    def _track(self, path: _Path, delays_s: dict[int, float]) -> MarkerTrack | None:
+    def _track(self, path: MarkerPath, delays_s: dict[int, float]) -> MarkerTrack | None:
         """Track of one marker with poses, corrected for a rolling shutter; None if it was never found.
 
         Frames in which its corners are no view of a square are left out; None also if no frame remains.
