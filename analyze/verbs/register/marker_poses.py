@@ -22,7 +22,8 @@ from analyze.pipeline.read_evidence import read_evidence, read_head, unplaced_ma
 from analyze.pipeline.sections import rolling_outline
 from analyze.progress import Progress
 from analyze.reading.recording import open_recording
-from analyze.registration.register import LeftOut, Registration, TablePlace, register
+from analyze.registration.places import TablePlace
+from analyze.registration.register import LeftOut, Registration, register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
 from analyze.tracking.camera_model import camera_from_spec

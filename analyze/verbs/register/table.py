@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.geometry.rotations import angle_between
-from analyze.registration.register import MarkerPlace, TablePlace
+from analyze.registration.places import MarkerPlace, TablePlace
 from analyze.types import Array
 from analyze.verbs.register.marker_poses import RegisterAnswer, is_implausible, pose_toml
 from schemas.document import SCHEMA_VERSION
