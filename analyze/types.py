@@ -1,9 +1,10 @@
-"""Data types that the stages of the analysis pass to each other, as frozen dataclasses.
+"""Data types that the stages of the analysis pass to each other; one file, as they form one chain of data.
 
 Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
-SI units, angles in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O
-(object, the frame of its shape file), C (camera, OpenCV: x right, y down, z forward), M (marker), B
-(calibration board); "sd" is one standard deviation, c the centre of mass, log_time the recording's clock.
+All are frozen dataclasses. SI units, angles in rad. Arrays: the last axis is the vector. Frames: W (world, z
+up, table z = 0), O (object, the frame of its shape file), C (camera, OpenCV: x right, y down, z forward), M
+(marker), B (calibration board); "sd" is one standard deviation, c the centre of mass, log_time the
+recording's clock.
 """
 
 from __future__ import annotations
