@@ -42,15 +42,13 @@ BRIGHT_LIMIT = 60
 def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Iterator[Check]:
     """Yield the checks that need the camera, in the order of CAMERA_LINES; then release the camera.
 
-    After a failure of camera, settings or test video, the remaining checks are yielded as not checked.
+    After a failure of camera, settings or test video, the remaining checks are yielded as not checked. A test
+    video that could not be recorded, or is damaged, fails the check "frames".
 
     Args:
         source: camera that can record a test video.
         config: the rig file's settings of the camera.
         folder: existing folder in which the test video is recorded; the video is deleted afterwards.
-
-    Raises:
-        ContainerError: a chunk of the test video's recording is damaged.
     """
     try:
         try:
@@ -75,7 +73,7 @@ def check_camera(source: VideoSource, config: CameraConfig, folder: Path) -> Ite
             video = source.record(folder)
         except AcquireError as error:
             yield failed_by_error("frames", error)
-            yield from _remaining("no test video was recorded", 3)
+            yield from _remaining("there is no usable test video", 3)
             return
         yield from (
             check_frames(video, config),

@@ -104,7 +104,6 @@ class VideoSource(ABC):
 
         Raises:
             AcquireError: the video could not be recorded or read.
-            ContainerError: a chunk of its recording is damaged.
         """
 
     @abstractmethod
@@ -203,7 +202,6 @@ class OwnCapture(VideoSource):
 
         Raises:
             AcquireError: the video could not be recorded or read.
-            ContainerError: a chunk of its recording is damaged.
         """
         capture = self._capture
         with _temporary(folder) as path, contextlib.closing(self):
@@ -252,7 +250,6 @@ class DaemonCapture(VideoSource):
 
         Raises:
             AcquireError: the video could not be recorded or read.
-            ContainerError: a chunk of its recording is damaged.
         """
         call = self._client.call
         with _temporary(folder) as path:
