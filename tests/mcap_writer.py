@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Self
 
 from acquire.recorder import writer
+from acquire.recorder.channel import Channel
 from acquire.recorder.messages import ImageMessage, SmallMessage
 from schemas.mcap.records import Buffer
 
@@ -23,7 +24,7 @@ class McapWriter(writer.McapWriter):
             self.finish()
 
     def write(
-        self, channel: writer.Channel, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0
+        self, channel: Channel, log_time_ns: int, data: Buffer | Sequence[Buffer], sequence: int = 0
     ) -> None:
         """Write one message, given whole or in parts."""
         parts = [data] if isinstance(data, bytes | bytearray | memoryview) else data

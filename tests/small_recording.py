@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from acquire.recorder.image import RawImageEncoder, png_message
-from acquire.recorder.writer import Seal
+from acquire.recorder.seal import Seal
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape

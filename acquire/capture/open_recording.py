@@ -12,7 +12,7 @@ from acquire.errors import RecorderError
 from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct.backlog import backlog_frames, backlog_memory
 from acquire.recorder.direct.block_memory import BlockMemory
-from acquire.recorder.direct.direct_file import can_write_directly
+from acquire.recorder.direct.direct_io import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_format import FrameFormat

@@ -18,10 +18,12 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import RecorderError
+from acquire.recorder.channel import Channel
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.messages import BorrowedImage, ImageMessage, SmallMessage
-from acquire.recorder.writer import PART_SUFFIX, Channel, McapWriter, Seal
+from acquire.recorder.seal import Seal
+from acquire.recorder.writer import PART_SUFFIX, McapWriter
 from schemas.topics import Topic
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
+from acquire.recorder.channel import Channel
 from acquire.recorder.checksum import checksums
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.borrowed_chunks import pack_borrowed
@@ -23,6 +23,7 @@ from acquire.recorder.direct.direct_file import DirectFile
 from acquire.recorder.messages import BorrowedImage, DiskBehind, ImageMessage, SmallMessage
 from acquire.recorder.paged.page_cache_file import PageCacheFile
 from acquire.recorder.recording_file import RecordingFile
+from acquire.recorder.seal import Seal
 from schemas.document import sha256_text
 from schemas.mcap import records as container
 from schemas.mcap.chunks import PendingMessages
@@ -47,27 +48,6 @@ more bytes: together below 0.5 s.
 SYNC_BYTES: Final = 32 << 20
 MOST_SMALL_BYTES: Final = 2 << 20
 """bytes of small topics that may wait in memory on a full disk until the recording is finished"""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """Handle of a topic in a recording file: its number in the file (MCAP channel id) and the topic."""
-
-    id: int
-    topic: Topic
-
-
-@dataclass(frozen=True)
-class Seal:
-    """Result of finishing a recording file: its path, content id, number of messages and size."""
-
-    path: Path
-    content_id: str
-    """hash of all messages outside /truth/"""
-    messages: int
-    """number of messages"""
-    size: int
-    """bytes"""
 
 
 class McapWriter:

@@ -44,7 +44,7 @@ from acquire.frames.page_memory import page_memory, whole_pages
 from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct.backlog import backlog_frames, backlog_memory
 from acquire.recorder.direct.block_memory import BlockMemory
-from acquire.recorder.direct.direct_file import can_write_directly
+from acquire.recorder.direct.direct_io import can_write_directly
 from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import ImageMessage

@@ -16,7 +16,6 @@ A reader that maps the growing file sees whole records, then at most one record 
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import mmap
 import os
@@ -28,6 +27,7 @@ from typing import ClassVar, Final
 from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder import atomic
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
+from acquire.recorder.direct.direct_io import allocate, write_pages
 from acquire.recorder.direct.waiting_bytes import WaitingBytes
 from acquire.recorder.recording_file import BorrowedRun
 from schemas.mcap.records import Buffer
@@ -38,8 +38,6 @@ MOST_GATHER_BYTES: Final = 8 << 20
 MB 18 us."""
 MOST_WRITE_BYTES: Final = 16 << 20
 """greatest size of one write"""
-MOST_VIEWS: Final = 1024
-"""greatest number of buffers of one write: IOV_MAX of Linux"""
 FLUSH_S: Final = 0.1
 """bytes are written after this time even if too few have gathered [s]"""
 RESERVE_BYTES: Final = 8 << 20
@@ -48,39 +46,6 @@ ALLOCATE_BYTES: Final = 64 << 20
 """step of the allocation of disk space"""
 RESERVE_BLOCKS: Final = 2
 """blocks of memory that images do not get"""
-_FALLOC_FL_KEEP_SIZE: Final = 1
-
-_libc = ctypes.CDLL(None, use_errno=True)
-
-
-def _allocate(fd: int, offset: int, size: int) -> None:
-    """Allocate `size` bytes of disk space from `offset` on, without changing the file's length.
-
-    fallocate(2) is called, because os.posix_fallocate changes the length, and writes zeros on file systems
-    that cannot allocate.
-
-    Raises:
-        OSError: the disk is full, or the file system cannot allocate.
-    """
-    if _libc.fallocate(fd, _FALLOC_FL_KEEP_SIZE, ctypes.c_int64(offset), ctypes.c_int64(size)) != 0:
-        number = ctypes.get_errno()
-        raise OSError(number, os.strerror(number))
-
-
-def can_write_directly(folder: Path) -> bool:
-    """True if the file system of `folder` accepts O_DIRECT writes and allocates space in advance."""
-    try:
-        fd = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC, 0o600)
-    except OSError:
-        return False
-    try:
-        _allocate(fd, 0, 4 * PAGE_BYTES)
-        with mmap.mmap(-1, PAGE_BYTES) as page:
-            return os.pwrite(fd, page, PAGE_BYTES) == PAGE_BYTES
-    except OSError:
-        return False
-    finally:
-        os.close(fd)
 
 
 class DirectFile:
@@ -370,7 +335,7 @@ class DirectFile:
         step = ALLOCATE_BYTES
         while self._full is None and self._allocated < max(self._written + self._ahead, self._wanted):
             try:
-                _allocate(self._fd, self._allocated, step)
+                allocate(self._fd, self._allocated, step)
                 self._allocated += step
             except OSError as error:
                 if error.errno == errno.EINTR:
@@ -397,30 +362,10 @@ class DirectFile:
                 self._tail[padded:] = bytes(PAGE_BYTES - padded)
                 views.append(memoryview(self._tail))
             if views:
-                _write_pages(self._fd, views, self._written)
+                write_pages(self._fd, views, self._written)
             with self._change:
                 self._written = whole
                 self._readable = max(self._readable, whole + padded)
             self._waiting.drop_written(whole)
             if last:
                 return
-
-
-def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
-    """Write the whole pages in `views` to the file of descriptor `fd`, from `offset` [bytes] on.
-
-    Raises:
-        OSError: the disk is full or failing.
-    """
-    while views:
-        first = views[:MOST_VIEWS]
-        taken = os.pwritev(fd, first, offset)
-        if taken == sum(map(len, first)):
-            offset += taken
-            views = views[MOST_VIEWS:]
-            continue
-        taken -= taken % PAGE_BYTES  # a partly written page is written again
-        if taken == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        offset += taken
-        views = atomic.remaining(views, taken)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from acquire.recorder.direct.block_memory import BlockMemory
-from acquire.recorder.direct.direct_file import can_write_directly
+from acquire.recorder.direct.direct_io import can_write_directly
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.borrowed_chunks import gap_before
-from acquire.recorder.direct.direct_file import can_write_directly
+from acquire.recorder.direct.direct_io import can_write_directly
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.recover.recover import recover

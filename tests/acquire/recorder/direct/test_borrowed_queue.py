@@ -20,7 +20,7 @@ from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.backlog import backlog_memory
 from acquire.recorder.direct.borrowed_queue import BATCH_FRAMES
-from acquire.recorder.direct.direct_file import can_write_directly
+from acquire.recorder.direct.direct_io import can_write_directly, write_pages
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_format import FrameFormat
@@ -173,7 +173,7 @@ def test_a_failing_disk_releases_every_buffer_and_is_reported(
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(direct_file, "_write_pages", broken)
+    monkeypatch.setattr(direct_file, "write_pages", broken)
     end = time.monotonic() + 20.0
     while rig.recorder.error is None and time.monotonic() < end:
         rig.feed(6)
@@ -203,13 +203,13 @@ def test_a_frame_that_arrives_during_close_is_released(rig: Rig) -> None:
 
 
 def test_a_stalled_disk_blocks_no_thread(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    go, write_pages = threading.Event(), direct_file._write_pages
+    go = threading.Event()
 
     def stuck(fd: int, views: list[memoryview], offset: int) -> None:
         go.wait(60)
         write_pages(fd, views, offset)
 
-    monkeypatch.setattr(direct_file, "_write_pages", stuck)
+    monkeypatch.setattr(direct_file, "write_pages", stuck)
     begun = time.monotonic()
     rig.feed(200)  # as many as a camera has to borrow
     assert time.monotonic() - begun < 20.0

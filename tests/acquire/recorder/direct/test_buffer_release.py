@@ -14,6 +14,7 @@ from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.direct_file import RESERVE_BYTES
+from acquire.recorder.direct.direct_io import allocate, write_pages
 from acquire.recorder.messages import DiskBehind
 from acquire.recorder.recover.recover import recover
 from schemas import topics
@@ -44,7 +45,7 @@ def _write_borrowed(writer: McapWriter, first: int, count: int) -> list[Counting
 def test_no_buffer_is_released_before_its_image_is_on_the_disk(
     tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    go, write_pages = threading.Event(), direct_file._write_pages
+    go = threading.Event()
 
     def stuck(fd: int, views: list[memoryview], offset: int) -> None:
         assert go.wait(30)
@@ -52,7 +53,7 @@ def test_no_buffer_is_released_before_its_image_is_on_the_disk(
 
     with McapWriter(tmp_path / "a.mcap", memory) as writer:
         writer.flush()
-        monkeypatch.setattr(direct_file, "_write_pages", stuck)
+        monkeypatch.setattr(direct_file, "write_pages", stuck)
         buffers = _write_borrowed(writer, 0, 5) + _write_borrowed(writer, 5, 7)
         assert memory.used_bytes >= 12 * 5 * PAGE_BYTES
         assert not any(buffer.released for buffer in buffers)
@@ -81,7 +82,7 @@ def test_a_failing_disk_releases_every_buffer(
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(direct_file, "_write_pages", broken)
+    monkeypatch.setattr(direct_file, "write_pages", broken)
     buffers += _write_borrowed(writer, 3, 3)
     with pytest.raises(RecorderError, match="Input/output error"):
         writer.flush()  # comes back, and says that not all is on the disk
@@ -101,14 +102,14 @@ def test_a_failing_disk_releases_every_buffer(
 def test_a_full_disk_refuses_all_of_a_batch_and_gives_a_whole_recording(
     tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    allocate, room = direct_file._allocate, RESERVE_BYTES + (1 << 20)
+    room = RESERVE_BYTES + (1 << 20)
 
     def small_disk(fd: int, offset: int, size: int) -> None:
         if offset + size > room:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         allocate(fd, offset, size)
 
-    monkeypatch.setattr(direct_file, "_allocate", small_disk)
+    monkeypatch.setattr(direct_file, "allocate", small_disk)
     writer = McapWriter(tmp_path / "a.mcap", memory)
     buffers = _write_borrowed(writer, 0, 40)
     late = [CountingBuffer(image_of(WIDTH, HEIGHT, number)) for number in range(40, 50)]

@@ -20,7 +20,8 @@ from acquire.errors import RecorderError
 from acquire.frames.page_memory import PAGE_BYTES
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
-from acquire.recorder.direct.direct_file import RESERVE_BYTES, DirectFile, can_write_directly
+from acquire.recorder.direct.direct_file import RESERVE_BYTES, DirectFile
+from acquire.recorder.direct.direct_io import allocate, can_write_directly
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import DiskBehind
 from acquire.recorder.recover.recover import recover
@@ -100,14 +101,14 @@ def test_a_message_larger_than_the_memory_waits_for_the_disk(tmp_path: Path, mem
 def test_a_full_disk_refuses_the_next_image_and_still_gives_a_whole_recording(
     tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    allocate, room = direct_file._allocate, RESERVE_BYTES + (3 << 20)
+    room = RESERVE_BYTES + (3 << 20)
 
     def small_disk(fd: int, offset: int, size: int) -> None:
         if offset + size > room:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         allocate(fd, offset, size)
 
-    monkeypatch.setattr(direct_file, "_allocate", small_disk)
+    monkeypatch.setattr(direct_file, "allocate", small_disk)
     writer = McapWriter(tmp_path / "a.mcap", memory)
     taken = (3 << 20) // (WIDTH * HEIGHT)
     for number in range(taken):
@@ -136,7 +137,7 @@ def test_a_failing_disk_is_reported_and_its_bytes_are_recovered(
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(direct_file, "_write_pages", broken)
+    monkeypatch.setattr(direct_file, "write_pages", broken)
     _image(writer, 5)
     with pytest.raises(RecorderError, match="Input/output error"):
         writer.flush()  # comes back, and says that not all is on the disk
