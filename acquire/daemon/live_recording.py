@@ -1,10 +1,11 @@
-"""The recording that the daemon has open: one file, or several if the capture process died meanwhile.
+"""The daemon's open recording; one file, because requests, windows and interruption share one lock and state.
 
-A capture process that dies, or hangs and is killed, takes its file with it. The daemon starts another one,
-and the recording continues in the next numbered file with the same id and anchor (log time minus host
-monotonic time). The file of the dead process is rebuilt beside it, and the loss in between is reported: in
-the log of the next file, to every subscriber and on standard error. Requests about an interrupted window
-(time span of a strike) raise RecordingBroken.
+The recording consists of one file, or of several if the capture process died meanwhile. A capture process
+that dies, or hangs and is killed, takes its file with it. The daemon starts another one, and the recording
+continues in the next numbered file with the same id and anchor (log time minus host monotonic time). The file
+of the dead process is rebuilt beside it, and the loss in between is reported: in the log of the next file, to
+every subscriber and on standard error. Requests about an interrupted window (time span of a strike) raise
+RecordingBroken.
 """
 
 from __future__ import annotations
