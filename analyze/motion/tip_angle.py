@@ -1,4 +1,4 @@
-"""Tipping angle theta per frame: a planar rigid motion fitted to the corners of all markers together.
+"""Tipping angle theta per frame from the corners of all markers; one file, as both fits share their layout.
 
 The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's
 displacement along and off the table. Fitting only these, by Gauss-Newton on the reprojection of the corners,

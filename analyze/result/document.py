@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.estimation.inertia import edge_inertia
-from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings
 from analyze.result.frame_times import frame_times_documents
+from analyze.result.quantities import (
+    com_quantity,
+    inertia_quantity,
+    quantity,
+    without_rounding_noise,
+)
 from analyze.result.rounding import rounded
+from analyze.result.strike_rows import prediction_document, strike_result
 from analyze.result.tilt import table_tilts
 from analyze.result.warnings import result_warnings
 from schemas.document import sha256_text
@@ -28,27 +32,17 @@ from schemas.result import (
     Result,
     ResultInputs,
 )
-from schemas.strike_result import AlternativeFit, PredictionResult, StrikeResult, Verdict
+from schemas.strike_result import StrikeResult, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from analyze.estimation.paper import PaperRegions
     from analyze.estimation.part_masses import PartMasses
-    from analyze.estimation.priors import Scale
     from analyze.pipeline.estimate import Estimate, EstimateOptions
     from analyze.pipeline.evidence import Evidence
-    from analyze.pipeline.prediction import StrikePrediction
     from analyze.types import (
-        Array,
-        CentreOfMass,
-        EquiPlane,
         InertialParameters,
         MassDistribution,
-        MotionFit,
-        TipMotion,
     )
-    from schemas.strike_plan import PlannedStrike
 
 
 def result_document(estimate: Estimate) -> Result:
@@ -143,71 +137,6 @@ def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
             ]
         ),
     )
-
-
-def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """Scalar in the Result's form, marked as observed, with its 95 % interval, value ± 1.96 sd.
-
-    Args:
-        value: value in `unit`.
-        sd: standard deviation of the value.
-        unit: name of the unit.
-        lowest: bound below which the interval is cut, as 0 for a moment of inertia; None for no bound.
-    """
-    low = value - SIGMAS_95 * sd
-    return Quantity(
-        value=value,
-        sd=sd,
-        unit=unit,
-        interval95=[low if lowest is None else max(low, lowest), value + SIGMAS_95 * sd],
-        observed=True,
-    )
-
-
-def com_quantity(com: CentreOfMass) -> Quantity:
-    """Centre of mass (3,) [m] in the Result's form, with 95 % intervals and covariance (3, 3) [m²].
-
-    The frame is the object frame O. The entry for the unobserved direction is None if the strikes determine
-    all three coordinates.
-    """
-    sd = np.sqrt(np.diag(com.covariance))
-    return Quantity(
-        value=com.position.tolist(),
-        unit="m",
-        sd=sd.tolist(),
-        covariance=com.covariance.tolist(),
-        interval95=_intervals(com.position, sd),
-        frame="O",
-        observed=com.observed,
-        unobserved_direction=(
-            None if com.unobserved_direction is None else com.unobserved_direction.tolist()
-        ),
-    )
-
-
-def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Inertia tensor (3, 3) [kg m²] in the Result's form, with standard deviations and 95 % intervals.
-
-    It is about the centre of mass, with the axes of the object frame O. Standard deviations and intervals are
-    listed by rows, nine each. The tensor counts as observed, with source "measured", only if strikes
-    determine every entry; otherwise its source is "prior".
-    """
-    value, sd = _clean(parameters.inertia), parameters.inertia_sd
-    every = bool(parameters.measured.all())
-    return Quantity(
-        value=value.tolist(),
-        unit="kg m^2",
-        sd=sd.ravel().tolist(),
-        interval95=_intervals(value.ravel(), sd.ravel()),
-        frame="O",
-        observed=every,
-        source="measured" if every else "prior",
-    )
-
-
-def _intervals(values: Array, sd: Array) -> list[list[float]]:
-    """95 % intervals [low, high] of n values (n,) with standard deviations `sd` (n,), one per value."""
-    return np.stack([values - SIGMAS_95 * sd, values + SIGMAS_95 * sd], axis=1).tolist()
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
@@ -309,118 +238,6 @@ def _paper_regions(distribution: MassDistribution, paper: PaperRegions | None) -
             RegionResult(name=name, mass=Quantity(value=float(mass), unit="kg"))
             for name, mass in zip(distribution.names, paper.masses, strict=True)
         ],
-        dividing_plane_normal=_clean(paper.dividing_plane_normal).tolist(),
+        dividing_plane_normal=without_rounding_noise(paper.dividing_plane_normal).tolist(),
         dividing_plane_offset_m=paper.dividing_plane_offset,
     )
-
-
-def strike_result(
-    motion: TipMotion,
-    planned: PlannedStrike,
-    planes: Sequence[EquiPlane],
-    index: int | None,
-    com: CentreOfMass,
-    scale: Scale,
-) -> StrikeResult:
-    """Entry of one strike in the Result document: verdict, fitted values, and its part in the estimate.
-
-    Args:
-        motion: motion and fits of the strike.
-        planned: the planned strike that was carried out.
-        planes: equi-planes (through pivot line and centre of mass) of the strikes used.
-        index: index of the strike in `planes` and in `com`'s arrays; None if it was not used.
-        com: centre of mass, whose residuals and distances belong to the strikes used.
-        scale: mass m and gravity g, from which the moment of inertia about the edge, I_edge = m g R / k,
-            follows, with R the distance of the centre of mass from the edge.
-
-    Returns:
-        Entry of the strike. The values of the fit (balance angle, rate constant k, residual rms) are None
-        without a fit. The distance [m] of the centre of mass from the strike's equi-plane is None if the
-        strike was not used; I_edge [kg m²] is None if the strike or its k was not used.
-    """
-    fit = motion.fit
-    values: dict[str, Any] = {}
-    if fit is not None:
-        values["estimator"] = fit.estimator
-        values["estimator_note"] = fit.note
-        values["phi"] = quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad")
-        values["cov_phi_k"] = fit.covariance.tolist()
-        values["k"] = _k_quantity(fit)
-        values["residual_rms_rad"] = float(np.sqrt(np.mean(fit.residual**2)))
-        if motion.angle is not None:
-            start, stop = fit.window
-            values["window_ns"] = [int(motion.angle.time_ns[start]), int(motion.angle.time_ns[stop - 1])]
-    if index is not None:
-        plane = planes[index]
-        values["equiplane_residual_m"] = float(com.residuals[index])
-        if plane.k is not None:
-            R = float(com.distances[index])
-            value = edge_inertia(plane, R, scale)
-            relative = math.sqrt(
-                ((plane.sd_k or 0) / plane.k) ** 2
-                + scale.k_relative_sd**2
-                + com.distance_covariance[index, index] / R**2
-                + (scale.mass_sd / scale.mass) ** 2
-            )
-            values["i_edge"] = quantity(value, value * relative, "kg m^2")
-    return StrikeResult(
-        id=motion.strike_id,
-        plan_strike_id=motion.plan_strike_id,
-        axis_id=planned.axis_id,
-        plane_id=planned.plane_id,
-        heading_rad=planned.heading_rad,
-        verdict=motion.verdict,
-        reason=motion.reason,
-        used=index is not None,
-        information_share=0.0 if index is None else float(com.weights[index]),
-        energy_ratio=motion.energy_ratio,
-        alternatives=[_alternative(other) for other in motion.alternatives],
-        **values,
-    )
-
-
-def prediction_document(prediction: StrikePrediction) -> PredictionResult:
-    """Prediction of a strike from all others, in the Result's form: balance angle, k, tipping angle.
-
-    k is the rate constant of the motion [rad/s²], for gravity at the place where the strike was made. Balance
-    angle [rad] and k have the sd of the prediction alone, without that of the measurement. Of the tipping
-    angle, the offset [rad] from the prediction is given at the frame where it is largest over its sd.
-    """
-    left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
-    phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
-    return PredictionResult(
-        phi=quantity(left_out.phi, float(phi_sd), "rad"),
-        k=quantity(motion.k, float(motion.k * k_sd), "rad/s^2", lowest=0.0),
-        sigmas=left_out.sigmas,
-        motion_sigmas=prediction.motion_sigmas,
-        consistent=prediction.consistent,
-        frames=len(motion.time) - motion.start,
-        start_frames=motion.start,
-        worst_offset_rad=float(motion.offset[worst]),
-        worst_band_rad=float(SIGMAS_95 * motion.sd[worst]),
-        outside_share=motion.outside,
-    )
-
-
-def _k_quantity(fit: MotionFit) -> Quantity | None:
-    """Fitted rate constant k [rad/s²] with its 95 % interval; None if the estimator does not report k."""
-    return None if fit.k is None else quantity(fit.k, math.sqrt(fit.covariance[1, 1]), "rad/s^2")
-
-
-def _alternative(fit: MotionFit) -> AlternativeFit:
-    """Entry of a strike's fit by a further estimator: balance angle [rad], k, violated assumptions.
-
-    k is the rate constant of the motion [rad/s²], None if the estimator does not report it.
-    """
-    return AlternativeFit(
-        estimator=fit.estimator,
-        phi=quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad"),
-        k=_k_quantity(fit),
-        note=fit.note,
-        violated=list(fit.violated),
-    )
-
-
-def _clean(matrix: Array) -> Array:
-    """Copy of an array without rounding noise: entries of a size below 1e-9 of the largest are set to 0."""
-    return np.where(np.abs(matrix) < 1e-9 * np.abs(matrix).max(), 0.0, matrix)

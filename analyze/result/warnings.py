@@ -7,17 +7,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.estimation.markers import can_subtract
-from analyze.motion.contact import ContactErrors
 from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import planned_strikes
-from analyze.result.agreements import disagreement_texts
 from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_text
 from analyze.result.frame_times import unchecked_text, wrong_text
+from analyze.result.strike_warnings import (
+    MIN_STRIKES_FOR_OUTLIERS,
+    fit_warnings,
+    rolling_warnings,
+    tracking_warnings,
+)
 from analyze.result.tilt import TILT_REMEDY, assumed_tilt
+from analyze.result.warning_text import names_text, warning
 from analyze.types import tensor_entry_name
 from schemas.result import FrameTimes, ResultWarning, WarningCode
 from schemas.session_manifest import TimeSource
-from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,23 +29,14 @@ if TYPE_CHECKING:
     from analyze.estimation.part_masses import PartMasses
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.evidence import Evidence
-    from analyze.types import InertialParameters, MassDistribution, TipMotion
+    from analyze.types import InertialParameters, MassDistribution
     from schemas.object_spec import ObjectSpec
 
-MIN_STRIKES_FOR_OUTLIERS = 6
-"""least number of strikes used among which an outlier can be recognised"""
-MAX_FIT_RESIDUAL = np.radians(0.3)
-"""rms residual [rad] of the tipping angle theta above which a fit is reported as poor"""
-MIN_ROBUST_WEIGHT = 0.5
-"""robust weight (1 for a strike within its sd, towards 0 for an outlier) below which a strike is reported"""
-MAX_RADIUS_SD = 0.1
-"""1 sigma of a flank's radius of curvature over the radius, above which the flank is reported as uneven"""
+
 MAX_PARTS_MISFIT = 2.5
 """rms of the parts' residuals over their sd, above which the parts do not explain the moments"""
 MAX_REGION_SD = 0.1
 """1 sigma of a region's mass over the object's mass, above which the region is reported as uncertain"""
-MAX_NAMES = 6
-"""most names that a sentence lists; the rest is only counted"""
 
 
 def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> list[ResultWarning]:
@@ -59,21 +54,16 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
         *_centre_warnings(estimate),
         *_rate_warnings(estimate.evidence, frame_times),
         *_check_warnings(estimate, rates_possible=all(each.possible for each in frame_times)),
-        *_fit_warnings(estimate),
+        *fit_warnings(estimate),
         *_tilt_warnings(estimate),
         *_prior_warnings(estimate.inertial),
         *_region_warnings(estimate.distribution, estimate.inertial.mass),
-        *_rolling_warnings(estimate),
-        *_tracking_warnings(estimate.evidence),
+        *rolling_warnings(estimate),
+        *tracking_warnings(estimate.evidence),
         *_marker_mass_warnings(estimate.evidence.spec),
         *_part_warnings(estimate.parts),
         *_time_source_warnings(estimate.evidence),
     ]
-
-
-def _warning(code: WarningCode, text: str) -> ResultWarning:
-    """Warning as an entry of the Result document: its code and its sentence."""
-    return ResultWarning(code=code, text=text)
 
 
 def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
@@ -90,13 +80,13 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
                 "not used, because missing from the folder of the others:"
                 f" {which}{missing_files_text(recording.missing_files)}"
             )
-            yield _warning(WarningCode.RECORDING_INCOMPLETE, text)
+            yield warning(WarningCode.RECORDING_INCOMPLETE, text)
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
-        yield _warning(WarningCode.RECORDING_INCOMPLETE, done.text())
+        yield warning(WarningCode.RECORDING_INCOMPLETE, done.text())
     agreement = estimate.agreements.recordings
     if not agreement.holds:
-        yield _warning(
+        yield warning(
             WarningCode.RECORDINGS_DISAGREE,
             f"the recordings' centres of mass lie {1e3 * agreement.largest_shift:.2g} mm apart, more than"
             " their errors allow: was the object opened, refilled or exchanged? Then estimate each recording"
@@ -111,14 +101,15 @@ def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             "the object file given replaces the recording's; the edges are the plan's, with the rounding of"
             " the file given"
         )
-        yield _warning(WarningCode.OBJECT_OVERRIDDEN, text)
+        yield warning(WarningCode.OBJECT_OVERRIDDEN, text)
     if estimate.options.exclude:
-        yield _warning(
-            WarningCode.STRIKES_EXCLUDED, f"left out on request: {_names(sorted(estimate.options.exclude))}"
+        yield warning(
+            WarningCode.STRIKES_EXCLUDED,
+            f"left out on request: {names_text(sorted(estimate.options.exclude))}",
         )
     used = len(estimate.fitted_planes)
     if used < MIN_STRIKES_FOR_OUTLIERS:
-        yield _warning(
+        yield warning(
             WarningCode.FEW_STRIKES,
             f"{used} strikes were used: an outlier among so few cannot be"
             f" recognised: make {MIN_STRIKES_FOR_OUTLIERS} or more",
@@ -133,13 +124,13 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     direction = estimate.com.unobserved_direction
     if direction is not None:
         x, y, z = direction
-        yield _warning(
+        yield warning(
             WarningCode.DIRECTION_UNOBSERVED,
             f"the strikes do not determine the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}): strike about"
             " another axis",
         )
     if estimate.checks.sigmas_outside_hull > MAX_OUTSIDE_SD:
-        yield _warning(
+        yield warning(
             WarningCode.CENTRE_OUTSIDE_SHAPE,
             f"the centre of mass lies outside the shape's hull, by {estimate.checks.sigmas_outside_hull:.1f}"
             " sd: check the shape's unit and how the object was placed",
@@ -156,12 +147,12 @@ def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Ite
     for each in frame_times:
         recording = f"recording {each.recording}: " if several else ""
         if not each.possible:
-            yield _warning(WarningCode.FRAME_RATE_WRONG, recording + wrong_text(each))
+            yield warning(WarningCode.FRAME_RATE_WRONG, recording + wrong_text(each))
         elif each.rate_ratio is None and each.frame_rate_sd_hz is None:
-            yield _warning(WarningCode.FRAME_RATE_UNCHECKED, recording + unchecked_text(each))
+            yield warning(WarningCode.FRAME_RATE_UNCHECKED, recording + unchecked_text(each))
     for motion in evidence.motions:
         if motion.frame_rate_ratio is not None:
-            yield _warning(WarningCode.FRAME_RATE_WRONG, f"strike {motion.strike_id}: {motion.reason}")
+            yield warning(WarningCode.FRAME_RATE_WRONG, f"strike {motion.strike_id}: {motion.reason}")
 
 
 def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[ResultWarning]:
@@ -173,47 +164,18 @@ def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[Res
     """
     checks = estimate.checks
     if checks.impossible_axes and rates_possible:
-        text = f"no mass within the shape has the moments measured about {_names(checks.impossible_axes)}:"
+        text = (
+            f"no mass within the shape has the moments measured about {names_text(checks.impossible_axes)}:"
+        )
         text += " check mass, unit and shape"
-        yield _warning(WarningCode.MOMENT_IMPOSSIBLE, text)
+        yield warning(WarningCode.MOMENT_IMPOSSIBLE, text)
     if not checks.gravity.agrees and rates_possible:
-        yield _warning(WarningCode.GRAVITY_DISAGREES, gravity_text(checks))
+        yield warning(WarningCode.GRAVITY_DISAGREES, gravity_text(checks))
     for each in estimate.predictions:
         if not each.consistent:
-            yield _warning(
+            yield warning(
                 WarningCode.STRIKE_NOT_PREDICTED, f"strike {each.left_out.strike_id}: {prediction_text(each)}"
             )
-
-
-def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of strikes used: outliers, poor fits, rocked back; then of answers that disagree.
-
-    Answers that disagree are those of two estimators of one strike, and the centres of mass by the paper's
-    method (VISAPP 2013) and by the joint estimate.
-    """
-    for plane, robust in zip(estimate.fitted_planes, estimate.com.robust, strict=True):
-        if robust < MIN_ROBUST_WEIGHT:
-            text = f"strike {plane.strike_id} disagrees with the others; its robust weight is {robust:.0%}"
-            yield _warning(WarningCode.POOR_FIT, text)
-    used = {plane.strike_id for plane in estimate.fitted_planes}
-    motions = [each for each in estimate.evidence.motions if each.strike_id in used]
-    fitted = [(each, each.fit) for each in motions if each.fit is not None]
-    for motion, fit in fitted:
-        rms = float(np.sqrt(np.mean(fit.residual**2)))
-        if rms > MAX_FIT_RESIDUAL:
-            yield _warning(
-                WarningCode.POOR_FIT,
-                f"strike {motion.strike_id}: the residual of θ is {np.degrees(rms):.2f}° rms, more than"
-                f" {np.degrees(MAX_FIT_RESIDUAL):.1f}°: look at its plot in the report",
-            )
-    if turned := [motion.strike_id for motion, _ in fitted if motion.verdict is Verdict.ROCKED_BACK]:
-        text = (
-            f"strike{'s' * (len(turned) > 1)} {_names(turned)} rocked back before the balance point: φ is"
-            " extrapolated"
-        )
-        yield _warning(WarningCode.POOR_FIT, text)
-    for text in disagreement_texts(estimate.agreements):
-        yield _warning(WarningCode.ESTIMATORS_DISAGREE, text)
 
 
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
@@ -224,7 +186,7 @@ def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             f"the table is assumed level to {np.degrees(assumed):.2f}°, and the strikes do not determine it"
             " better"
         )
-        yield _warning(WarningCode.GRAVITY_ASSUMED, f"{text}; the intervals include this: {TILT_REMEDY}")
+        yield warning(WarningCode.GRAVITY_ASSUMED, f"{text}; the intervals include this: {TILT_REMEDY}")
 
 
 def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
@@ -236,7 +198,7 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
         entries = [
             tensor_entry_name((i, j)) for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]
         ]
-        yield _warning(
+        yield warning(
             WarningCode.INERTIA_FROM_PRIOR, f"from the shape, not from strikes: {', '.join(entries)}"
         )
 
@@ -250,7 +212,7 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
     if distribution.shell is not None:
         shell = distribution.shell
         low, high = (f"{1e3 * end:.1f}" for end in shell.interval)
-        yield _warning(
+        yield warning(
             WarningCode.REGIONS_UNCERTAIN,
             f"shell_thickness_m is not given: of {1e3 * shell.swept[0]:.1f} to {1e3 * shell.swept[1]:.1f} mm"
             f" the moments favour {low} to {high} mm; a measured thickness narrows the regions' masses",
@@ -259,7 +221,7 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
     if not distribution.explained:
         limits = zip(distribution.names, distribution.limits, strict=True)
         ends = " g, ".join(f"{name} {1e3 * low:.0f} to {1e3 * high:.0f}" for name, (low, high) in limits)
-        yield _warning(
+        yield warning(
             WarningCode.REGIONS_UNCERTAIN,
             "no uniform shell with two uniform parts has these moments: the parts are divided in the middle,"
             f" and the intervals hold for any filling ({ends} g); label the parts, or look at the voxel map",
@@ -269,86 +231,7 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
         text = (
             f"the mass of region {name} has an sd of {share.max():.0%} of the total: strike about more axes"
         )
-        yield _warning(WarningCode.REGIONS_UNCERTAIN, text)
-
-
-def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of contacts with the table that roll: on a rim, on an uneven flank, not modelled."""
-    evidence, planes = estimate.evidence, estimate.fitted_planes
-    on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}
-    if rims := sorted({plane.axis_id for plane in planes if plane.axis_id in on_rim}):
-        wander = np.degrees(ContactErrors().rim_phi_sd)
-        text = (
-            f"about {_names(rims)} the object stands on a round rim and may turn aside: the intervals include"
-            f" ±{wander:.2f}° for it"
-        )
-        yield _warning(WarningCode.ROLLING_CONTACT, text)
-    if rough := [plane for plane in planes if plane.radius_sd > MAX_RADIUS_SD * plane.edge_radius]:
-        share = max(plane.radius_sd / plane.edge_radius for plane in rough)
-        names = _names(sorted({plane.axis_id for plane in rough}))
-        text = (
-            f"about {names} the object rolls on an uneven flank, whose radius of curvature is known to"
-            f" ±{share:.0%}; the moments' intervals"
-        )
-        yield _warning(
-            WarningCode.ROLLING_CONTACT,
-            f"{text} include this: a finer scan, or the designer's mesh, narrows them",
-        )
-    estimator = estimate.options.estimator
-    motions = {motion.strike_id: motion for motion in evidence.motions}
-    if hinged := {
-        plane.axis_id for plane in planes if _rolls_unmodelled(estimator, motions[plane.strike_id])
-    }:
-        text = (
-            f"about {_names(sorted(hinged))} the contact rolls, which {estimator} does not model: errors of"
-            " k, and on a flank of φ,"
-        )
-        yield _warning(WarningCode.ROLLING_CONTACT, f"{text} are larger than stated")
-
-
-def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
-    """True if the contact with the table rolls, but the fit that the estimate uses takes it as fixed.
-
-    That is a fit by `estimator`, the user's choice. False if the user chose none (None), or if the one chosen
-    has no fit of the motion.
-    """
-    fit = motion.fit
-    return (
-        fit is not None
-        and fit.rolling is not None
-        and fit.estimator != estimator
-        and any(other.estimator == estimator for other in motion.alternatives)
-    )
-
-
-def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
-    """Yield warnings of unknown markers, markers without a pose in the object file, and lost frames."""
-    for strike_id, report in evidence.tracking.items():
-        if report.unknown_ids:
-            text = (
-                f"strike {strike_id}: marker {report.unknown_ids[0]} was detected, but is not in the object"
-                " file: add it there, or remove it from view"
-            )
-            yield _warning(WarningCode.UNKNOWN_MARKER, text)
-    placed = {marker.name for marker in evidence.spec.marker if marker.T_object_marker is not None}
-    unplaced = {
-        str(track.marker_id)
-        for report in evidence.tracking.values()
-        for track in report.tracks
-        if track.marker_id not in placed
-    }
-    if unplaced:
-        yield _warning(
-            WarningCode.MARKERS_UNPLACED,
-            f"the object file does not give T_object_marker of {_names(sorted(unplaced))}: φ and k do not"
-            " need it, slip and the placement check do: `analyze register` estimates it from this recording",
-        )
-    for strike_id, lost in evidence.frames_lost.items():
-        if lost:
-            yield _warning(
-                WarningCode.FRAMES_LOST,
-                f"strike {strike_id}: {lost} frames were lost during its recording",
-            )
+        yield warning(WarningCode.REGIONS_UNCERTAIN, text)
 
 
 def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
@@ -361,9 +244,9 @@ def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
         text = (
             f"the markers' {1000 * mass:.2g} g are subtracted; φ, k and I_edge of single strikes include them"
         )
-        yield _warning(WarningCode.MARKERS_SUBTRACTED, text)
+        yield warning(WarningCode.MARKERS_SUBTRACTED, text)
     elif mass > 0:
-        yield _warning(
+        yield warning(
             WarningCode.MARKERS_INCLUDED,
             f"the results are of the object with its markers ({1000 * mass:.2g} g): give T_object_marker of"
             " each to subtract them",
@@ -381,16 +264,16 @@ def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
         name for name, observed in zip(parts.names, parts.observed, strict=True) if not observed
     ]:
         text = (
-            f"the moments do not determine the mass of {_names(unobserved)}: label fewer parts, or strike"
+            f"the moments do not determine the mass of {names_text(unobserved)}: label fewer parts, or strike"
             " about more axes"
         )
-        yield _warning(WarningCode.REGIONS_UNCERTAIN, text)
+        yield warning(WarningCode.REGIONS_UNCERTAIN, text)
     if parts.misfit > MAX_PARTS_MISFIT:
         text = (
             f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd): a part is"
             " missing, or not uniform"
         )
-        yield _warning(WarningCode.REGIONS_UNCERTAIN, text)
+        yield warning(WarningCode.REGIONS_UNCERTAIN, text)
 
 
 def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
@@ -400,13 +283,4 @@ def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
             f"frame times are {TimeSource.HOST_ARRIVAL.value}, which drift and jitter: k is less certain than"
             " stated: record with the camera's own time stamps"
         )
-        yield _warning(WarningCode.POOR_FIT, text)
-
-
-def _names(items: Sequence[str]) -> str:
-    """Text of names separated by commas; of more than `MAX_NAMES`, the first and the number of the rest."""
-    return (
-        ", ".join(items)
-        if len(items) <= MAX_NAMES
-        else f"{', '.join(items[:MAX_NAMES])} and {len(items) - MAX_NAMES} more"
-    )
+        yield warning(WarningCode.POOR_FIT, text)

@@ -9,7 +9,7 @@ from analyze.report.page import manifest_time, number, signed
 from analyze.report.report import Still, answer_summary, render_report, write_report
 from analyze.report.truth import shown_truth
 from analyze.result.answer import answer_evidence
-from analyze.result.document import quantity
+from analyze.result.quantities import quantity
 from analyze.result.score import score_answer
 from schemas.output_file import OutputError
 from schemas.proto import percuss_pb2 as pb
