@@ -1,4 +1,4 @@
-"""Camera class for GigE Vision cameras, through the library Aravis 0.8."""
+"""GigE Vision camera through the library Aravis 0.8; one file, because its threads share one connection."""
 
 from __future__ import annotations
 
