@@ -22,11 +22,10 @@ import numpy as np
 
 from acquire.errors import CameraError
 from acquire.virtual import aravis_ctypes
-from acquire.virtual.gige_interposer import (
+from acquire.virtual.gige_interposer import ControlRelay, StreamRelay
+from acquire.virtual.gige_sockets import (
     GVCP_PORT,
     LOOPBACK,
-    ControlRelay,
-    StreamRelay,
     adopt_fake_sockets,
     claim_control_port,
     descriptors,

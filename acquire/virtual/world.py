@@ -27,6 +27,7 @@ from acquire.errors import AcquireError
 from acquire.virtual.contact_shape import contact_centres
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TIP_RADIUS_M
 from acquire.virtual.world_model import ARM_DAMPING, ARM_MASS_KG, TIMESTEP_S, model_xml
+from acquire.virtual.world_state import StrikerContact, WorldState
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,51 +48,6 @@ _CONTACT_GAP_NS = 2_000_000
 """longest time without force within one contact"""
 _DROP_M = 0.0001
 """height from which an object is released"""
-
-
-@dataclass(frozen=True)
-class WorldState:
-    """State at one instant: pose and velocity of the object, angle and angular velocity of the arm.
-
-    Vectors are in W (world frame, z up); lengths in m, angles in rad, time in ns (host monotonic).
-    """
-
-    time_ns: int
-    """world time (host monotonic) [ns]"""
-    p_world_object: NDArray[np.float64]
-    """(3,) position of the object's origin [m]"""
-    q_world_object_wxyz: NDArray[np.float64]
-    """(4,) unit quaternion (w, x, y, z) that rotates from O, the object's frame, to W"""
-    linear_velocity: NDArray[np.float64]
-    """(3,) velocity of O's origin in W [m/s]"""
-    angular_velocity: NDArray[np.float64]
-    """(3,) angular velocity in W [rad/s]"""
-    arm_angle: float
-    """angle of the arm [rad], 0 when it hangs, positive towards +x"""
-    arm_velocity: float
-    """angular velocity of the arm [rad/s]"""
-    p_world_hinge: NDArray[np.float64]
-    """(3,) position of the arm's hinge [m]"""
-    at_rest: bool
-    """True if the object is at rest"""
-
-
-@dataclass(frozen=True)
-class StrikerContact:
-    """Completed contact of the striker's tip with the object, or completed push by a finger.
-
-    It has time of first contact (host monotonic) [ns], impulse [N s], point in W, the world frame [m], and
-    duration [s].
-    """
-
-    time_ns: int
-    """world time of first contact (host monotonic) [ns]"""
-    impulse_n_s: float
-    """magnitude of the impulse on the object [N s]; for the tip, of the normal force alone"""
-    p_world_contact: NDArray[np.float64]
-    """(3,) point of first contact in W (world frame) [m]"""
-    duration_s: float
-    """time from first to last contact [s]; for a push, the requested duration"""
 
 
 class World:

@@ -30,7 +30,8 @@ from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
 from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.station import station
 from acquire.virtual.truth_file import TruthWriter
-from acquire.virtual.world import TICK_NS, StrikerContact, World, WorldState
+from acquire.virtual.world import TICK_NS, World
+from acquire.virtual.world_state import StrikerContact, WorldState
 from schemas.proto import percuss_pb2 as pb
 
 _IDLE_NS = 4_000_000

@@ -34,7 +34,8 @@ from acquire.virtual.dynamixel_registers import Registers
 from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import POSITION_SD_M, STAND_SD_M, YAW_SD_RAD
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TABLE_FRICTION
-from acquire.virtual.world import StrikerContact, World, WorldState
+from acquire.virtual.world import World
+from acquire.virtual.world_state import StrikerContact, WorldState
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion, verdict_of

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from acquire.virtual.objects import VirtualObject, load_object
-from acquire.virtual.world import World, WorldState
+from acquire.virtual.world import World
+from acquire.virtual.world_state import WorldState
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning import feasibility, impact
 from analyze.planning.hypothesis import hypothesis

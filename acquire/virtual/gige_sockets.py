@@ -1,0 +1,113 @@
+"""UDP sockets of the virtual GigE camera: its control port, and those taken from Aravis's fake camera."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+from typing import TYPE_CHECKING
+
+from acquire.errors import CameraError
+
+if TYPE_CHECKING:
+    from acquire.clock.clock import Clock
+
+GVCP_PORT = 3956
+LOOPBACK = "127.0.0.1"
+
+
+def udp_socket(address: str, port: int = 0) -> socket.socket:
+    """Non-blocking UDP socket bound to an IP address and port (0: any free one).
+
+    Raises:
+        OSError: it cannot be bound.
+    """
+    result = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        result.bind((address, port))
+    except OSError:
+        result.close()
+        raise
+    result.setblocking(False)
+    return result
+
+
+def claim_control_port(address: str, clock: Clock) -> socket.socket:
+    """Bind the camera's control port (UDP 3956), and return its non-blocking socket.
+
+    Aravis's fake camera reports that it runs even if the port was busy, and then answers nobody: so the port
+    is bound here. A busy port is tried for half a second.
+
+    Args:
+        address: IP address of the camera.
+        clock: the host's clock, for the pauses.
+
+    Raises:
+        CameraError: another camera holds the port, or the address does not belong to this host.
+    """
+    for attempt in range(10):
+        try:
+            return udp_socket(address, GVCP_PORT)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                place = f"{address}:{GVCP_PORT}"
+                raise CameraError(
+                    f"virtual camera: cannot bind {place}: {error.strerror}: use a 127.x.x.x address"
+                ) from None
+            if attempt < 9:
+                clock.sleep(0.05)
+    raise CameraError(
+        f"virtual camera: UDP port {GVCP_PORT} of {address} is in use: another virtual camera runs; "
+        "stop it or give another address"
+    )
+
+
+def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:
+    """Replace the control sockets of Aravis's fake camera by a private loopback socket, and return that.
+
+    The fake's listening address can only be set to that of a network interface, which 127.0.0.21 is not.
+    `dup2` swaps the file behind the descriptor that the fake's thread polls. If the fake has several sockets,
+    the others are replaced by sockets that never receive anything.
+
+    Args:
+        descriptors_before: file descriptors that were open before the fake was made.
+        address: IP address of the camera, for the error message.
+
+    Raises:
+        CameraError: the fake opened no control socket.
+    """
+    inner = udp_socket(LOOPBACK)
+    adopted = False
+    for descriptor in descriptors() - descriptors_before:
+        if not _is_control_socket(descriptor):
+            continue
+        if adopted:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+                silent.setblocking(False)
+                os.dup2(silent.fileno(), descriptor)
+        else:
+            os.dup2(inner.fileno(), descriptor)
+            adopted = True
+    if not adopted:
+        inner.close()
+        raise CameraError(
+            f"virtual camera at {address}: Aravis's fake camera opened no control socket; "
+            "check that the loopback interface is up"
+        )
+    return inner
+
+
+def descriptors() -> set[int]:
+    """Numbers of the open file descriptors of this process."""
+    names = os.listdir("/proc/self/fd")  # noqa: PTH208 - descriptors vanish while iterdir stats them
+    return {int(name) for name in names}
+
+
+def _is_control_socket(descriptor: int) -> bool:
+    with contextlib.suppress(OSError):
+        if os.readlink(f"/proc/self/fd/{descriptor}").startswith("socket:"):  # noqa: PTH115 - not a path
+            with socket.socket(fileno=os.dup(descriptor)) as probe:
+                is_udp = probe.family == socket.AF_INET and probe.type == socket.SOCK_DGRAM
+                return is_udp and probe.getsockname()[1] == GVCP_PORT
+    return False
