@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from acquire.striker.servo import Sample
+    from acquire.striker.sample import Sample
 
 CONTACT_POSITION_SD_M = 0.001
 """standard deviation of the tip's position at contact against angle 0 (the stand is set by hand)"""

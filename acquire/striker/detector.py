@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from acquire.striker.servo import VELOCITY_UNIT_RAD_S
+from acquire.striker.sample import VELOCITY_UNIT_RAD_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from acquire.striker.servo import Sample
+    from acquire.striker.sample import Sample
 
 OVERTRAVEL_M = 0.002
 """distance beyond angle 0 at which the swing ends at the latest, whether or not a contact was detected"""

@@ -1,6 +1,7 @@
-"""Striker whose arm is swung by a Dynamixel servo and turns back at contact.
+"""Striker with a Dynamixel servo; one file, because calls, stop and idle thread share one lock and state.
 
-The servo runs in current-based position mode, so that its torque is limited.
+The servo swings the arm, which turns back at contact. It runs in current-based position mode, so that its
+torque is limited.
 
 Samples of a swing are published after the arm has turned back, so that nothing delays the retraction after a
 contact.
@@ -27,7 +28,8 @@ from acquire.striker.contact import fit_contact
 from acquire.striker.detector import ContactDetector
 from acquire.striker.motion import SLOW_RAD_S, SLOW_RAD_S2, ArmMotion, MotionStopped
 from acquire.striker.outcome import strike_outcome
-from acquire.striker.servo import RUN_THROUGH_RAD, Sample, Servo
+from acquire.striker.sample import Sample
+from acquire.striker.servo import RUN_THROUGH_RAD, Servo
 from acquire.striker.states import GUARD_S, StrikerStatus, advance, arming_expired, is_overdue, unhomed_status
 from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb

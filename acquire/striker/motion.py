@@ -8,7 +8,8 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from acquire.errors import StrikerFault, StrikerLost
-from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample, Servo
+from acquire.striker.sample import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
+from acquire.striker.servo import Servo
 
 if TYPE_CHECKING:
     from collections.abc import Callable

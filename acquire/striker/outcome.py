@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from acquire.striker.contact import ImpactMeasurement
-    from acquire.striker.servo import Sample
+    from acquire.striker.sample import Sample
     from schemas.rig import StrikerConfig
 
 

@@ -1,14 +1,13 @@
-"""Servo of the striker's arm in SI units and arm angles: limits, gains, samples, moves.
+"""Servo of the striker's arm; one file, because limits, goals, gains and watchdog share its registers.
 
-An arm angle is 0 at the impact point, where the arm hangs, and positive towards the object. Names of
-registers are the vendor's.
+Values are in SI units. An arm angle is 0 at the impact point, where the arm hangs, and positive towards the
+object. Names of registers are the vendor's.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerNotFound
@@ -16,17 +15,20 @@ from acquire.striker.base import ServoHealth
 from acquire.striker.bus import Block, MonotonicClock, ServoBus, attempts
 from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, Register, control_table
 from acquire.striker.deadman import DeadManSwitch
+from acquire.striker.sample import (
+    ACCELERATION_UNIT_RAD_S2,
+    CURRENT_UNIT_A,
+    TICK_RAD,
+    TICK_WRAP,
+    VELOCITY_UNIT_RAD_S,
+    Sample,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from schemas.rig import StrikerConfig
 
-TICK_RAD = 2 * math.pi / 4096
-"""unit of the position registers"""
-VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60
-ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
-CURRENT_UNIT_A = 2.69e-3
 CURRENT_BASED_POSITION = 5
 """value of Operating Mode: position control with a current limit"""
 SHUTDOWN = 52
@@ -49,8 +51,6 @@ BRAKE_TIME_FACTOR = 0.87
 on a little stops sooner than one that is thrown back"""
 TORQUE_PER_AMPERE = {1020: 4.1 / 2.3, 1030: 3.0 / 2.3}
 """N m/A by model number (data sheets: stall torque and current at 12 V)"""
-TICK_WRAP = 32768
-"""value at which Realtime Tick starts again from 0"""
 RUN_THROUGH_RAD = 0.35
 """goal of a swing beyond the impact point, so that the speed is constant there"""
 _BLOCK = struct.Struct(
@@ -72,33 +72,6 @@ def hardware_error_text(status: int) -> str | None:
         return None
     texts = [text for bit, text in _ERROR_BITS.items() if status >> bit & 1]
     return f"hardware error status {status}: {'; '.join(texts) or 'unknown bit'}"
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """One reading of the servo: arm angle [rad], angular velocity [rad/s], current [A], its clock [ms].
-
-    The angle is 0 at the impact point, positive towards the object. Host monotonic times [ns] before and
-    after the reading are included.
-    """
-
-    host_before_ns: int
-    """host monotonic time before the request was sent [ns]"""
-    host_after_ns: int
-    """host monotonic time after the answer arrived [ns]"""
-    tick_ms: int
-    """the servo's clock [ms], register Realtime Tick: wraps at 32768"""
-    position_rad: float
-    """arm angle [rad]"""
-    velocity_rad_s: float
-    """angular velocity of the arm [rad/s], as the servo filters it"""
-    current_a: float
-    """motor current [A]; positive drives the arm towards the object"""
-
-    @property
-    def time_ns(self) -> int:
-        """Host monotonic time [ns] at the middle of the reading."""
-        return (self.host_before_ns + self.host_after_ns) // 2
 
 
 class Servo:

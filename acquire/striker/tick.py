@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from acquire.striker.servo import TICK_WRAP
+from acquire.striker.sample import TICK_WRAP
 from schemas.proto import percuss_pb2 as pb
 
 if TYPE_CHECKING:
     from acquire.striker.base import ClockSink
-    from acquire.striker.servo import Sample
+    from acquire.striker.sample import Sample
 
 PERIOD_NS = 500_000_000
 """interval between published clock samples"""

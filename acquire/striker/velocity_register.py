@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S
+from acquire.striker.sample import TICK_RAD, VELOCITY_UNIT_RAD_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from acquire.striker.servo import Sample
+    from acquire.striker.sample import Sample
 
 POSITION_SD = 0.4 * TICK_RAD
 """standard deviation of one position reading [rad]"""

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from acquire.striker.contact import fit_contact
 from acquire.striker.detector import ContactDetector, count_contacts
 from acquire.striker.motion import DITHER_NS, GOLDEN_RATIO_FRACTION
-from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
+from acquire.striker.sample import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
 from acquire.striker.velocity_register import (
     KNOT_SPACING_S,
     RESPONSE_STEP_S,

@@ -8,7 +8,7 @@ from acquire.clock.clock import SystemClock
 from acquire.errors import StrikerRefused
 from acquire.striker import manual
 from acquire.striker.base import StrikerState
-from acquire.striker.servo import Sample
+from acquire.striker.sample import Sample
 from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import StrikerConfig
