@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.calibration.board import corner_points
+from analyze.calibration.board_pose import ObservedView, weighted_corners
 from analyze.calibration.precision import pixel_sd
-from analyze.calibration.solve import MEDIAN_CHI, Bundle, ObservedView, refine_bundle, solve, weighted_corners
+from analyze.calibration.solve import MEDIAN_CHI, Bundle, refine_bundle, solve
 from analyze.calibration.straight import refit
 from analyze.calibration.verdict import coverage, doubts, tilt, undetermined
 

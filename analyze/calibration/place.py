@@ -16,8 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analyze.calibration.board import corner_points
+from analyze.calibration.board_pose import Pose, fit_pose, pose_covariance, weighted_corners
 from analyze.calibration.lens import project
-from analyze.calibration.solve import Pose, fit_pose, pose_covariance, weighted_corners
 from analyze.calibration.straight import refit
 
 if TYPE_CHECKING:

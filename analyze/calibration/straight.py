@@ -14,8 +14,8 @@ from analyze.tracking.camera_model import pixel_map
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from analyze.calibration.board_pose import Pose
     from analyze.calibration.lens import Lens
-    from analyze.calibration.solve import Pose
     from analyze.tags.sheet import Board
     from analyze.types import Array
 

@@ -11,9 +11,9 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.calibration.board_pose import Pose
     from analyze.calibration.lens import Lens
     from analyze.calibration.precision import PixelMap
-    from analyze.calibration.solve import Pose
     from analyze.types import Array
 
 MIN_VIEWS = 6

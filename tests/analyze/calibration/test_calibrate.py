@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from analyze.calibration.board import corner_points
+from analyze.calibration.board_pose import weighted_corners
 from analyze.calibration.calibrate import Shot, assess
 from analyze.calibration.detect import View
 from analyze.calibration.lens import plain_lens
 from analyze.calibration.precision import pixel_sd
-from analyze.calibration.solve import solve, weighted_corners
+from analyze.calibration.solve import solve
 from analyze.tags.sheet import Board
 from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from analyze.calibration.board import corner_points
+from analyze.calibration.board_pose import Pose
 from analyze.calibration.detect import find_corners, likely_squares, read_board
 from analyze.calibration.lens import Lens
-from analyze.calibration.solve import Pose
 from analyze.calibration.straight import refit
 from analyze.tags.sheet import Board
 from schemas.session_manifest import LensModel
