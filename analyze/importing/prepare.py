@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,171 +22,27 @@ from analyze.importing.camera_pose import (
     mean_camera_pose,
 )
 from analyze.importing.onsets import Onset, OnsetFinder
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepared_import import PreparedImport, storable_videos
 from analyze.importing.spool import Spool
 from analyze.importing.windows import Clip, StrikeWindow, one_window_per_clip, split_clip, window_around
 from analyze.pipeline.read_evidence import placed_markers
 from analyze.progress import Progress, no_progress
-from analyze.reading.annex_b import VideoFormat
 from analyze.reading.object_file import ObjectFiles, read_object_files
-from analyze.sources.open_source import SourceOptions, open_source
+from analyze.sources.open_source import open_source
 from analyze.sources.source import Frames, FrameSource
 from analyze.sources.video import VideoSource
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import ImageFrame
 from schemas.document import read_text
 from schemas.output_file import OutputError
-from schemas.session_manifest import CameraCalibrationSpec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 
-MAX_RATE_RATIO = 1.2
-"""ratio of two frame rates above which they differ; the light changes a phone's rate by less"""
-MAX_SLOW_MOTION_HZ = 61.0
-"""frame rate below which a video may be slow motion [Hz]"""
 PROGRESS_EVERY_FRAMES = 50
 """frames between two updates of the progress bar"""
 MOTION_AFTER_ONSET_NS = 600_000_000
 """time after the onset of which images are used for the camera's pose [ns]: the motion resolves a tag's pose
 ambiguity"""
-
-
-@dataclass(frozen=True)
-class ImportOptions:
-    """Options of an import (`analyze import`): files, and the assignment of sources to planned strikes."""
-
-    sources: tuple[Path, ...]
-    """videos, folders of images, MCAP files or ROS 2 bags"""
-    object_path: Path
-    """object file (TOML)"""
-    plan_path: Path
-    """strike plan (JSON)"""
-    camera_path: Path | None
-    """camera file; None for the calibration in the sources' own files"""
-    strikes: tuple[str, ...] = ()
-    """ids of planned strikes, or "-" to leave one out, in the order of the sources, or of the strikes in a
-    single source"""
-    whole: bool = False
-    """True if each source shows one strike and is used whole; no onset (begin of a tip) is searched for"""
-    source: SourceOptions = field(default_factory=SourceOptions)
-    """options for reading the sources, common to all"""
-    rate_sd_hz: float | None = None
-    """standard deviation of the frame rate [Hz]; None if it was not measured"""
-    aside: Path | None = None
-    """folder in which the strikes' images are stored until they are written; None to decode them again"""
-
-
-@dataclass(frozen=True)
-class PreparedImport:
-    """Everything that is known of an import before the recording is written.
-
-    Use it in a `with` statement: leaving it deletes the images that were stored during the search.
-    """
-
-    options: ImportOptions
-    """options of the import"""
-    object: ObjectFiles
-    """object specification and shape file"""
-    object_text: str
-    """content of the object file"""
-    plan: StrikePlan
-    """strike plan, made for this object"""
-    plan_text: str
-    """content of the plan's file"""
-    camera: CameraFile
-    """lens and, if the file has it, pose of the camera"""
-    sources: tuple[FrameSource, ...]
-    """sources of images, in the order given"""
-    images: tuple[Frames, ...]
-    """images of each source; those stored during the search are not decoded again"""
-    clips: tuple[Clip, ...]
-    """each source with the onsets of strikes found in it; without any if it was not searched"""
-    windows: tuple[StrikeWindow, ...]
-    """parts of the sources that show the planned strikes"""
-    was_split: bool
-    """True if the only source was searched for several strikes"""
-    rate_hz: float
-    """frame rate of the first source as captured [Hz]"""
-    calibration: CameraCalibrationSpec
-    """lens and pose of the camera as the recording states them"""
-    place: EstimatedCameraPose | None
-    """camera pose estimated from the resting object; None if the camera file states the pose"""
-    _open: ExitStack
-
-    @property
-    def storable_videos(self) -> tuple[VideoSource, ...] | None:
-        """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
-        return _storable_videos(self.sources)
-
-    @property
-    def are_files(self) -> bool:
-        """True if the images of all sources are PNG or JPEG files, which are stored unchanged."""
-        return all(source.holds_files for source in self.sources)
-
-    @property
-    def formats(self) -> str:
-        """Words that name the format in which images will be stored, such as "H.264, stored unchanged"."""
-        if self.are_files:
-            return "PNG or JPEG files unchanged, of the strikes' windows"
-        if self.storable_videos is None:
-            return "decoded images, of the strikes' windows"
-        names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
-        kinds = {names[video.storable_format] for video in self.storable_videos if video.storable_format}
-        return f"{' and '.join(sorted(kinds))}, stored unchanged"
-
-    def remarks(self) -> list[str]:
-        """Remarks for the user on lens, frame rates and sources; complete once all sources were read."""
-        lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
-        return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
-
-    def _slow_motion(self) -> Iterator[str]:
-        """Yield a remark if all sources are videos and the first one's rate is low, as of slow motion.
-
-        No remark is made if a slow-motion capture rate is known already.
-        """
-        if (
-            all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
-            and self.rate_hz < MAX_SLOW_MOTION_HZ
-        ):
-            yield (
-                f"{self.rate_hz:.4g} frames per second are few for a strike: if this is slow motion, give "
-                "the capture rate with --capture-fps"
-            )
-
-    def _other_rates(self) -> Iterator[str]:
-        """Yield remarks on sources whose frame rate differs from the first one's.
-
-        Rates differ if their ratio is `MAX_RATE_RATIO` or more. If the user gave a capture rate, the rates at
-        which the videos play are compared, too.
-        """
-        capture_hz = self.options.source.capture_hz
-        videos = [
-            source for source in self.sources if isinstance(source, VideoSource) and capture_hz is not None
-        ]
-        for video in videos[1:]:
-            mine, others = video.timing.played_hz, videos[0].timing.played_hz
-            if not 1 / MAX_RATE_RATIO < mine / others < MAX_RATE_RATIO:
-                yield (
-                    f"{video.name}: plays {mine:.4g} frames per second, {videos[0].name} {others:.4g}, but "
-                    f"--capture-fps {capture_hz:g} applies to both: import videos of another capture rate by "
-                    "themselves"
-                )
-        first = self.clips[0]
-        for clip in self.clips[1:]:
-            if (
-                clip.frame_ns
-                and first.frame_ns
-                and not 1 / MAX_RATE_RATIO < clip.frame_ns / first.frame_ns < MAX_RATE_RATIO
-            ):
-                yield (
-                    f"{clip.path.name}: states {1e9 / clip.frame_ns:.4g} frames per second, "
-                    f"{first.path.name} {1e9 / first.frame_ns:.4g}: if one of them is slow motion, import it "
-                    "by itself with --capture-fps, and estimate both recordings together"
-                )
-
-    def __enter__(self) -> PreparedImport:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
 
 
 def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
@@ -225,7 +80,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         camera = given or camera_of(sources)
         for source in sources:
             _refuse_other_camera(source, camera)
-        _refuse_full(options.aside, _storable_videos(sources) or ())
+        _refuse_full(options.aside, storable_videos(sources) or ())
         splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1
         spools = _spools(options, sources, stack)
         images: tuple[Frames, ...] = tuple(
@@ -275,19 +130,6 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
         )
 
 
-def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
-    """Yield the sources' remarks, each after the source's name.
-
-    A remark that n sources share is yielded once, after "NAME and n-1 more".
-    """
-    sources_of: dict[str, list[str]] = {}
-    for source in sources:
-        for remark in source.remarks:
-            sources_of.setdefault(remark.removeprefix(f"{source.name}: "), []).append(source.name)
-    for remark, names in sources_of.items():
-        yield f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {remark}"
-
-
 def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
     """Check that the disk has room for the videos that will be stored as coded.
 
@@ -325,14 +167,6 @@ def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
     raise ImportRefused(f"{source.name}: has {sizes}: {remedy}")
 
 
-def _storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
-    """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
-    videos = tuple(
-        source for source in sources if isinstance(source, VideoSource) and source.storable_format is not None
-    )
-    return videos if len(videos) == len(sources) else None
-
-
 def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
     """Create an image store (spool) for each source that would otherwise be decoded twice.
 
@@ -344,7 +178,7 @@ def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitS
     Returns:
         For each source its store, or None if it needs none.
     """
-    kept = _storable_videos(sources) is not None or all(source.holds_files for source in sources)
+    kept = storable_videos(sources) is not None or all(source.holds_files for source in sources)
     if options.aside is None or options.whole or kept:
         return [None for _ in sources]
     spools = [Spool(source, options.aside) if source.is_coded else None for source in sources]

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from analyze.importing.prepare import PreparedImport
+    from analyze.importing.prepared_import import PreparedImport
     from analyze.importing.windows import Clip, StrikeWindow
     from analyze.importing.write_recording import Written
 

@@ -6,11 +6,8 @@ images in the strikes' windows (parts of the sources) are stored.
 
 from __future__ import annotations
 
-import hashlib
-import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +17,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
-from analyze.importing.prepare import PreparedImport
+from analyze.importing.manifest import CAMERA, attachments, manifest
+from analyze.importing.prepared_import import PreparedImport
 from analyze.importing.video_chunks import FULL_CHUNK_BYTES, OpenChunk
 from analyze.importing.windows import StrikeWindow
 from analyze.importing.writer import RecordingWriter
@@ -33,23 +31,10 @@ from analyze.sources.image_messages import VideoMessages
 from analyze.sources.source import FrameSource
 from analyze.sources.video import VideoSource
 from schemas import topics
-from schemas.document import sha256_text
 from schemas.mcap.records import Buffer
 from schemas.proto import percuss_pb2 as pb
-from schemas.rig import RigConfig
-from schemas.session_manifest import (
-    OBJECT_ATTACHMENT,
-    PLAN_ATTACHMENT,
-    SHAPE_ATTACHMENT_PREFIX,
-    LensModel,
-    ManifestCamera,
-    SessionManifest,
-    TimeSource,
-)
-from schemas.software import software_version
+from schemas.session_manifest import LensModel
 
-CAMERA = "main"
-CAMERA_ATTACHMENT_PREFIX = "camera/"
 DEFAULT_START_NS = 946_684_800 * 10**9
 """2000-01-01 [ns since 1970], for sources without a date: the same source always gives the same content id"""
 SOURCE_GAP_NS = 1_000_000_000
@@ -135,7 +120,7 @@ class _Session:
             OutputError: the file cannot be written.
         """
         writer, prepared = self._writer, self._prepared
-        writer.write_head(_manifest(prepared, self.anchor_ns), _attachments(prepared))
+        writer.write_head(manifest(prepared, self.anchor_ns), attachments(prepared))
         calibration = topics.camera_calibration(CAMERA)
         writer.add_topics(calibration, self._image_topic, self._meta_topic, topics.SESSION_STRIKE, topics.LOG)
         writer.write_small(calibration, self.anchor_ns, _calibration_message(prepared).SerializeToString())
@@ -368,56 +353,6 @@ def write_recording(prepared: PreparedImport, output: Path, progress: Progress =
         content_id = writer.finish()
         remarks = tuple(dict.fromkeys([*prepared.remarks(), *session.remarks]))
         return Written(output, content_id, writer.size, session.images, session.strikes, remarks)
-
-
-def _manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:
-    known = prepared.sources[0].wall_start_ns is not None
-    created = datetime.fromtimestamp(anchor_ns * 1e-9, UTC) if known else datetime.now(UTC)
-    kinds = {source.time_source for source in prepared.sources}
-    rig, usual = prepared.camera.rig, RigConfig.model_fields
-    files = prepared.object
-    return SessionManifest(
-        recording_id=str(uuid.uuid4()),
-        created=created.isoformat(timespec="seconds"),
-        software=software_version(),
-        wall_anchor_ns=anchor_ns,
-        time_source=kinds.pop() if len(kinds) == 1 else TimeSource.CONTAINER_PTS,
-        time_source_sd_ns=max(source.time_sd_ns for source in prepared.sources),
-        g_m_s2=usual["g_m_s2"].default if rig is None else rig.g_m_s2,
-        g_sd_m_s2=usual["g_sd_m_s2"].default if rig is None else rig.g_sd_m_s2,
-        gravity_tilt_sd_rad=usual["gravity_tilt_sd_rad"].default if rig is None else rig.gravity_tilt_sd_rad,
-        level=None if rig is None else rig.level,
-        cameras=[_camera(prepared)],
-        object=files.spec,
-        object_sha256=files.sha256,
-        plan_sha256=sha256_text(prepared.plan_text),
-        hashes={name: hashlib.sha256(data).hexdigest() for name, _, data in _attachments(prepared)},
-    )
-
-
-def _camera(prepared: PreparedImport) -> ManifestCamera:
-    """Manifest entry of the camera: name, frame rate with its standard deviation, calibration."""
-    sd = prepared.options.rate_sd_hz
-    return ManifestCamera(
-        name=CAMERA, frame_rate_hz=prepared.rate_hz, frame_rate_sd_hz=sd, calibration=prepared.calibration
-    )
-
-
-def _attachments(prepared: PreparedImport) -> list[tuple[str, str, bytes]]:
-    """Name, media type and content of each file attached to the recording.
-
-    These are the object file, the plan, the camera file and, if there is one, the shape file.
-    """
-    files = prepared.object
-    found = [
-        (OBJECT_ATTACHMENT, "application/toml", prepared.object_text.encode()),
-        (PLAN_ATTACHMENT, "application/json", prepared.plan_text.encode()),
-        (CAMERA_ATTACHMENT_PREFIX + prepared.camera.file_name, "text/plain", prepared.camera.content()),
-    ]
-    if files.shape_bytes is not None:
-        name = SHAPE_ATTACHMENT_PREFIX + Path(files.shape_name).name
-        found.append((name, "application/octet-stream", files.shape_bytes))
-    return found
 
 
 def _log(time_ns: int, text: str) -> Log:

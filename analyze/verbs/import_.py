@@ -14,7 +14,7 @@ from analyze.verbs.outputs import refuse_outputs
 from schemas.command_line import NumberRange
 
 if TYPE_CHECKING:
-    from analyze.importing.prepare import ImportOptions
+    from analyze.importing.options import ImportOptions
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
         click.UsageError: neither an output nor --dry-run is given.
         OutputError: the output cannot be written, exists already, or would replace an input.
     """
-    from analyze.importing.prepare import ImportOptions
+    from analyze.importing.options import ImportOptions
     from analyze.importing.writer import refuse_taken
     from analyze.sources.open_source import SourceOptions
 

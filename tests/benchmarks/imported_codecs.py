@@ -24,7 +24,8 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from analyze.errors import ImportRefused
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.importing.write_recording import write_recording
 from analyze.pipeline.estimate import Estimate, estimate_recordings
 from analyze.reading.recording import open_recording

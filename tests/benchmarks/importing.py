@@ -27,7 +27,8 @@ import av
 from rich.console import Console
 from rich.table import Table
 
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.importing.write_recording import write_recording
 from analyze.reading.image_message import decode_image_file
 from analyze.sources.message_files import open_message_file

@@ -16,7 +16,8 @@ from analyze.batch.sparse_copy import sparse_copies
 from analyze.cli import main
 from analyze.errors import ImportRefused
 from analyze.importing.onsets import OnsetFinder
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.importing.write_recording import write_recording
 from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.reading.recording import Recording, open_recording

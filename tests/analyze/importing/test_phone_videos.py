@@ -7,7 +7,8 @@ import pytest
 
 from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError, ImportRefused
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.sources.open_source import SourceOptions
 from analyze.sources.video import VideoSource
 from tests.analyze.importing.tip_videos import RATE, REST, angles, picture, setting, tip, write_video

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from analyze.importing import spool as module
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.importing.spool import Spool
 from analyze.importing.write_recording import write_recording
 from analyze.reading.recording import open_recording

@@ -12,7 +12,8 @@ from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from mcap.reader import make_reader
 
 from analyze.errors import ImportRefused
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.importing.write_recording import write_recording
 from analyze.reading.annex_b import VideoFormat, write_start_codes
 from analyze.reading.recording import open_recording

@@ -11,7 +11,8 @@ import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 
 from analyze.errors import ImportRefused
-from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.options import ImportOptions
+from analyze.importing.prepare import prepare
 from analyze.importing.write_recording import write_recording
 from analyze.reading.image_message import decode_image_file
 from analyze.reading.recording import open_recording

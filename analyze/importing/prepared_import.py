@@ -1,0 +1,159 @@
+"""Everything that is known of an import before the recording is written, with remarks for the user."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from analyze.cameras.camera_file import CameraFile
+from analyze.importing.camera_pose import EstimatedCameraPose
+from analyze.importing.options import ImportOptions
+from analyze.importing.windows import Clip, StrikeWindow
+from analyze.reading.annex_b import VideoFormat
+from analyze.reading.object_file import ObjectFiles
+from analyze.sources.source import Frames, FrameSource
+from analyze.sources.video import VideoSource
+from schemas.session_manifest import CameraCalibrationSpec
+from schemas.strike_plan import StrikePlan
+
+MAX_RATE_RATIO = 1.2
+"""ratio of two frame rates above which they differ; the light changes a phone's rate by less"""
+MAX_SLOW_MOTION_HZ = 61.0
+"""frame rate below which a video may be slow motion [Hz]"""
+
+
+@dataclass(frozen=True)
+class PreparedImport:
+    """Everything that is known of an import before the recording is written.
+
+    Use it in a `with` statement: leaving it deletes the images that were stored during the search.
+    """
+
+    options: ImportOptions
+    """options of the import"""
+    object: ObjectFiles
+    """object specification and shape file"""
+    object_text: str
+    """content of the object file"""
+    plan: StrikePlan
+    """strike plan, made for this object"""
+    plan_text: str
+    """content of the plan's file"""
+    camera: CameraFile
+    """lens and, if the file has it, pose of the camera"""
+    sources: tuple[FrameSource, ...]
+    """sources of images, in the order given"""
+    images: tuple[Frames, ...]
+    """images of each source; those stored during the search are not decoded again"""
+    clips: tuple[Clip, ...]
+    """each source with the onsets of strikes found in it; without any if it was not searched"""
+    windows: tuple[StrikeWindow, ...]
+    """parts of the sources that show the planned strikes"""
+    was_split: bool
+    """True if the only source was searched for several strikes"""
+    rate_hz: float
+    """frame rate of the first source as captured [Hz]"""
+    calibration: CameraCalibrationSpec
+    """lens and pose of the camera as the recording states them"""
+    place: EstimatedCameraPose | None
+    """camera pose estimated from the resting object; None if the camera file states the pose"""
+    _open: ExitStack
+
+    @property
+    def storable_videos(self) -> tuple[VideoSource, ...] | None:
+        """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
+        return storable_videos(self.sources)
+
+    @property
+    def are_files(self) -> bool:
+        """True if the images of all sources are PNG or JPEG files, which are stored unchanged."""
+        return all(source.holds_files for source in self.sources)
+
+    @property
+    def formats(self) -> str:
+        """Words that name the format in which images will be stored, such as "H.264, stored unchanged"."""
+        if self.are_files:
+            return "PNG or JPEG files unchanged, of the strikes' windows"
+        if self.storable_videos is None:
+            return "decoded images, of the strikes' windows"
+        names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
+        kinds = {names[video.storable_format] for video in self.storable_videos if video.storable_format}
+        return f"{' and '.join(sorted(kinds))}, stored unchanged"
+
+    def remarks(self) -> list[str]:
+        """Remarks for the user on lens, frame rates and sources; complete once all sources were read."""
+        lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
+        return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
+
+    def _slow_motion(self) -> Iterator[str]:
+        """Yield a remark if all sources are videos and the first one's rate is low, as of slow motion.
+
+        No remark is made if a slow-motion capture rate is known already.
+        """
+        if (
+            all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
+            and self.rate_hz < MAX_SLOW_MOTION_HZ
+        ):
+            yield (
+                f"{self.rate_hz:.4g} frames per second are few for a strike: if this is slow motion, give "
+                "the capture rate with --capture-fps"
+            )
+
+    def _other_rates(self) -> Iterator[str]:
+        """Yield remarks on sources whose frame rate differs from the first one's.
+
+        Rates differ if their ratio is `MAX_RATE_RATIO` or more. If the user gave a capture rate, the rates at
+        which the videos play are compared, too.
+        """
+        capture_hz = self.options.source.capture_hz
+        videos = [
+            source for source in self.sources if isinstance(source, VideoSource) and capture_hz is not None
+        ]
+        for video in videos[1:]:
+            mine, others = video.timing.played_hz, videos[0].timing.played_hz
+            if not 1 / MAX_RATE_RATIO < mine / others < MAX_RATE_RATIO:
+                yield (
+                    f"{video.name}: plays {mine:.4g} frames per second, {videos[0].name} {others:.4g}, but "
+                    f"--capture-fps {capture_hz:g} applies to both: import videos of another capture rate by "
+                    "themselves"
+                )
+        first = self.clips[0]
+        for clip in self.clips[1:]:
+            if (
+                clip.frame_ns
+                and first.frame_ns
+                and not 1 / MAX_RATE_RATIO < clip.frame_ns / first.frame_ns < MAX_RATE_RATIO
+            ):
+                yield (
+                    f"{clip.path.name}: states {1e9 / clip.frame_ns:.4g} frames per second, "
+                    f"{first.path.name} {1e9 / first.frame_ns:.4g}: if one of them is slow motion, import it "
+                    "by itself with --capture-fps, and estimate both recordings together"
+                )
+
+    def __enter__(self) -> PreparedImport:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+
+def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
+    """Yield the sources' remarks, each after the source's name.
+
+    A remark that n sources share is yielded once, after "NAME and n-1 more".
+    """
+    sources_of: dict[str, list[str]] = {}
+    for source in sources:
+        for remark in source.remarks:
+            sources_of.setdefault(remark.removeprefix(f"{source.name}: "), []).append(source.name)
+    for remark, names in sources_of.items():
+        yield f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {remark}"
+
+
+def storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
+    """All sources if each is a video that is stored as coded (H.264, H.265); None otherwise."""
+    videos = tuple(
+        source for source in sources if isinstance(source, VideoSource) and source.storable_format is not None
+    )
+    return videos if len(videos) == len(sources) else None
