@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from analyze.types import Array
+
 SAME_INTERVAL_FRACTION = 0.5
 """largest deviation of a one-frame interval from the median interval, relative to it"""
 GAP_INTERVALS = 1.6
@@ -19,6 +21,8 @@ COARSE_STEP_FRACTION = 0.01
 """step of the stamps, relative to the frame interval, above which it is coarse (Matroska: milliseconds)"""
 RECENT_INTERVALS = 15
 """number of intervals that determine the current rate: a phone's changes with the light"""
+MIN_TIME_SD_NS = 1_000
+"""smallest standard deviation of a time stamp [ns]"""
 
 
 @dataclass(frozen=True)
@@ -155,6 +159,18 @@ def usual_interval(times: Sequence[int]) -> float:
     gaps = np.diff(np.unique(np.asarray(times, dtype=np.int64)))
     middle = np.sort(gaps)[len(gaps) // 2]  # an interval that occurs, so that at least one is near it
     return float(np.mean(gaps[np.abs(gaps - middle) <= SAME_INTERVAL_FRACTION * middle]))
+
+
+def time_sd_ns(times: list[int]) -> int:
+    """Standard deviation of a frame's time [ns], from the second differences of the frames' times [ns].
+
+    It is 1.4826 times the median absolute second difference over sqrt(6), so that lost frames hardly affect
+    it, and at least `MIN_TIME_SD_NS`.
+    """
+    second: Array = np.diff(np.array(times, dtype=np.int64), 2).astype(np.float64)
+    if len(second) == 0:
+        return MIN_TIME_SD_NS
+    return max(MIN_TIME_SD_NS, round(1.4826 * float(np.median(np.abs(second))) / 6**0.5))
 
 
 def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:

@@ -20,14 +20,14 @@ from analyze.reading.compressed_video import decode_video
 from analyze.reading.indexed_file import RecordedMessage
 from analyze.reading.time_range import is_within
 from analyze.sources import pictures
+from analyze.sources.choose_topic import choose_topic
 from analyze.sources.foreign_calibrations import calibration_of
-from analyze.sources.frame_timing import usual_interval
+from analyze.sources.frame_timing import time_sd_ns, usual_interval
 from analyze.sources.image_file import image_file, is_image_file
-from analyze.sources.message_files import LoggedMessage, LoggedTopic, open_message_file
-from analyze.sources.pictures import CodedPicture, Picture, grey_values, is_readable, parse_picture
+from analyze.sources.message_files import LoggedMessage, open_message_file
+from analyze.sources.pictures import CodedPicture, Picture, grey_values, parse_picture
 from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.video_units import video_units
-from analyze.types import Array
 from schemas.mcap.records import ContainerError
 from schemas.session_manifest import CameraCalibrationSpec, TimeSource
 
@@ -38,15 +38,11 @@ LOG_MARGIN_NS = 2_000_000_000
 MIN_DECODED_FRACTION = 0.8
 """least fraction of a video's first pictures that must decode; fewer do if the messages are not in decoding
 order"""
-MIN_TIME_SD_NS = 1_000
-"""smallest standard deviation of a time stamp [ns]"""
 _CALIBRATIONS = {
     ("cdr", "sensor_msgs/msg/CameraInfo"),
     ("protobuf", "foxglove.CameraCalibration"),
     ("json", "foxglove.CameraCalibration"),
 }
-MAX_NAMED = 6
-"""largest number of topics or types that a message names"""
 
 
 _Image = TypeVar("_Image", TimedImage, TimedFile)
@@ -67,7 +63,7 @@ class TopicSource:
     def __init__(self, path: Path, topic: str | None = None) -> None:
         self._file = open_message_file(path)
         self._all = self._file.topics()
-        self._topic = _choose_topic(path, self._all, topic)
+        self._topic = choose_topic(path, self._all, topic)
         self.path = path
         self.name = f"{path.name}:{self._topic.name}"
         self.frame_count = self._topic.count
@@ -82,7 +78,7 @@ class TopicSource:
             )
         self._start_ns, self._logged_ns = times[0], logs[0]
         self.time_source = TimeSource.CONTAINER_PTS if self._by_header else TimeSource.HOST_ARRIVAL
-        self.time_sd_ns = _time_sd_ns(times)
+        self.time_sd_ns = time_sd_ns(times)
         self.rate_hz = 1e9 / usual_interval(times)
         self.wall_start_ns: int | None = self._start_ns if self._by_header else self._logged_ns
         if not self._by_header:
@@ -392,57 +388,6 @@ class TopicSource:
         )
 
 
-def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> LoggedTopic:
-    """Topic with readable images that the user means.
-
-    Args:
-        path: the message file, for error messages.
-        topics: all topics of the file.
-        name: name of the topic; None for the only one with images.
-
-    Raises:
-        ImportRefused: there is no such topic, or `name` is None and there are several.
-    """
-    images = [topic for topic in topics if is_readable(topic.encoding, topic.schema) and topic.count != 0]
-    listed = ", ".join(topic.name for topic in images[:MAX_NAMED]) + (
-        ", ..." if len(images) > MAX_NAMED else ""
-    )
-    if name is None:
-        if len(images) == 1:
-            return images[0]
-        if images:
-            raise ImportRefused(
-                f"{path}: contains {len(images)} topics of images: choose one with --topic: {listed}"
-            )
-        others = sorted({topic.schema or topic.encoding for topic in topics})
-        held = ", ".join(others[:MAX_NAMED]) or "nothing"
-        raise ImportRefused(
-            f"{path}: contains no readable images (Foxglove: protobuf or JSON; ROS 2: CDR), but {held}"
-        )
-    found = next((topic for topic in images if topic.name == name), None)
-    if found is None:
-        another = next((topic for topic in topics if topic.name == name), None)
-        what = (
-            "no such topic"
-            if another is None
-            else f"its messages are {another.schema or another.encoding}, not readable images"
-        )
-        raise ImportRefused(f"{path}: --topic {name}: {what}: it has {listed or 'no images'}")
-    return found
-
-
 def _is_increasing(times: list[int]) -> bool:
     """True if every time is later than the one before."""
     return all(earlier < later for earlier, later in pairwise(times))
-
-
-def _time_sd_ns(times: list[int]) -> int:
-    """Standard deviation of a frame's time [ns], from the second differences of the frames' times [ns].
-
-    It is 1.4826 times the median absolute second difference over sqrt(6), so that lost frames hardly affect
-    it, and at least `MIN_TIME_SD_NS`.
-    """
-    second: Array = np.diff(np.array(times, dtype=np.int64), 2).astype(np.float64)
-    if len(second) == 0:
-        return MIN_TIME_SD_NS
-    return max(MIN_TIME_SD_NS, round(1.4826 * float(np.median(np.abs(second))) / 6**0.5))

@@ -1,8 +1,9 @@
-"""Image source: a video file, with grey values, times, and for some codecs the compressed pictures.
+"""Image source: a video file; one file, because frames, pictures and timing share one stream and its remarks.
 
-Any codec that FFmpeg reads is accepted. Images are in the sensor's orientation: a file's rotation tag is
-ignored, as in a calibration's images, since the lens belongs to the sensor, and the camera's orientation is
-part of its pose in the world frame.
+Given are grey values, times, and for some codecs the compressed pictures. Any codec that FFmpeg reads is
+accepted. Images are in the sensor's orientation: a file's rotation tag is ignored, as in a calibration's
+images, since the lens belongs to the sensor, and the camera's orientation is part of its pose in the world
+frame.
 """
 
 from __future__ import annotations
