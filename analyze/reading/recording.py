@@ -6,23 +6,21 @@ simulation) cannot be read here, only its log times; `analyze.reading.truth` rea
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
-from google.protobuf.message import DecodeError, Message
 
-from analyze.errors import RecordingError, RecordingForeign
+from analyze.errors import RecordingError
 from analyze.reading import compressed_video, indexed_file
+from analyze.reading.decode_message import M, decode_message
 from analyze.reading.file_series import find_series_files
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 from analyze.reading.indexed_series import IndexedSeries, open_series, series_content_id
-from analyze.reading.recording_head import parse_manifest, parse_plan, shape_attachment
+from analyze.reading.recording_head import checked_manifest, parse_plan, shape_attachment
 from analyze.reading.time_range import is_within
 from analyze.reading.video_frame_meta import expand_frame_meta
 from analyze.types import ImageFrame
@@ -30,16 +28,8 @@ from schemas import topics
 from schemas.mcap.records import ContainerError
 from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import (
-    MANIFEST_NAME,
-    PLAN_ATTACHMENT,
-    SEAL_NAME,
-    SessionManifest,
-    TimeSource,
-)
+from schemas.session_manifest import PLAN_ATTACHMENT, SEAL_NAME, SessionManifest, TimeSource
 from schemas.strike_plan import StrikePlan
-
-M = TypeVar("M", bound=Message)
 
 
 @dataclass(frozen=True)
@@ -91,7 +81,7 @@ class Recording:
     def __init__(self, path: Path, series: IndexedSeries, missing: tuple[int, ...] = ()) -> None:
         self._series = series
         self.path = path
-        self.manifest: SessionManifest = next(iter([_checked_manifest(file) for file in series.files]))
+        self.manifest: SessionManifest = next(iter([checked_manifest(file) for file in series.files]))
         self.parts = tuple(
             FilePart(f.path, f.metadata.get(SEAL_NAME, {}).get("content_id"), f.damaged_chunks)
             for f in series.files
@@ -398,53 +388,3 @@ def _open(path: Path, open_file: Callable[[Path], IndexedFile]) -> Recording:
     except RecordingError:
         series.close()
         raise
-
-
-def _checked_manifest(file: IndexedFile) -> SessionManifest:
-    """Manifest (description of the session) of a file, checked against the hashes that the file states.
-
-    Raises:
-        RecordingForeign: the file has no manifest.
-        RecordingVersion: the manifest has another major schema version.
-        RecordingError: the manifest cannot be read, or it or an attachment differs from its stated hash.
-    """
-    entries = file.metadata.get(MANIFEST_NAME)
-    if entries is None or "json" not in entries:
-        raise RecordingForeign(
-            f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its "
-            "manifest"
-        )
-    manifest = parse_manifest(entries["json"], str(file.path))
-    seal = file.metadata.get(SEAL_NAME, {})
-    if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
-        raise RecordingError(
-            f"{file.path}: damaged: the manifest is not the one that was sealed: restore it from a copy"
-        )
-    for name, expected in manifest.hashes.items():
-        attachment = file.attachments.get(name)
-        if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
-            raise RecordingError(
-                f"{file.path}: damaged: attachment {name!r} is not the one that was recorded: restore the "
-                "file from a copy"
-            )
-    return manifest
-
-
-def decode_message(path: Path, message: RecordedMessage, kind: type[M]) -> M:
-    """Parse a message's data; return an object of the message's protobuf class.
-
-    Args:
-        path: path of the recording, for the error's text.
-        message: the message.
-        kind: protobuf class of the content.
-
-    Raises:
-        RecordingError: the data cannot be parsed as this class.
-    """
-    try:
-        return kind.FromString(bytes(message.data))
-    except DecodeError:
-        raise RecordingError(
-            f"{path}: message on {message.topic} at {message.log_time_ns} is not a "
-            f"{kind.DESCRIPTOR.full_name}"
-        ) from None

@@ -1,22 +1,55 @@
 """Parses the manifest and the plan of a recording, and finds the object's shape among its attachments.
 
-Only documents of this program's major schema version are accepted.
+Only documents of this program's major schema version are accepted. `checked_manifest` also compares a file's
+manifest and attachments with the hashes that the file states.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from analyze.errors import RecordingError, RecordingVersion
+from analyze.errors import RecordingError, RecordingForeign, RecordingVersion
+from analyze.reading.indexed_file import IndexedFile
 from schemas.document import SCHEMA_VERSION, DocumentError, validate
-from schemas.session_manifest import SHAPE_ATTACHMENT_PREFIX, SessionManifest
+from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SHAPE_ATTACHMENT_PREFIX, SessionManifest
 from schemas.strike_plan import StrikePlan
 
 T = TypeVar("T", bound=BaseModel)
+
+
+def checked_manifest(file: IndexedFile) -> SessionManifest:
+    """Manifest (description of the session) of a file, checked against the hashes that the file states.
+
+    Raises:
+        RecordingForeign: the file has no manifest.
+        RecordingVersion: the manifest has another major schema version.
+        RecordingError: the manifest cannot be read, or it or an attachment differs from its stated hash.
+    """
+    entries = file.metadata.get(MANIFEST_NAME)
+    if entries is None or "json" not in entries:
+        raise RecordingForeign(
+            f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its "
+            "manifest"
+        )
+    manifest = parse_manifest(entries["json"], str(file.path))
+    seal = file.metadata.get(SEAL_NAME, {})
+    if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
+        raise RecordingError(
+            f"{file.path}: damaged: the manifest is not the one that was sealed: restore it from a copy"
+        )
+    for name, expected in manifest.hashes.items():
+        attachment = file.attachments.get(name)
+        if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
+            raise RecordingError(
+                f"{file.path}: damaged: attachment {name!r} is not the one that was recorded: restore the "
+                "file from a copy"
+            )
+    return manifest
 
 
 def parse_manifest(text: str, name: str) -> SessionManifest:

@@ -9,9 +9,9 @@ import numpy as np
 
 from analyze.errors import RecordingError
 from analyze.reading import indexed_file
+from analyze.reading.decode_message import M, decode_message
 from analyze.reading.file_series import find_series_files
 from analyze.reading.indexed_series import open_series
-from analyze.reading.recording import M, decode_message
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 
