@@ -295,11 +295,12 @@ class Information:
         return np.linalg.inv(total) * np.outer(units, units)
 
     def sources(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> dict[str, float]:
-        """Rms error [m] of the centre of mass c that each error source causes, by name of the source.
+        """Rms error [m] of the 3-D position of the centre of mass c from each error source, by its name.
 
         The squares add up to the square of the whole rms error. Sources are those of `SOURCES`, "place of the
         edges", "angle error of an axis" and, for the remainder, "noise of the angles": the strikes' noise,
-        the axes' errors of ln k, and the priors of c and the inertia.
+        the axes' errors of ln k (k: rate constant of the tip, theta'' = -k sin(phi - theta)), and the priors
+        of c and the inertia.
 
         Args:
             chosen: Axes of further strikes.
