@@ -149,6 +149,8 @@ def check_frame_rates(
 ) -> list[FrameRate]:
     """Check the frame rate stated with each recording whose frame times are a video file's time stamps.
 
+    It is checked against the rate constants k of the recording's strikes, as k scales with the rate squared.
+
     Args:
         evidence: recordings, their strikes and the shape.
         planes: planes through pivot line and centre of mass of all strikes used, with their rate constants k
@@ -159,7 +161,9 @@ def check_frame_rates(
         cells: the body divided into cells, where its mass may be.
 
     Returns:
-        Stated rate and its check for each such recording, by start time; empty if there is none.
+        One entry per such recording, in order of start time; empty if there is none: the stated rate, and as
+        its check the bounds and, if determined, an estimate of the ratio of true to stated rate. The check is
+        None if no strike of the recording is used or their k allow none.
     """
     found: list[FrameRate] = []
     for index, recording in enumerate(evidence.recordings):

@@ -299,7 +299,8 @@ def _strike(
 
     Raises:
         PlanError: the plan does not hold the strike.
-        TrackingError: no marker can be tracked.
+        TrackingError: markers are in view but cannot be used: one is seen twice, none belongs to the object,
+            or images do not fit the calibration. Without any marker in view the verdict is MARKER_LOST.
     """
     planned = next((strike for strike in struck.plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
