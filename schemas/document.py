@@ -41,7 +41,7 @@ Matrix4 = Annotated[list[Row4], Field(min_length=4, max_length=4)]
 
 
 class DocumentError(ValueError):
-    """A document that cannot be used; the message is one line: the file, the entry and the remedy."""
+    """A document that cannot be used; the message is one line: file, problem and, where known, remedy."""
 
 
 class Document(BaseModel):

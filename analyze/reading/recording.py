@@ -100,7 +100,7 @@ class Recording:
 
     @property
     def plan(self) -> StrikePlan:
-        """Strike plan that was carried out: resting poses, struck faces and energies of all strikes.
+        """Strike plan of the recording: resting poses, pivot edges, impacts and energies of planned strikes.
 
         Raises:
             RecordingError: the recording holds no plan, or it is damaged.

@@ -197,9 +197,10 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
 
 
 def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -> Array:
-    """Deviation from a parabola in flight (k,) of points of the cube, in the file's unit of length.
+    """Deviations (k,) of points of the cube from free fall with air drag, in the file's unit of length.
 
-    It is the rms deviation, as the median over the quarter of flights with the largest rotation.
+    For each point: the rms distance from its best-fitting fall in each flight, and of these the median over
+    the quarter of flights with the largest rotation.
 
     Args:
         flown: flights.
