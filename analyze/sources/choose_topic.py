@@ -13,7 +13,7 @@ MAX_NAMED = 6
 
 
 def choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> LoggedTopic:
-    """Topic with readable images that the user means.
+    """Choose the topic of a message file that the user means; it must have images that can be read.
 
     Args:
         path: the message file, for error messages.
@@ -21,7 +21,8 @@ def choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> Log
         name: name of the topic; None for the only one with images.
 
     Raises:
-        ImportRefused: there is no such topic, or `name` is None and there are several.
+        ImportRefused: no topic of this name has readable images; or `name` is None, and no topic or several
+            have them.
     """
     images = [topic for topic in topics if is_readable(topic.encoding, topic.schema) and topic.count != 0]
     listed = ", ".join(topic.name for topic in images[:MAX_NAMED]) + (

@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 
 class CodedPictures(NamedTuple):
-    """Consecutive coded pictures of a file, in decoding order: times, key pictures and data."""
+    """Consecutive coded pictures of a file, in decoding order: times since its start [ns], key flags and data."""
 
     times_ns: IntArray
     """(n,) times since the source's start [ns], in decoding order, which may differ from time order"""
@@ -34,7 +34,11 @@ class CodedPictures(NamedTuple):
 
 
 class NumberedPictures(NamedTuple):
-    """Coded pictures (n) with their numbers by time, and newly settled times (m) of the whole stream."""
+    """Coded pictures with their numbers, which count all pictures of the stream by time, from 0.
+
+    In addition, the times [ns] with which the list of all pictures' times in increasing order continues. They
+    may belong to other pictures than these, as pictures come in decoding order.
+    """
 
     pictures: CodedPictures
     numbers: IntArray
@@ -46,8 +50,8 @@ class NumberedPictures(NamedTuple):
 def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPictures]:
     """Number a stream's pictures by their place in time order.
 
-    A picture's number is known once no earlier one can follow: the latest `MAX_REORDERED` times are held
-    back.
+    A picture's number is known once no picture with an earlier time can follow. Therefore, of the times read
+    so far, the latest `MAX_REORDERED` get no number until further pictures or the stream's end were read.
 
     Args:
         groups: all pictures of the stream, in groups in decoding order.
@@ -67,16 +71,17 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Settle the places in time order of the `count` earliest times without a place; number pictures.
+        """Number the `count` earliest times that have no number; give the numbers to pictures in decoding order.
 
-        A picture's number is its place in time order. Waiting pictures are numbered in decoding order, up to
-        the first whose time has no place yet.
+        It stops at the first picture (of `waiting`, those read but not numbered) whose time has no number
+        yet.
 
         Returns:
-            The pictures that still wait; the numbered pictures, with the times that got their place.
+            The pictures that remain without number; the pictures numbered now, with the `count` times,
+            increasing.
 
         Raises:
-            ImportRefused: a time is not after the one before it in time order.
+            ImportRefused: one of the times is not later than the time before it in time order.
         """
         nonlocal unplaced, placed, first, last_ns
         ordered = np.sort(unplaced)

@@ -62,8 +62,9 @@ def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
     """Read the lens, and the camera's pose if stated, from another program's camera file.
 
     A file named .json is read as JSON, any other as YAML. Beside the program's own entries it may contain
-    `T_world_camera`, the pose of the camera in the world frame (4 x 4, translation in m; the unit matrix by
-    default), and `line_time_s`, the delay between the readout of neighbouring rows [s].
+    `T_world_camera`, the pose of the camera in the world frame (4 x 4, from camera to world coordinates,
+    translation in m; the unit matrix by default), and `line_time_s`, the delay between the readout of
+    neighbouring rows [s].
 
     Returns:
         The calibration (lens, image size, pose, row delay); True if the file has `T_world_camera`.
@@ -256,8 +257,8 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
         k4.
 
     Raises:
-        CalibrationError: OpenCV has no model with so many coefficients, or a coefficient that is not
-            returned differs from 0.
+        CalibrationError: OpenCV has no model with so many coefficients, or one of those after the ones above
+            (thin prism, tilted sensor) is not 0.
     """
     found = _first(entries, _DISTORTION)
     values = list[float]()

@@ -27,10 +27,11 @@ MIN_TIME_SD_NS = 1_000
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Conversion of a stream's time stamps (whole steps of `unit`) to capture times since the first frame.
+    """Conversion of a video's time stamps (whole steps of `unit` seconds) to capture times since the first frame.
 
     A slow-motion file may play at 30 frames a second what was captured at 240: `slowed` is then 8, and the
-    playing times are divided by it.
+    playing times are divided by it. If `steady_s` is not None, the frame rate is constant, with this playing
+    interval [s], and the stamps are only its rounding to coarse steps.
     """
 
     first: int
@@ -188,10 +189,11 @@ def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
 
 
 def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
-    """Shortest and longest frame interval [ns], each a median over `RECENT_INTERVALS` intervals.
+    """Shortest and longest usual frame interval in a video [ns]; similar if the frame rate is constant.
 
-    The median runs over all frames. The two values are similar if the frame rate is constant, and 0 for one
-    frame or none.
+    The usual interval at a place is the median of `RECENT_INTERVALS` successive intervals, so that single
+    gaps have no effect. Returns the smallest and the largest of these medians; 0 and 0 for fewer than two
+    frames.
 
     Args:
         times_ns: (n,) times of all frames [ns], increasing.

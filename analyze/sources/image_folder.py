@@ -186,9 +186,9 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
 
 
 def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
-    """Read the lines of a CSV of images; return time [s] and path of each image, by time.
+    """Read the lines of a CSV of images; return time [s, decimal number] and path of each image, by time.
 
-    Times have the CSV's own zero.
+    The times count from the zero that the CSV uses.
 
     Args:
         path: the CSV.

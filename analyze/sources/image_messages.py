@@ -71,7 +71,7 @@ def _file_head(camera: str, kind: str) -> bytes:
 
 
 class VideoMessages(NamedTuple):
-    """Times, sequence numbers and sizes of the messages of n coded pictures."""
+    """Log times [ns], sequence numbers and picture sizes [bytes] of the messages of n coded pictures."""
 
     times_ns: NDArray[np.int64]
     """(n,) log times [ns]"""
@@ -187,7 +187,7 @@ def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
 def _varints(values: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Encode n values below 2^35 as protobuf varints (integers of variable length).
 
-    Returns bytes (n, VARINT_BYTES): all varints are padded with zeros to this length.
+    Returns bytes (n, VARINT_BYTES): every varint has this length, with leading zero digits if it needs fewer.
     """
     table = (values[:, None] >> 7 * np.arange(VARINT_BYTES) & 127).astype(np.uint8)
     table[:, :-1] |= 128

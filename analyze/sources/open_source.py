@@ -15,7 +15,11 @@ from analyze.sources.video import VideoSource
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """Options for reading a source of images; each one applies to one kind of source only."""
+    """Options for reading images; each applies to one kind of source only, and None is its default.
+
+    `capture_hz` (capture rate [Hz] of a slow-motion video), `times` (CSV with the times of a folder's images)
+    and `topic` (topic of an MCAP file or bag).
+    """
 
     capture_hz: float | None = None
     """frame rate at which a slow-motion video was captured [Hz]; None for the rate that the file states"""

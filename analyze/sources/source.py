@@ -13,7 +13,7 @@ from schemas.session_manifest import TimeSource
 
 
 class TimedImage(NamedTuple):
-    """One decoded image of a source, grey values with its capture time [ns]."""
+    """One decoded image of a source, as grey values, with its capture time since the source's start [ns]."""
 
     time_ns: int
     """capture time (mid-exposure) since the source's start, as the source states it [ns]"""
@@ -22,7 +22,7 @@ class TimedImage(NamedTuple):
 
 
 class TimedFile(NamedTuple):
-    """One image of a source as a PNG or JPEG file, with its capture time [ns]."""
+    """One image of a source as a PNG or JPEG file, with its capture time since the source's start [ns]."""
 
     time_ns: int
     """capture time (mid-exposure) since the source's start, as the source states it [ns]"""

@@ -294,8 +294,8 @@ class TopicSource:
         """Yield coded pictures as messages of a recording, the form that the video decoder takes.
 
         Args:
-            found: time [ns], which becomes the message's log time, and picture. Sequence numbers count all of
-                them from 0; raw pictures are left out.
+            found: pairs of a picture and, before it, its time [ns], the log time of its message. A message's
+                sequence number is the place of its pair, from 0. Pairs with raw pictures give no message.
         """
         for number, (time_ns, picture) in enumerate(found):
             if isinstance(picture, CodedPicture):

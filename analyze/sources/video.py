@@ -1,9 +1,9 @@
-"""Image source: a video file; one file, because frames, pictures and timing share one stream and its remarks.
+"""Image source: a video file, with grey values, times, and for some codecs the compressed pictures.
 
-Given are grey values, times, and for some codecs the compressed pictures. Any codec that FFmpeg reads is
-accepted. Images are in the sensor's orientation: a file's rotation tag is ignored, as in a calibration's
-images, since the lens belongs to the sensor, and the camera's orientation is part of its pose in the world
-frame.
+Any codec that FFmpeg reads is accepted. Images are in the sensor's orientation: a file's rotation tag is
+ignored, as in a calibration's images, since the lens belongs to the sensor, and the camera's orientation is
+part of its pose in the world frame. Frames, compressed pictures and timing are read in one class, since all
+three read the same stream and add to the same remarks for the user.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class VideoSource:
 
     Args:
         path: video file.
-        capture_hz: frame rate at which it was captured, if it plays slower [Hz]. None: the capture rate that
-            the file states, otherwise its time stamps are true.
+        capture_hz: frame rate at which it was captured, if it plays slower [Hz]. None to use the capture rate
+            that the file states; if it states none, its time stamps are taken as true.
 
     Raises:
         ImportRefused: the file does not exist, is not a video, cannot be decoded, is interlaced, or has fewer
@@ -186,8 +186,9 @@ class VideoSource:
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
         """Yield the pictures of a PNG or Motion JPEG video as image files, with increasing times.
 
-        Times are capture times since the first frame. Pictures without a time stamp are left out. Damaged
-        pictures are left out with a remark at the file's end, as are those of a video of another codec.
+        Times are capture times since the first frame. Pictures without a time stamp are left out. Pictures
+        that are damaged, or no image files because the video has another codec, are left out with a remark at
+        the file's end.
 
         Args:
             start_ns: earliest capture time since the first frame [ns], included; None for no limit.
@@ -326,14 +327,15 @@ class VideoSource:
     def _capture_rate(
         self, container: InputContainer, played: FrameTiming, given_hz: float | None
     ) -> float | None:
-        """Capture rate [Hz] as the user states it, else as the file does for slow motion; otherwise None.
+        """Capture rate [Hz] of the video: the user's, else the one that the file states; None if the stamps are true.
 
-        The file's rate counts if it is at least `MIN_SLOW_FACTOR` times the playing rate. A remark is added
-        if it is used, or if it differs from the user's by this factor.
+        The file's capture rate is considered only if it is at least `MIN_SLOW_FACTOR` times the rate at which
+        the file plays. A remark is added if the file's rate is returned, or differs from the user's by this
+        factor.
 
         Args:
             container: the open file.
-            played: conversion of stamps to playing times, with the playing interval.
+            played: timing of the file as it plays, of which the frame interval is used.
             given_hz: capture rate that the user states [Hz]; None if he states none.
         """
         stated_hz = capture_rate_hz(container)

@@ -48,11 +48,11 @@ def capture_rate_hz(container: InputContainer) -> float | None:
 
 
 def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
-    """Earliest capture time [s] since the first frame at which a complete file may end.
+    """Time [s] that the last frame of a complete video file must reach; an earlier end means it is cut short.
 
-    It is the stated playing duration over `timing.slowed` (playing time over capture time), less 2.5 frame
-    intervals, or less 1 s if the file has other streams, which may last longer. A file whose last frame is
-    earlier is cut short.
+    It is a capture time since the first frame: the stated playing duration over `timing.slowed` (playing time
+    over capture time), less 2.5 frame intervals, or less 1 s if the file has other streams, which may last
+    longer.
 
     Returns:
         The time; None if the file states no duration.
