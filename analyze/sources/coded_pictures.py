@@ -20,7 +20,7 @@ IntArray = NDArray[np.int64]
 
 
 class CodedPictures(NamedTuple):
-    """Consecutive coded pictures of a file, in decoding order: times since its start [ns], key flags and data."""
+    """Consecutive coded pictures in decoding order: times since the file's start [ns], key flags and data."""
 
     times_ns: IntArray
     """(n,) times since the source's start [ns], in decoding order, which may differ from time order"""
@@ -71,7 +71,7 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Number the `count` earliest times that have no number; give the numbers to pictures in decoding order.
+        """Number the `count` earliest times without number; give numbers to pictures in decoding order.
 
         It stops at the first picture (of `waiting`, those read but not numbered) whose time has no number
         yet.

@@ -27,11 +27,11 @@ MIN_TIME_SD_NS = 1_000
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Conversion of a video's time stamps (whole steps of `unit` seconds) to capture times since the first frame.
+    """Conversion of a video's time stamps (steps of `unit` seconds) to capture times since the first frame.
 
     A slow-motion file may play at 30 frames a second what was captured at 240: `slowed` is then 8, and the
     playing times are divided by it. If `steady_s` is not None, the frame rate is constant, with this playing
-    interval [s], and the stamps are only its rounding to coarse steps.
+    interval [s], and the stamps are its multiples rounded to coarse steps.
     """
 
     first: int

@@ -327,7 +327,7 @@ class VideoSource:
     def _capture_rate(
         self, container: InputContainer, played: FrameTiming, given_hz: float | None
     ) -> float | None:
-        """Capture rate [Hz] of the video: the user's, else the one that the file states; None if the stamps are true.
+        """Capture rate [Hz]: the user's, else the one that the file states; None if the stamps are true.
 
         The file's capture rate is considered only if it is at least `MIN_SLOW_FACTOR` times the rate at which
         the file plays. A remark is added if the file's rate is returned, or differs from the user's by this

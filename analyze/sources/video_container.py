@@ -48,7 +48,7 @@ def capture_rate_hz(container: InputContainer) -> float | None:
 
 
 def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
-    """Time [s] that the last frame of a complete video file must reach; an earlier end means it is cut short.
+    """Time [s] that the last frame of a complete video file must reach; else the file is cut short.
 
     It is a capture time since the first frame: the stated playing duration over `timing.slowed` (playing time
     over capture time), less 2.5 frame intervals, or less 1 s if the file has other streams, which may last
