@@ -179,10 +179,11 @@ def batch(arguments: _BatchArguments) -> None:
 
 
 def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOptions) -> None:
-    """Analyse the recordings of `work` into the folder `output`, and print the report.
+    """Analyse the recordings that `work` lists into the folder `output`, and print the run's report.
 
     Raises:
-        click.exceptions.Exit: the run was interrupted (code INTERRUPTED), or a recording failed (code LOSS).
+        click.exceptions.Exit: the run was interrupted (exit code INTERRUPTED), or a recording failed (exit
+        code LOSS).
     """
     from analyze.batch.run import run_batch
     from analyze.batch.run_report import BatchProgress, render_report
@@ -200,7 +201,7 @@ def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOption
 
 
 def _summarise(output: Path, save: Path | None) -> None:
-    """Print the summary of the results in the folder `output`, or write it to `save` if that is given."""
+    """Print a summary of the results in the folder `output`, or write it to the file `save` if given."""
     from analyze.batch.query import read_recording_rows
     from analyze.batch.summary import summarise
     from analyze.batch.summary_output import render_summary, save_summary

@@ -21,7 +21,7 @@ def estimate_files(files: Sequence[Path], object_file: Path | None, exclude: tup
         exclude: ids of strikes to leave out.
 
     Returns:
-        The estimate with its Result document.
+        One value with the estimate and its Result, the document that `analyze estimate --json` prints.
 
     Raises:
         AnalyzeError: a recording or the object cannot be used, or the strikes do not suffice.

@@ -159,7 +159,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
 
 
 def _confirm_strikes() -> None:
-    """Ask on the terminal whether the strikes shown are right; a "no" ends the program.
+    """Ask on the terminal whether the strikes printed before are right; the answer "no" ends the program.
 
     Raises:
         click.UsageError: standard input is no terminal.

@@ -128,12 +128,13 @@ def _replay(recording: RecordingFile, target: ToFile | ToViewer, arguments: _Rep
     """Send the recording to `target`, the file or viewer that receives the replay, with a progress bar.
 
     Returns:
-        Problems of the recording or its estimate, one line each; and the time to show first.
+        Problems of the recording or its estimate, one line of text each; and the time to show first [s on the
+        page's timeline].
 
     Raises:
         RecordingError: nothing of the recording can be read.
-        ReplayError: the target does not accept data, or the options name a strike or page that a complete
-            recording does not have.
+        ReplayError: the target does not accept data, or the options name a strike or page (such as "answer")
+            that a complete recording does not have.
         ViewerClosed: the user closed the viewer before everything was sent.
     """
     # rerun's own log would add lines to the one that names a problem.

@@ -92,7 +92,7 @@ def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_jso
 
 @dataclass(frozen=True)
 class _Page:
-    """One report in three forms (HTML page, tables, JSON), each made by a function when it is needed."""
+    """One report, to be written as HTML page, CSV tables or JSON; each field is a function that makes one."""
 
     write: Callable[[Path], None]
     """writes the HTML page to a path"""
@@ -103,9 +103,9 @@ class _Page:
 
 
 def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    """Report on the estimate from all recordings together, as HTML, tables and JSON.
+    """Functions that make the report on the estimate from all recordings together (HTML, tables, JSON).
 
-    If all recordings are virtual, it contains the errors against their ground truth.
+    If all recordings are virtual, the HTML and JSON contain the errors against their ground truth.
     """
     from analyze.report.report import answer_summary, write_report
     from analyze.report.report_document import report_json
@@ -122,7 +122,7 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
 
 
 def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    """Report on the agreement of the sessions, one recording each, as HTML, tables and JSON."""
+    """Functions that make the report on the agreement of sessions, one file each (HTML, tables, JSON)."""
     from analyze.report.comparison_page import comparison_json, comparison_tables, write_comparison
 
     found = compare_files(files, object_file, exclude)

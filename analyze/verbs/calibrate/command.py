@@ -182,7 +182,7 @@ def _calibrate_options(arguments: _LensArguments) -> CalibrateOptions:
 
 
 def parse_mark(text: str) -> tuple[float, float, float]:
-    """Position (x, y, z) [m] of the board's mark, its origin, in the world frame W (--mark-mm).
+    """Position (x, y, z) [m] in the world frame W of the board's origin, which a mark shows (--mark-mm).
 
     Args:
         text: three numbers in millimetres, as "x,y,z".

@@ -86,7 +86,7 @@ class DropAnswer:
 
     @property
     def true_hz(self) -> float:
-        """Measured frame rate [Hz]: the stated rate over the ratio of true to stated time."""
+        """Measured frame rate [Hz]: that of the time stamps, divided by the ratio of true to stated time."""
         return self.stated_hz / self.time.time_ratio
 
     @property
@@ -233,8 +233,9 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
 def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
     """Tag size, gravity, mass of the falling body, and shutter, as the fit of a fall assumes them.
 
-    The shutter's line time (delay from one image row to the next) is 0 with --global-shutter. It is None
-    (unknown) if it is stated as 0 and no rig's camera took the images.
+    The shutter's line time is the delay [s] from one image row to the next: 0 with --global-shutter, else
+    that of the camera file or recording. A stated 0 counts only for images that a rig's camera recorded; for
+    others it means unknown (None).
     """
     gravity, gravity_sd = footage.gravity if options.gravity is None else (options.gravity, STATED_G_SD)
     stated = footage.camera.line_time_s
@@ -252,10 +253,11 @@ def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
 
 
 def _consistent(falls: list[Fall]) -> list[Fall]:
-    """Falls, in the given order, whose ratio of true to stated time agrees with that of the longest fall.
+    """Falls whose ratio of true to stated time agrees with that of the longest fall, in the given order.
 
-    They agree if the ratios differ by at most four standard deviations of the difference. This leaves out a
-    hand's swing that resembles a fall. The longest fall itself is always among them.
+    Each fall's ratio compares its duration by gravity with that by the time stamps. Two agree if they differ
+    by at most four standard deviations of the difference, which leaves out a hand's swing that resembles a
+    fall. The longest fall itself is always among the result.
     """
     best = max(falls, key=lambda fall: fall.dropped)
     return [

@@ -189,7 +189,7 @@ def _with_sd(value: float, sd: float) -> str:
 
 
 def _names(names: tuple[str, ...]) -> str:
-    """Text of the names, separated by commas; only the number of those after `MAX_NAMED` is given."""
+    """Text of the first `MAX_NAMED` names, separated by commas, and how many more there are."""
     return (
         ", ".join(names)
         if len(names) <= MAX_NAMED

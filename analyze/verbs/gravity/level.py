@@ -36,7 +36,7 @@ MAX_IMAGES = 60
 
 @dataclass(frozen=True)
 class GravityOptions:
-    """Options of `analyze gravity`: images of the strings, rig file, accuracy of the camera."""
+    """Options of `analyze gravity`: images of plumb lines, rig file, accuracy of the camera's rotation."""
 
     inputs: tuple[Path, ...]
     """images, folders of images, patterns, videos and recordings that show the strings"""
@@ -48,7 +48,7 @@ class GravityOptions:
 
 @dataclass(frozen=True)
 class GravityAnswer:
-    """The table's tilt, and the strings that it was measured from."""
+    """The table's tilt, and the plumb lines (hanging strings in the images) that it was measured from."""
 
     table: TableLean
     """lean of the vertical from the table's normal, with its covariance"""
@@ -67,17 +67,17 @@ class GravityAnswer:
 
     @property
     def places_px(self) -> list[float]:
-        """Column [undistorted px] of the middle of each string's visible part, in the order of `lines`."""
+        """Image column [undistorted px] of each plumb line's visible middle, in the order of `lines`."""
         return [float((line.bottom + line.top)[0] / 2) for line in self.lines]
 
     def refuse_undetermined(self) -> None:
-        """Check that the strings determine the table's tilt towards +x of the world frame W.
+        """Check that the plumb lines determine the table's tilt towards +x of W, the world frame.
 
-        This component of the tilt affects tips.
+        The plumb lines are the hanging strings in the images. This component of the tilt affects tips.
 
         Raises:
-            CalibrationError: they do not, or the tilt's prior standard deviation is 0, which no string can
-                change.
+            CalibrationError: the plumb lines do not determine it, or the standard deviation assumed before
+                them (`gravity_tilt_sd_rad`) is 0, so that they can change nothing.
         """
         if self.table.prior_sd == 0:
             raise CalibrationError(
@@ -103,14 +103,14 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
 
     Args:
         options: images, rig file, and accuracy of the camera's rotation.
-        progress: called with a text, the number of files or images read and of all.
+        progress: called with (text, files or images read, number of all).
 
     Returns:
-        Tilt with its covariance, and the strings found.
+        Tilt with its covariance, and the plumb lines found.
 
     Raises:
         CalibrationError: an image cannot be read or is not of the calibration's size, no camera or no camera
-            pose is given, or no string is seen.
+            pose is given, or no plumb line is seen.
         ImportRefused: a video cannot be read.
         RecordingError: a recording cannot be read.
         DocumentError: an entry of the rig file has a value that is not allowed.
@@ -159,9 +159,9 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
 
 
 def _camera(files: Sequence[Path], options: GravityOptions) -> tuple[CameraModel, float]:
-    """Camera with its pose, and the prior standard deviation of the table's tilt [rad].
+    """Camera with its pose, and the standard deviation of the table's tilt before the measurement [rad].
 
-    They are those of the rig file, else of the first recording among the files.
+    Both come from the rig file if the options name one, otherwise from the first recording among `files`.
 
     Raises:
         CalibrationError: the rig file has no camera pose, or there is neither rig file nor recording.
@@ -184,10 +184,13 @@ def _camera(files: Sequence[Path], options: GravityOptions) -> tuple[CameraModel
 
 
 def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
-    """Group lines that show one string: lists of indices into `lines`, the strings from left to right.
+    """Group the plumb lines that show the same string, in one image or in several.
 
-    A line belongs to the string of its left neighbour if their middles are less than `MIN_SEPARATION_PX`
-    apart.
+    A line belongs to the string of its left neighbour if the middles of the two are less than
+    `MIN_SEPARATION_PX` apart in the image.
+
+    Returns:
+        A list of indices into `lines` per string; the strings from left to right.
     """
     middles: Array = np.array([(line.bottom + line.top)[0] / 2 for line in lines])
     groups: list[list[int]] = []
@@ -200,11 +203,11 @@ def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
 
 
 def level_entries(answer: GravityAnswer) -> dict[str, str]:
-    """Entries for the rig file's table [level], as TOML text by key.
+    """Entries for the rig file's table [level]: TOML text of each value, by key.
 
-    They are the tilt [rad], its sd [rad], and `read_by`, the method of measurement (plumb line). The tilt
-    towards y of the world frame W is included only if the strings determine it. The tilt towards x is always
-    included: call `refuse_undetermined` first.
+    They are the tilt [rad], its standard deviation [rad], and `read_by`, the method of measurement (plumb
+    line). The tilt towards y of the world frame W is included only if the plumb lines determine it. The tilt
+    towards x is always included: call `refuse_undetermined` first.
     """
     (x, y), (x_sd, y_sd) = answer.table.lean.tolist(), answer.table.sd.tolist()
     entries = {"towards_x_rad": f"{x:.6f}", "towards_x_sd_rad": f"{x_sd:.6f}"}

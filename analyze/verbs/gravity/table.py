@@ -12,7 +12,7 @@ from schemas.document import SCHEMA_VERSION
 
 
 def gravity_text(answer: GravityAnswer) -> list[str]:
-    """Strings found, tilt with 95 % intervals, notes and doubts, as lines for the terminal."""
+    """Plumb lines found, tilt with 95 % intervals, notes and doubts, as lines for the terminal."""
     table = answer.table
     lines: list[str] = []
     for line, place, many in zip(answer.lines, answer.places_px, answer.seen_in, strict=True):
@@ -59,10 +59,11 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
 
 
 def gravity_json(answer: GravityAnswer) -> dict[str, Any]:
-    """The table's tilt and the strings that it was measured from, as JSON values.
+    """The table's tilt and the plumb lines that it was measured from, as JSON values.
 
-    `lean_rad` and `sd_rad` are towards x and y of the world frame W. `level` holds the entries for the rig
-    file; it is None if the tilt towards +x is not determined.
+    `lean_rad` is the tilt [rad] towards x and towards y of the world frame W, `sd_rad` its standard
+    deviations. `level` holds the entries for the rig file's table [level]; it is None if the tilt towards +x
+    is not determined.
     """
     table = answer.table
     return {

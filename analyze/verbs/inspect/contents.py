@@ -90,7 +90,7 @@ def time_table(times: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _topic(contents: McapContents, name: str) -> dict[str, Any]:
-    """Message types, encodings and number of channels of a topic, and its `time_table`, as JSON values.
+    """JSON values of the topic called `name`: message types, encodings, number of channels, `time_table`.
 
     `out_of_order` counts messages older than the one before; it is None with several channels.
     """

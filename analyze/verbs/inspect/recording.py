@@ -160,7 +160,8 @@ def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
 
     Metadata are recorded for every frame, whether or not its image was kept. `lost` counts frames that never
     arrived, `meta_missing` frame numbers without metadata. Where the camera's process restarted between two
-    files, its frame numbers begin anew, and the elapsed time gives the number of frames lost.
+    files of the recording, its frame numbers begin anew, and the elapsed time gives the number of frames
+    lost.
 
     Args:
         recording: the open recording.

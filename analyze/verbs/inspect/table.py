@@ -233,7 +233,7 @@ def _seconds(duration: float) -> str:
 
 
 def _wall(time_ns: int) -> str:
-    """Date and time (UTC, to the millisecond) of a Unix time [ns]; the seconds alone if it is no date."""
+    """Date and time (UTC, to the millisecond) of a Unix time [ns]; "N s" if no calendar date matches it."""
     seconds, rest = divmod(time_ns, 1_000_000_000)
     try:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"

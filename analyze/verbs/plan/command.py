@@ -143,7 +143,7 @@ def _refuse_early(arguments: _PlanArguments) -> None:
     """Check the options before the computation.
 
     Raises:
-        click.UsageError: options of our method are given with the paper's.
+        click.UsageError: options that `--method paper` does not have are given with it.
         OutputError: a file cannot be written, or would replace an input.
     """
     only_ours = (

@@ -143,7 +143,9 @@ def _plan_of(
 
 
 def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
-    """Rig to plan for: that of the rig file, else of the latest recording given, else the nominal rig.
+    """Rig to plan for: that of the rig file, else of the latest recording among the earlier results.
+
+    Without either, or if that recording contains no rig file, it is the nominal rig.
 
     Returns:
         The rig, and the notes for the user: one if the rig is a recording's, otherwise none.

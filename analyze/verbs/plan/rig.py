@@ -20,7 +20,7 @@ from schemas.rig import RigConfig, StrikerConfig
 
 @dataclass(frozen=True)
 class PlannedRig:
-    """Camera, striker, friction and gravity that a plan assumes, with their errors."""
+    """Camera, striker, friction and gravity that a plan assumes, with the standard deviations of errors."""
 
     bench: Bench
     """striker, camera, friction coefficient, gravity and frame rate"""
@@ -34,7 +34,8 @@ def planned_rig(path: Path | None) -> PlannedRig:
     """Rig of a rig file; the nominal rig if `path` is None.
 
     Returns:
-        Striker, camera, friction, gravity and frame rate, with the errors that all strikes share.
+        Striker, camera, friction, gravity and frame rate, with the standard deviations of the errors that all
+        strikes share (such as the table's tilt).
 
     Raises:
         PlanError: the file cannot be read, is not a valid rig file, or its striker has no possible speed.

@@ -139,7 +139,8 @@ def refuse_undetermined(answer: RegisterAnswer) -> None:
     """Check that the pose of at least one marker is determined, and the table's if it was asked for.
 
     Raises:
-        EstimationError: it is not; the message names the directions left open and the remedy.
+        EstimationError: no marker's pose is determined, or the table's is asked for and is not; the message
+            names the directions left open and the remedy.
     """
     name = paths_text(answer.evidence.recordings)
     found = answer.registration
@@ -202,7 +203,7 @@ def write_table(answer: RegisterAnswer, rig: Path) -> None:
 
 
 def level_note(rig: Path) -> str:
-    """End of a message: the rig file's table tilt must be measured again; "" if it need not be.
+    """Text to append to a message: repeat `analyze gravity` for this rig file; "" if it need not be.
 
     A tilt measured by plumb line depends on T_world_camera, the camera's pose, which was just changed in the
     rig file; a tilt measured otherwise does not.
@@ -258,10 +259,11 @@ def pose_toml(T: Array) -> str:
 
 
 def is_implausible(table: TablePlace) -> bool:
-    """True if the table's tilt or height is larger than the error of a board laid on it by hand.
+    """True if the table, as estimated, is tilted or raised more than a board laid by hand can be wrong.
 
-    The limit for each of the two tilts and the height, against the recorded T_world_camera, is twice the
-    usual error of a laid board plus twice the estimate's own standard deviation.
+    The camera's recorded pose was measured with such a board on the table. Each of the two tilts [rad] and
+    the height [m] may differ from it by twice the usual error of a laid board plus twice the estimate's own
+    standard deviation.
     """
     usual = np.array([LAID_BOARD.tilt_sd, LAID_BOARD.tilt_sd, LAID_BOARD.height_sd])
     return bool(np.any(np.abs(table.offset) > 2 * usual + 2 * table.sd))

@@ -78,7 +78,7 @@ def _place_cells(place: MarkerPlace) -> list[str]:
 
 
 def pose_difference(T: Array, other: Array) -> tuple[float, float]:
-    """Angle [rad] of the rotation, and distance [m], between two poses (4, 4), translation in m."""
+    """Angle [rad] between the rotations, and distance [m] between the origins, of two poses (4, 4) in m."""
     turn = float(angle_between(T[:3, :3], other[:3, :3]))
     return turn, float(np.linalg.norm(T[:3, 3] - other[:3, 3]))
 

@@ -95,7 +95,14 @@ class _ReaderGoneError(Exception):
 
 
 class _Watcher:
-    """Main loop of `analyze watch`: follows one recording, writes events and answers requests."""
+    """Main loop of `analyze watch`: follows one recording, writes events and answers requests.
+
+    Args:
+        recording: the growing recording.
+        lines: queue of the request lines; None at the end of the input.
+        stdout: stream for the events and verdicts, one JSON line each.
+        clock: clock for pauses and timeouts.
+    """
 
     def __init__(
         self,
@@ -193,8 +200,8 @@ class _Watcher:
     def _judge(self, ended: bool) -> None:
         """Write the verdicts of pending requests, in the order of the requests.
 
-        A request waits until the images of its window are in the file, at most `MAX_WAIT_FOR_IMAGES_S`;
-        requests behind it wait too. If `ended` is True, none waits.
+        A request waits until the images of its time window are in the file, at most `MAX_WAIT_FOR_IMAGES_S`;
+        requests behind it wait too. If `ended` is True, all are judged at once from the images read so far.
         """
         observer = self._observer
         while self._pending:

@@ -67,8 +67,8 @@ class Observer:
         markers: markers of the object.
         plan: the planned strikes.
         decode: decodes an image message; called only for images that are evaluated.
-        sections: outlines and landing angles of a mesh object, for the verdicts; None if the shape is
-            unknown.
+        sections: gives a mesh object's outline in the plane of a tip, and the tip angle at which the next
+            face lands on the table; None if the shape is unknown.
     """
 
     def __init__(
@@ -116,8 +116,8 @@ class Observer:
         """Keep an image and, if `LOOK_INTERVAL_NS` has passed since the last evaluated one, evaluate it.
 
         Returns:
-            Markers in view, rest, and the placement if a strike is expected; None if the image was not
-            evaluated.
+            Event with the markers in view, whether they are at rest, and, if a strike is expected, the
+            placement; None if the image was not evaluated.
         """
         self.keep(image)
         if 0 <= image.log_time_ns - self._last_look_ns < LOOK_INTERVAL_NS:
@@ -198,11 +198,12 @@ class Observer:
         return start, end
 
     def _last_rest_ns(self, start: int, end: int) -> int:
-        """Time [ns] of the last evaluated image in which a marker had not moved; 0 if none was seen.
+        """Time [ns] of the last evaluated image before any marker moved; 0 if no marker was seen.
 
-        A marker has moved if a corner is more than `MOVED_PX` from where it was first seen between `start`
-        and `end` [ns]. This locates a contact that the striker did not measure. A strike by hand may take
-        seconds: following the marker through all of its images would take longer than a verdict may.
+        Only images from `start` to `end` [ns] count. A marker has moved if a corner is more than `MOVED_PX`
+        from its first place in them. The result stands for a time of contact that the striker did not
+        measure. It takes less time than following a marker through all images of a strike by hand, which may
+        last seconds.
         """
         rest: dict[int | str, Any] = {}
         before = 0
