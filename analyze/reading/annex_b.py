@@ -51,7 +51,12 @@ def holds_parameter_sets(video: VideoFormat, data: Buffer) -> bool:
 
 
 def slice_starts(video: VideoFormat, data: Buffer) -> list[bool]:
-    """List with one bool for each slice (part of a picture) in the data: True if it begins a picture."""
+    """List with one bool per slice (part of a picture) in the data: True if the slice begins a picture.
+
+    Args:
+        video: codec.
+        data: coded data with start codes (Annex B); all of it is searched.
+    """
     whole = bytes(data)
     found: list[bool] = []
     at = whole.find(_START_CODE)

@@ -60,7 +60,7 @@ def _has_luma(name: str) -> bool:
 
 
 def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
-    """Parse a foxglove.CompressedVideo message; return its codec and its coded picture.
+    """Parse a foxglove.CompressedVideo message; return its codec and the bytes of its coded picture.
 
     Raises:
         ContainerError: the message is of another type, or its format is unknown.
@@ -97,7 +97,8 @@ def is_decoding_start(message: RecordedMessage) -> bool:
 def decode_video(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
     """Decode a video; yield its grey images in display order, without those marked as corrupt.
 
-    Each image has the log time and the sequence number of the message that contained it.
+    Each image is uint8 (height, width), with the log time [ns] and the sequence number of the message that
+    contained it.
 
     Args:
         messages: the video's messages in file order, beginning with one where a decoder can begin.

@@ -1,9 +1,9 @@
 """Finds the files of one recording: a series NAME.mcap, NAME-0002.mcap, ..., each readable by itself.
 
 A recording has several files if it is continuous, or if the process that wrote it died and another continued.
-Any of its files can be given for all of them. A file belongs to the series if its manifest has the same
-`recording_id` and, as `part`, the number in its name; an older file of that name does not belong to it, nor
-does a renamed one.
+The user names any one of them, and the others are found. A file belongs to the series if its manifest has the
+same `recording_id` and, as `part`, the number in its name; an older file of that name does not belong to it,
+nor does a renamed one.
 """
 
 from __future__ import annotations
@@ -43,9 +43,10 @@ def missing_files_text(numbers: Sequence[int]) -> str:
 def find_series_files(path: Path) -> SeriesFiles:
     """Find the files of the recording that `path` belongs to, in the same folder.
 
-    A file without a readable manifest (description of the session), or one that does not exist, is a series
-    of its own; so is a renamed file from number 2 on, with all lower numbers missing. Of a finished and an
-    unfinished file of one number the finished one counts, unless `path` is one of them.
+    Only `path` itself is returned if it does not exist or has no readable manifest (description of the
+    session). The same holds if it was renamed, so that its name lacks its number (2 or more); all lower
+    numbers then count as missing. If a number has a finished and an unfinished file, the finished one is
+    returned, unless `path` is the other.
 
     Returns:
         The files in their order, and the numbers of missing ones.

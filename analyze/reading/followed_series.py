@@ -27,9 +27,9 @@ def next_part_path(path: Path) -> Path:
 class FollowedSeries(FollowedRecording):
     """Reader of a recording in several files that another process is writing, from the file `path` on.
 
-    Path, manifest, plan, shape and `finished` are those of the current file, the one being read. The next
-    file must have in its manifest (description of the session) the same `recording_id` and the next `part`
-    number; an older file of that name does not.
+    Path, manifest, plan, shape and `finished` are those of the current file, the one being read. A file
+    counts as the next one only if its manifest (description of the session) has the same `recording_id` and
+    the next `part` number; thus an older file that has the next file's name is not read.
     """
 
     def poll(self) -> list[RecordedMessage]:

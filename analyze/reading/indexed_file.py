@@ -42,7 +42,10 @@ class RecordedMessage:
 
 @dataclass(frozen=True)
 class TopicIndex:
-    """Positions of a topic's messages in a file, by time; messages of equal time keep the file's order."""
+    """Log times [ns] of a topic's messages, and the place of each in a file: chunk and offset in it.
+
+    The messages are in order of log time; those of equal time keep the file's order.
+    """
 
     time_ns: NDArray[np.int64]
     """(n,) log times [ns]"""

@@ -18,9 +18,9 @@ from analyze.reading.time_range import index_range
 
 @dataclass(frozen=True)
 class SeriesIndex:
-    """Positions of a topic's messages in all files of a recording, by log time.
+    """Log times [ns] of a topic's messages in all files of a recording, and the file that has each.
 
-    Messages of equal time keep the order of the files.
+    The messages are in order of log time; those of equal time keep the order of the files.
     """
 
     time_ns: NDArray[np.int64]
@@ -98,9 +98,10 @@ class IndexedSeries:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of a video that a decoder needs for a range of times, in file order.
 
-        The first is found by going back in the file from the first message of the range, to one where a
-        decoder can begin (`is_start`) and whose time is not after any message of the range; the topic's first
-        message if there is none. The last is the last message of the range. An empty range yields none.
+        They begin with the last message, not after the range's first one in the file, where a decoder can
+        begin (`is_start`) and whose time is not after any message of the range; with the topic's first
+        message if there is none. They end with the range's last message in the file. An empty range yields
+        none.
 
         Args:
             topic: topic of the video.

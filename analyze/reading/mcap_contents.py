@@ -132,7 +132,13 @@ def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
 
 
 class _Inspection:
-    """One pass over an MCAP file, which enters what it finds in a `McapContents`."""
+    """One pass over an MCAP file, which enters what it finds in a `McapContents`.
+
+    Args:
+        contents: receives all findings.
+        data: bytes of the whole file.
+        progress: called with (text, bytes read, bytes in all).
+    """
 
     def __init__(self, contents: McapContents, data: memoryview, progress: Progress) -> None:
         self._found, self._data, self._progress = contents, data, progress
@@ -144,7 +150,7 @@ class _Inspection:
         """log times of messages outside of chunks, by channel"""
 
     def run(self) -> None:
-        """Inspect the file up to its footer or its last whole record, and fill the `McapContents` given."""
+        """Inspect the file up to its footer or its last whole record; fill the `contents` given before."""
         found, data, magic = self._found, self._data, container.MAGIC
         at, ended = len(magic), False
         for opcode, start, body in walk(data, len(magic)):
@@ -262,10 +268,11 @@ class _Inspection:
                 self._describe(opcode, body)
 
     def _describe_channels(self) -> None:
-        """Read chunks again for channel descriptions and message delays that are still unknown.
+        """Read chunks again if channels were not described, or if no message's delay is known.
 
-        A delay is log time minus publish time. The reading ends once any message's delay is known and every
-        message's channel is described, or after the last chunk. Damaged chunks are passed over.
+        A delay is log time minus publish time; that of one message is enough. The reading ends once a delay
+        is known and all channels with messages are described, or after the last chunk. Damaged chunks are
+        passed over.
         """
         for start in self._chunk_offsets:
             if self._found.delays_ns and not self._found.undescribed_messages:

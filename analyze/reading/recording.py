@@ -95,7 +95,10 @@ class Recording:
 
     @property
     def attachments(self) -> dict[str, bytes]:
-        """Contents of the files attached to the recording (plan, object, shape, camera), by name."""
+        """Contents of the files attached to the recording (plan, object, shape, camera), by name.
+
+        They are taken from the recording's first file.
+        """
         return {name: attachment.data for name, attachment in self._series.files[0].attachments.items()}
 
     @property
