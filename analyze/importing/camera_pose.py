@@ -105,8 +105,9 @@ def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
         views: camera pose estimated from each strike.
 
     Raises:
-        ImportRefused: `views` is empty, or one pose differs from the median by more than the error of an
-            object placed by hand (`MAX_DEVIATION_RAD`, `MAX_DEVIATION_M`).
+        ImportRefused: `views` is empty, or one strike's pose deviates from the others' by more than the error
+            of an object placed by hand. Allowed are `MAX_DEVIATION_RAD` from the orientation that is nearest
+            to the others, and `MAX_DEVIATION_M` from the median position.
     """
     if not views:
         raise ImportRefused(

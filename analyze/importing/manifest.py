@@ -25,7 +25,9 @@ CAMERA_ATTACHMENT_PREFIX = "camera/"
 
 
 def manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:
-    """Manifest of an imported recording; without a date in the first source it is created now.
+    """Manifest (description of the session) of an imported recording.
+
+    Its date of creation is that of the first source's images; if the source states none, the present time.
 
     Args:
         prepared: the import.
@@ -56,7 +58,7 @@ def manifest(prepared: PreparedImport, anchor_ns: int) -> SessionManifest:
 
 
 def _camera(prepared: PreparedImport) -> ManifestCamera:
-    """Manifest entry of the camera: name, frame rate with its standard deviation, calibration."""
+    """Manifest entry of the camera: name, calibration, frame rate [Hz] and that rate's standard deviation."""
     sd = prepared.options.rate_sd_hz
     return ManifestCamera(
         name=CAMERA, frame_rate_hz=prepared.rate_hz, frame_rate_sd_hz=sd, calibration=prepared.calibration

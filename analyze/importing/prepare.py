@@ -135,7 +135,7 @@ def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
 
     Args:
         folder: folder on the disk; None for no check.
-        kept: videos that need as much room as their files.
+        kept: these videos; each needs as much room in the recording as its file has.
 
     Raises:
         OutputError: the disk has less room.
@@ -171,7 +171,7 @@ def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitS
     """Create an image store (spool) for each source that would otherwise be decoded twice.
 
     Args:
-        options: options of the import, with the folder for the images; without one there are no stores.
+        options: options of the import; `aside` is the folder for the stored images, None for no stores.
         sources: all sources.
         stack: exit stack, which closes the stores at its end.
 

@@ -46,7 +46,8 @@ class Spool:
 
     Args:
         source: the source that is searched.
-        folder: folder for the images; the disk must have room for as much again, for the recording.
+        folder: folder for the images. Images are stored only while its disk has room for them and for the
+            recording, into which they are copied later.
     """
 
     def __init__(self, source: FrameSource, folder: Path) -> None:
@@ -96,8 +97,8 @@ class Spool:
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """Yield the source's images from `start_ns` to `end_ns`, read from the disk where they are stored.
 
-        Images before the stored interval that contains `end_ns` are decoded from the source again; all are if
-        there is no such interval.
+        Images before the stored interval that contains `end_ns` are decoded from the source again. If there
+        is no such interval, or one of the times is None, all images are.
 
         Args:
             start_ns: first time on the source's clock [ns], included; None for the first image.

@@ -34,7 +34,7 @@ _COMPRESSION_LEVEL: Final = 3
 
 
 class VideoChunk(NamedTuple):
-    """A finished chunk of coded pictures."""
+    """A finished chunk: MCAP message records of n coded pictures, with their times, numbers and sizes."""
 
     messages: VideoMessages
     """times, sequence numbers and sizes of the n pictures"""

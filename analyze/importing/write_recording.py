@@ -94,6 +94,11 @@ class _Session:
 
     Images are numbered over all sources, and the sources follow each other on one clock, `SOURCE_GAP_NS`
     apart. Sources without a strike are left out.
+
+    Args:
+        prepared: the import.
+        writer: open recording, which receives the messages.
+        progress: called with a text, the number of images written and of all.
     """
 
     def __init__(self, prepared: PreparedImport, writer: RecordingWriter, progress: Progress) -> None:
