@@ -20,7 +20,7 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
     """Read a rig file (TOML), in which the camera's address and calibration may be missing.
 
     Missing entries get placeholders: address "none", an image of 1 x 1 px, and unit matrices for K and
-    T_world_camera. A file without the table [camera] is refused.
+    T_world_camera.
 
     Returns:
         Content of the file, and its T_world_camera (4, 4), the camera's pose in the world frame; None if the
@@ -28,7 +28,7 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
 
     Raises:
         CalibrationError: the file is missing, cannot be read, or is not valid TOML.
-        DocumentError: an entry has a value that is not allowed.
+        DocumentError: the table [camera] is missing, or an entry has a value that is not allowed.
     """
     try:
         data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
