@@ -32,7 +32,7 @@ MIN_SQUARES = 3
 
 @dataclass(frozen=True)
 class Tag:
-    """Tag to be printed: family, id and size."""
+    """Tag to be printed: family, id, and edge length [mm] of its black square."""
 
     family: str
     """Tag family such as "36h11"."""
