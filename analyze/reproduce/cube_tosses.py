@@ -199,8 +199,9 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
 def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -> Array:
     """Deviations (k,) of points of the cube from free fall with air drag, in the file's unit of length.
 
-    For each point: the rms distance from its best-fitting fall in each flight, and of these the median over
-    the quarter of flights with the largest rotation.
+    The point at the centre of mass falls freely; the others turn about it. For each point, the rms distance
+    from the best-fitting fall is computed in each flight. The result is the median of these over the quarter
+    of flights with the largest rotation.
 
     Args:
         flown: flights.

@@ -163,10 +163,10 @@ def _moments(axes: Axes, answer: CubeAnswer) -> None:
 
 
 def _flight(axes: Axes, answer: CubeAnswer) -> None:
-    """Draw the deviation of points of the cube from a parabola in flight, over their height.
+    """Draw how far points of the cube deviate from a parabola in flight, over their height in the cube.
 
-    The deviation is smallest at the centre of mass; its height by each method is marked with its 95 %
-    interval.
+    The deviation is smallest at the centre of mass. A line with a 95 % band marks the height of the centre of
+    mass by each of the three methods.
     """
     axes.plot(1e3 * answer.heights, 1e3 * answer.off_parabola, color=ORANGE, lw=1.6)
     for name, colour, body in _methods(answer):

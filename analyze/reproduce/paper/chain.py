@@ -60,10 +60,10 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
 
 
 def sign_change_fit(motion: TipMotion) -> MotionFit | None:
-    """Fit of a strike by the paper's estimator: phi is theta where the angular acceleration is 0.
+    """The fit of a strike by the paper's estimator, among those in its `motion`; None if it has none.
 
-    phi is the balance angle, theta the tipping angle. None if the strike did not tip over, or has no such
-    fit.
+    The paper takes the tipping angle theta at which the angular acceleration is 0 as balance angle phi. None
+    also if the strike did not tip over.
     """
     tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
     return next((fit for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None)

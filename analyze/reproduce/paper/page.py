@@ -226,10 +226,11 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
 
 
 def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
-    """Rows of all dots of Fig. 11: object, seed, calibration, method, error of c [m], and paper's metric.
+    """Rows of all dots of Fig. 11: object, seed, calibration, method, and two errors of one answer.
 
-    c is the centre of mass. The published results of c and of the region masses are separate rows; a value
-    that a row does not have is None.
+    The first error is the distance [m] of the estimated centre of mass from the true one. The second is the
+    mean absolute error of a region's mass over the total mass (the paper's metric). Published results of the
+    two are separate rows; a value that a row does not have is None.
     """
     rows: list[tuple[Value, ...]] = [
         (each.object, None, None, "published", each.distance_m, None) for each in published_centres()

@@ -81,10 +81,10 @@ def volume_ratio(distance: float, volume: float) -> float:
 
 
 def _errors(file: str, columns: Sequence[str]) -> Iterator[tuple[str, Array, dict[str, str]]]:
-    """Yield object name, error, and row of the CSV file, for each result of one of the paper's tables.
+    """Yield each result of one of the paper's tables as (name of the object, error, row of the CSV file).
 
-    The name is the one that this package uses. The error (len(columns),) is the result minus the reference;
-    the row of the reference precedes its results in the file.
+    The name is the one that this package uses. The error (len(columns),) is the result minus the reference,
+    which is the last row marked "reference" before it in the file.
 
     Args:
         file: name of the table's CSV file.

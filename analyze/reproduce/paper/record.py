@@ -21,7 +21,7 @@ _FORMER_NAIVE_NAMES = {"surface": "shell", "surface_and_uniform": "shell_and_uni
 
 
 class Condition(enum.StrEnum):
-    """Calibration under which a session is analysed."""
+    """Calibration under which a session is analysed: exact, or with random errors drawn and applied."""
 
     EXACT = "exact"
     """The rig's calibration as recorded."""
@@ -30,7 +30,7 @@ class Condition(enum.StrEnum):
 
 
 class ThetaSource(enum.StrEnum):
-    """Origin of the tipping angle theta(t)."""
+    """Origin of the tipping angle theta(t): tracked in rendered images, or simulated without images."""
 
     IMAGES = "images"
     """Tracked in rendered images."""
@@ -103,7 +103,7 @@ class Angle(Document):
 
 
 class Sensitivity(Document):
-    """Errors of a result at one level of noise of an input."""
+    """Errors of a result (centre of mass or region masses) at one level of noise added to an input."""
 
     level: float = Field(description="degrees, relative, or metres")
     ours: list[float | None]
@@ -149,7 +149,7 @@ class Section(Document):
 
 
 class OwnChoice(Document):
-    """Centre of mass from the strikes that the paper's planner chooses, given angles without error."""
+    """Errors of the centre of mass from the strikes that the paper's planner chooses, with exact angles."""
 
     refused: str | None = Field(
         default=None, description="reason why the paper's planner has no strikes; null if it has"
@@ -226,9 +226,10 @@ class SessionRecord(Document):
     @field_validator("naive_kg", mode="before")
     @classmethod
     def _current_names(cls, value: object) -> object:
-        """Masses of the naive answers by name, with names of older records replaced by the present ones.
+        """Region masses of the naive answers by name; names from older records are replaced by present ones.
 
-        Older records can thus still be read. A value that is not a dictionary is returned as it is.
+        A naive answer assumes the distribution, for example all mass in the shell. A value that is not a
+        dictionary is returned as it is.
         """
         if not isinstance(value, dict):
             return value
@@ -236,7 +237,10 @@ class SessionRecord(Document):
 
     @property
     def name(self) -> str:
-        """Name of the record's file, without suffix: object, planner if the paper's, seed, and source."""
+        """Name of the record's file without suffix: object, "-paper" if planned by its method, and seed.
+
+        It ends with "-simulated" if the tipping angles were simulated without images.
+        """
         planned = "" if self.method is PlanMethod.OURS else "-paper"
         simulated = "" if self.source is ThetaSource.IMAGES else "-simulated"
         return f"{self.object}{planned}-{self.seed}{simulated}"

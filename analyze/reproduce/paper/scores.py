@@ -23,9 +23,9 @@ EMPTY_REGION_FRACTION = 0.01
 
 
 def with_our_plan(records: Iterable[SessionRecord]) -> list[SessionRecord]:
-    """Sessions whose strikes were planned by our design, not by the paper's rule.
+    """Sessions whose strikes were planned by this project's method, not by that of the VISAPP 2013 paper.
 
-    Our design: docs/explanation/method.md, 1.6.
+    The method is described in docs/explanation/method.md, 1.6.
     """
     return [record for record in records if record.method is PlanMethod.OURS]
 
@@ -93,7 +93,9 @@ def distances_mm(records: Iterable[SessionRecord], condition: Condition, *, pape
 def region_masses(
     records: Iterable[SessionRecord], condition: Condition, *, paper: bool
 ) -> list[tuple[Sequence[float], SessionRecord]]:
-    """Estimated masses [kg] of shell, upper and lower part with their session, of answers that have them.
+    """Estimated masses [kg] of shell, upper and lower part, each with its session.
+
+    Answers without region masses are left out.
 
     Args:
         records: sessions.

@@ -94,9 +94,9 @@ def masses_over_moments(
     """Errors of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
 
     c is the centre of mass. The error is the paper's metric: the mean absolute error of a region's mass over
-    the total mass. Subtracting m R^2 from a moment about the edge (R: distance of c from it) leaves I_c,l,
-    the moment about the parallel axis through c, whose relative error is about four times as large for a tall
-    object.
+    the total mass. The noise is drawn for the moment about the edge. Subtracting m R^2 (R: distance of c from
+    the edge) gives I_c,l, the moment about the parallel axis through c. It has the same absolute error; for a
+    tall object its relative error is about four times as large.
 
     Args:
         estimate: result of the session.

@@ -75,9 +75,9 @@ class Sweeps:
 
 
 def default_sweeps(name: str) -> Sweeps:
-    """Default noise levels for an object: all sweeps for the carton, as in the paper.
+    """Default noise levels for an object: all of them for the carton, as in the paper.
 
-    Other objects are analysed with the paper's own angle noise only.
+    For other objects it is one level: the noise of the angles that the paper states.
 
     Args:
         name: name of the object.
@@ -261,7 +261,7 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
 
 
 def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
-    """Balance angles of each strike used: true, by our method, and by the paper's.
+    """Balance angles [rad] of each strike used: true, by our method, and by the paper's.
 
     The paper's angle is None for a strike that did not tip the object over.
     """
@@ -341,10 +341,10 @@ def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
 
 
 def _region(in_shell: NDArray[np.bool_], above: NDArray[np.bool_]) -> list[int]:
-    """Region of each cell: 0 in the shell, else 1 above the dividing plane and 2 below it."""
+    """Region of each of n cells: 0 where `in_shell` (n,), else 1 where `above` the dividing plane, else 2."""
     return [int(value) for value in np.where(in_shell, 0, np.where(above, 1, 2))]
 
 
 def _pairs(points: Array) -> list[tuple[float, float]]:
-    """Points (n, 2) [m] as pairs (x, z), rounded to 10 µm."""
+    """Points (n, 2) [m], in x and z of the object frame O, as a list of pairs rounded to 10 µm."""
     return [(round(float(x), 5), round(float(z), 5)) for x, z in points]
