@@ -29,7 +29,7 @@ PACKAGE_OF_PROTOCOL = {"s3": "percuss[s3]"}
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One file of an archive of recordings, as its place lists it."""
+    """One file of an archive of recordings, as the listing of its folder or bucket describes it."""
 
     url: str
     """a local path, or a URL with its protocol"""
@@ -204,7 +204,7 @@ def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, An
     """File information by path of a place's files and of those below its folders.
 
     Of local folders only recordings (*.mcap, *.mcap.part) are listed, without the folders that `exclude`
-    names; of other folders all files.
+    names; of folders elsewhere (in a bucket) all files.
 
     Args:
         place: place on the command line.

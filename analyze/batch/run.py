@@ -142,7 +142,7 @@ def run_batch(
         output: folder of the results; created if missing.
         settings: settings of the analysis.
         options: options of the run.
-        callback: called after each recording; None for silence.
+        callback: called with (outcome, recordings done, recordings in all) after each; None for silence.
 
     Returns:
         Outcomes of the run.
@@ -234,8 +234,9 @@ def _supersede(
 ) -> None:
     """Record a recording's outcome in the ledger, and remove the stored row that it replaces.
 
-    A row of results that the entry of another recording names stays. If the analysis of unchanged files
-    failed, nothing is removed: the cause is the settings or the network, and an earlier result stays.
+    The replaced row is kept if another recording's entry names it too, as copies of one recording do. It is
+    also kept if the files are unchanged and their analysis failed now: the cause is then the settings or the
+    network, and the earlier result is still right.
 
     Args:
         known: latest ledger entry by URL; the recording's entry is replaced in place.

@@ -130,8 +130,8 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
 def _fetch_windows(first: Path, remotes: Sequence[tuple[RemoteFile, list[ChunkEntry]]]) -> None:
     """Fetch the image chunks that overlap a strike's window into the local copies.
 
-    For a video without a key picture for long, the full-sized chunks just before these are fetched too, since
-    decoding needs them.
+    A chunk before these is fetched too if it has the full size of a video chunk, and so on back to the first
+    smaller one: a video with no recent key picture continues from chunk to chunk, and is decoded from there.
 
     Args:
         first: copy of the recording's first file, without its images.

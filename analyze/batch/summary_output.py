@@ -121,7 +121,7 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
 
 
 def stands_out_text(each: Repeated) -> str:
-    """Clause with figures on a quantity that scatters or drifts more than chance explains."""
+    """Text that names how one quantity scatters or drifts more than chance explains, with its figures."""
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (
