@@ -49,7 +49,7 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """True if one centre of mass explains all recordings: `chi_squared` is at most its critical value."""
+        """True if one centre of mass explains all recordings: chi^2 decreases by at most `limit`."""
         return self.chi_squared <= self.limit
 
 
@@ -70,7 +70,8 @@ def agreement(
     Args:
         planes: Equi-planes of the strikes used: per strike, the plane through pivot line and c.
         recorded_in: (strikes,) number of each strike's recording; the smallest counts as the first one.
-        com: Centre of mass c estimated from all strikes, in the object frame O, with their robust weights.
+        com: Centre of mass c estimated from all strikes, in the object frame O, with the strikes' robust
+            weights (below 1 for outliers), which divide the variances of the noise.
         systematic: Standard deviations of the errors that strikes share (tilt, scale, edge radius), as used
             for `com`.
         prior: Prior of c that `com` was estimated with.
@@ -126,9 +127,12 @@ def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisa
 
     The fit used for a strike is compared with each alternative, the fit of the same frames by another
     estimator. The sd is that of two independent fits; since the frames are the same, it overstates the
-    expected difference. Not compared are motions without a fit and alternatives with violated assumptions
-    (the fit lists them). An alternative without k finds phi as the angle of balance; of a strike that did not
-    tip past the balance it is not compared.
+    expected difference. Not compared are:
+
+    - motions without a fit;
+    - alternatives whose assumptions the motion violates (the fit lists them);
+    - alternatives without k, unless the strike's verdict is "good": they take phi to be the angle at which
+      the motion passes the balance.
 
     Args:
         motions: Motions of the strikes, with their fits: balance angle phi [rad] and rate constant k
@@ -193,8 +197,8 @@ def centre_difference(
     """Distance between the paper's centre of mass and the joint estimate of it, with its significance.
 
     The paper (VISAPP 2013) states no standard deviation. Each of its planes is therefore given the variance
-    of its balance angle plus that of a uniform error of up to `paper.err`, the half-angle of the paper's
-    regions.
+    of its balance angle plus that of a uniform error of up to `paper.err` [rad], the half-angle of the wedges
+    whose overlap is the paper's centre of mass.
 
     Args:
         paper: The paper's centre of mass, found from `planes`, in the object frame O.
@@ -203,7 +207,8 @@ def centre_difference(
         prior: Prior of the centre of mass, used for both.
 
     Returns:
-        Distance [m], and the size of the difference in sd, scaled to be judged as a single normal error.
+        Distance [m], and the same in standard deviations: the norm of the three standardised components,
+        times `THREE_ERRORS_AS_ONE`, so that 3 is as unlikely as an error of 3 sd of one quantity.
     """
     off = paper.position - com.position
     information = np.diag(prior.sd**-2)

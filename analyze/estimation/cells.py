@@ -23,9 +23,10 @@ ASSUMED_SHELL_FRACTION = 0.025
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells that fill the body, each in the shell (the outer wall) or in the interior.
+    """Small pieces that fill the body, each in the shell (the outer wall) or in the interior.
 
-    For each cell: centroid, volume and moment of inertia per kilogram about its own centroid.
+    The thickness of the shell is the one that the body was divided for. Each cell has a centroid, a volume
+    and a moment of inertia per kilogram about its own centroid.
     """
 
     points: Array
@@ -42,7 +43,7 @@ class Cells:
 
     @property
     def volumes(self) -> Array:
-        """Volumes (n,) [m^3] of all n cells, those of the shell and those of the interior."""
+        """Volume (n,) [m^3] of each of the n cells, whether it lies in the shell or in the interior."""
         return self.shell + self.interior
 
     @property
@@ -64,7 +65,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class ShellCells:
-    """Cells of the body for one thickness of its shell (the outer wall)."""
+    """A shell thickness (of the outer wall) together with the cells that the body is divided into for it."""
 
     thickness: float
     """Shell thickness [m]."""
@@ -73,10 +74,10 @@ class ShellCells:
 
 
 def cells_from_voxels(voxels: Voxels) -> Cells:
-    """Cells of a voxelised body, each wholly in the shell (the outer wall) or in the interior.
+    """Cells of a body given as cubes (voxels), each cell wholly in the shell (outer wall) or the interior.
 
-    A voxel that the shell's inner side cuts becomes two cells. A cell of at most `MIN_CELL_FRACTION` (0.001)
-    of its voxel is left out.
+    The voxels state how much of each lies in the shell. A voxel that the shell's inner side cuts becomes two
+    cells. A cell of at most `MIN_CELL_FRACTION` (0.001) of its voxel is left out.
     """
     shell, volumes = voxels.shell, voxels.volumes
     in_wall, inside = shell > MIN_CELL_FRACTION, shell < 1 - MIN_CELL_FRACTION

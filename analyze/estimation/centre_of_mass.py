@@ -34,12 +34,13 @@ def centre_of_mass(
     - for all strikes: the shape's scale and the edges' radius;
     - for each levelling (set-up of the table with one tilt): the lean of the vertical from the table's normal
       towards x and y of the world frame W;
-    - for each pivot axis: the edge's place forward, its own radius and, per heading, an angle;
+    - for each pivot axis: the place of its edge in the direction of the tip, the edge's own radius, and for
+      each heading (direction of the tip on the table) an error of the measured angle;
     - for each resting face: its place along its normal.
 
     Repeats about one axis therefore average only their own scatter. The lean changes phi of a tip at heading
-    h (direction on the table) by lean . (cos h, sin h). Strikes over one edge at two headings, best 180 deg
-    apart, separate the lean from all other errors: it makes half the difference of their phi.
+    h by lean . (cos h, sin h). Strikes over one edge at two headings, best 180 deg apart, separate the lean
+    from all other errors: it makes half the difference of their phi.
 
     Args:
         planes: Equi-planes in the object frame O, one per strike.
@@ -104,9 +105,10 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
 
 def _precision_of_phi(solution: JointSolution) -> Array:
-    """Precision 1 / variance (strikes,) [1/rad^2] of each strike's balance angle, if its k is not known.
+    """Precision 1 / variance (strikes,) [1/rad^2] of each strike's balance angle phi alone.
 
-    That is the marginal precision: the rate constant k of the motion is integrated out.
+    Where phi and the rate constant k were measured together, it is the marginal precision: k is integrated
+    out.
     """
     inverse = solution.data.precisions
     used = solution.data.uses_k > 0

@@ -50,13 +50,13 @@ class LeaveOneOut:
 
     @property
     def agrees(self) -> bool:
-        """True if a strike's balance angle and rate constant k are as predicted, within `SIGMAS` sd."""
+        """True if balance angle and rate constant k, judged together, are as predicted within `SIGMAS` sd."""
         return self.sigmas <= SIGMAS
 
 
 @dataclass(frozen=True)
 class GravityEstimate:
-    """Gravity g estimated from the strikes, as a relative difference from the g stated with the recording.
+    """Gravity g estimated from the strikes, as a relative difference from the stated g.
 
     The strikes separate g from the moments of inertia if axes have different distances from the centre of
     mass.
@@ -74,17 +74,18 @@ class GravityEstimate:
 
 
 def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
-    """Predict every strike's balance angle phi and ln k from all other strikes, and compare.
+    """Predict each strike's phi and ln k from all other strikes, and compare them with the measured ones.
 
-    The joint problem is not solved again for each strike: the strike is taken out linearly about the solution
-    of all. phi and the rate constant k of the motion carry all the information that the tipping angle
-    theta(t) has about the body; the prediction of theta(t) itself is in motion/predicted_motion.py.
+    phi is the balance angle [rad], k the rate constant of the tipping motion [rad/s^2]. The joint problem is
+    not solved again for each strike: the strike is taken out linearly about the solution of all. phi and k
+    carry all the information that the tipping angle theta(t) has about the body; the prediction of theta(t)
+    itself is in motion/predicted_motion.py.
 
     Args:
         solution: Solution of the joint problem of all strikes.
 
     Returns:
-        One prediction with its comparison per strike, in the order of the solution's planes.
+        One comparison per strike, in the order of `solution.model.planes`, which holds one plane per strike.
     """
     model, x, weight = solution.model, solution.x, solution.weight
     information = np.linalg.inv(solution.covariance)
@@ -146,7 +147,7 @@ def estimated_gravity(
         initial: Solution with the stated gravity, to start from.
 
     Returns:
-        Estimated over stated gravity minus 1, with its sd.
+        Ratio of estimated to stated gravity, less 1, with its sd: 0 if they are equal.
     """
     open_scale = replace(moments.scale, gravity_sd=OPEN_GRAVITY_RELATIVE_SD * moments.scale.gravity)
     found = solve_joint(planes, systematic, prior, replace(moments, scale=open_scale), initial)
@@ -174,12 +175,13 @@ def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> fl
 def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[str]:
     """Ids of the pivot axes whose measured moment of inertia no mass within the shape's hull can have.
 
-    The moment per kilogram about the line l through the centre of mass c, parallel to the axis, is I_c,l / m
-    = g R / k - (R + rho)^2. Here m is the mass, g gravity, R the distance of c from the centre line of the
-    edge's rounding, rho the radius of the edge, k the rate constant fitted to the strike's motion. It is
-    impossible if it is negative, or above its bound (b1 - c1)(c1 - a1) + (b2 - c2)(c2 - a2): 1 and 2 are the
-    coordinates across the axis, along which the body extends from a to b (Bhatia and Davis 2000). An axis is
-    listed if one of its strikes crosses zero or the bound by more than `SIGMAS` standard deviations.
+    The strikes give the moment per kilogram about the line l through the centre of mass c, parallel to the
+    axis: I_c,l / m = g R / k - (R + rho)^2. Here m is the mass, g gravity, R the distance of c from the
+    centre line of the edge's rounding, rho the radius of the edge, k the rate constant fitted to the strike's
+    motion. No mass has a negative moment, or one above (b1 - c1)(c1 - a1) + (b2 - c2)(c2 - a2), where 1 and 2
+    are two coordinates perpendicular to the axis, along which the hull extends from a to b (Bhatia and Davis
+    2000). An axis is listed if the moment of one of its strikes is below zero, or above that bound, by more
+    than `SIGMAS` standard deviations.
 
     Args:
         solution: Joint solution with k; strikes whose k is not used are skipped.
@@ -243,7 +245,8 @@ def check_solution(
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments.
-        solution: Solution of the joint problem of planes, errors, prior and moments above.
+        solution: Joint solution of these planes, which was found with the same `systematic`, `prior` and
+            `moments`.
         hull: Vertices (h, 3) [m] and planes (p, 4) (outward n.x + d = 0) of the shape's hull, in O.
 
     Returns:

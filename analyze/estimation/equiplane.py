@@ -118,7 +118,7 @@ def upright_in_gravity(plane: EquiPlane, lean: float) -> EquiPlane:
 
     Args:
         plane: Equi-plane as fitted.
-        lean: Lean of the vertical in the direction of the tip [rad].
+        lean: Lean of the vertical from the table's normal, towards the side to which the object tips [rad].
     """
     return replace(plane, normal=equiplane_normal(plane.direction, plane.up, plane.phi - lean))
 

@@ -1,12 +1,12 @@
 """Level, mass and density of a filling, and the shell's thickness where it is not given.
 
 The body is a shell of one density, a filling of one density inside it below the plane u.x = h, and empty
-above; u is the direction that pointed upwards when the object was filled, h the level. With h and the shell's
-thickness given, all that was measured is linear in the two masses (as in part_masses.py): the masses are
-integrated out exactly, h and the thickness on a grid that is refined around the data's maximum. The prior is
-uniform in the level, in the logarithm of the thickness, and in each mass between zero and that of lead; or
-the filling's density is given with its sd. The filling is assumed to turn rigidly with the body: powder that
-does not flow, or a frozen, set or viscous filling. A free liquid does not.
+above; u is the direction that pointed upwards when the object was filled, h the level. For a given h and
+shell thickness, the measured quantities are linear in the masses of shell and filling (as in part_masses.py),
+and the masses are integrated out exactly. h and the thickness lie on a grid, refined where the data fit best.
+The prior is uniform in the level, in the logarithm of the thickness, and in each mass from zero to that of as
+much lead; or the filling's density is given with its sd. The filling is assumed to turn rigidly with the
+body: powder that does not flow, or a frozen, set or viscous filling. A free liquid does not.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def fill_level(
         moments: Measured mass, centre of mass and moments of the whole object.
         shells: The body with its shell (outer wall): one entry if the shell's thickness is given; otherwise
             one for each of several thicknesses, thinnest first, to interpolate between.
-        along: (3,) direction in the object frame O that pointed upwards when the object was filled; any
-            length.
+        along: (3,) vector in the object frame O that pointed upwards when the object was filled; need not be
+            of unit length.
         density: Density of the filling; None if it is not known.
         rng: Random generator of the draws; the same seed gives the same result.
 
@@ -195,7 +195,8 @@ def _refined_grid(
 class _Grid:
     """Posterior of shell thickness and fill level on a grid of t thicknesses times h levels.
 
-    The masses of shell and filling are integrated out. The inside is the space within the shell.
+    The masses of shell and filling are integrated out. The inside is the space within the shell. The
+    arguments are those of `_refined_grid`, with the levels of the grid in place of their range.
 
     Attributes:
         levels: (h,) levels from the origin of the object frame O [m].
@@ -295,8 +296,8 @@ class _Grid:
         """Mean, sd and 95 % interval of level, filled share, masses, density and shell thickness.
 
         They are taken from `DRAWS` random draws. Draws of masses outside their bounds are rejected; if fewer
-        than `MIN_DRAWS` remain, masses are clipped to the bounds instead. `whole` are the lowest and the
-        highest possible level [m].
+        than `MIN_DRAWS` remain, masses are clipped to the bounds instead. `whole` holds the lowest and the
+        highest possible level [m], to which drawn levels are clipped.
         """
         weight = np.exp(self.log - np.max(self.log)).ravel()
         place = rng.choice(len(weight), DRAWS * DRAWS_PER_KEPT, p=weight / weight.sum())
@@ -370,9 +371,9 @@ def _interpolated(nodes: Array, at: Array, values: Array) -> Array:
 
 
 def _marginal(draws: Array, widest: float) -> Marginal:
-    """Mean, sd and shortest 95 % interval of `draws` (n,) of one quantity, and if it is observed.
+    """Mean, sd and shortest 95 % interval of `draws` (n,) of a quantity, and whether it is determined.
 
-    The quantity counts as observed if the interval is narrower than `_UNOBSERVED_WIDTH` of `widest`, the
+    It counts as determined (`observed`) if the interval is narrower than `_UNOBSERVED_WIDTH` of `widest`, the
     width of the range of possible values.
     """
     low, high = (float(end[0]) for end in narrowest_intervals(np.sort(draws)[:, None]))

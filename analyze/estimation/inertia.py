@@ -30,9 +30,9 @@ def shape_prior(cells: Cells) -> MomentPrior:
 
     Returns:
         Function of the centre of mass (3,) [m], in the object frame O, that gives the prior mean and sd, each
-        (3, 3) [m^2], of the inertia per kilogram about that point. The uniform solid and the shell stay at
-        their own places; the parallel-axis term of their distance from the point is small and widens the
-        prior.
+        (3, 3) [m^2], of the inertia per kilogram about that point. The uniform solid and the shell are not
+        shifted so that their own centroids lie there; the parallel-axis term of the distance is included, is
+        small, and widens the prior.
     """
     shares = np.array([cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()])
     centroids = np.array([share @ cells.points for share in shares])
@@ -142,10 +142,10 @@ def inertial_parameters_from_joint(
 def _with_mass(rows: Array, P: Array, values: Array, scale: Scale) -> Array:
     """Joint covariance (1 + n, 1 + n) of the mass and n quantities derived from the joint estimate.
 
-    Each quantity is proportional to the mass or independent of it.
+    Each quantity is either proportional to the mass (as a moment of inertia) or independent of it.
 
     Args:
-        rows: (n, count) derivatives of the quantities by the joint estimate's unknowns.
+        rows: (n, count) derivatives of the quantities by the joint estimate's unknowns, at the stated mass.
         P: (count, count) covariance of these unknowns.
         values: (n,) values of the quantities; 0 for those that do not depend on the mass.
         scale: Mass with its standard deviation.

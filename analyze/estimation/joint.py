@@ -1,9 +1,10 @@
 """Joint estimate of centre of mass c, second moments and shared errors (method.md, section 7).
 
 The data are the balance angle phi and the rate constant k = m g R / I_edge [rad/s^2] of every strike (m mass,
-g gravity, R the distance of c from the edge, I_edge the moment of inertia about the edge): with their
-covariance they contain all the information of a free tip about the body, since the fit of the motion
-integrates out its start.
+g gravity, R the distance of c from the edge, I_edge the moment of inertia about the edge). With their
+covariance they contain all that a free tip says about the body: angle and speed at which a tip began say
+nothing about it, and the fit of the motion has integrated them out. Second moments are the integrals of x x^T
+over the mass, per kilogram, about c (second_moments.py); they determine the inertia tensor.
 """
 
 from __future__ import annotations
@@ -97,8 +98,10 @@ class StrikeData:
 class JointSolution:
     """Estimate of centre of mass, second moments and shared errors from all strikes, with covariance.
 
-    It is the robust maximum of their posterior. Shared errors are those common to several strikes: table
-    tilt, shape scale, edges. The data and the model of the estimate are included.
+    It is the maximum of their posterior, with outliers given less weight. Second moments are those of the
+    mass about its centre, per kilogram (second_moments.py); they determine the inertia. Shared errors are
+    those common to several strikes: table tilt, shape scale, edges. The data and the model of the estimate
+    are included.
     """
 
     model: JointModel
@@ -128,7 +131,8 @@ def solve_joint(
 
     Gauss-Newton with the exact Jacobian and robust weights, at most `MAX_ITERATIONS` steps. A strike far off
     all others loses weight (Huber 1964, with redescending weights). If the strikes scatter more than their
-    standard deviations allow, their own errors are taken as larger by the excess (Birge 1932).
+    standard deviations allow, the variances of the strikes' own errors are multiplied by the ratio of
+    observed to expected scatter (Birge 1932).
 
     Args:
         planes: Equi-planes (plane through pivot line and c) in the object frame O with their balance angles
@@ -239,7 +243,7 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
     """Information (count, count) that the priors contribute about the unknowns, an inverse covariance.
 
-    It is linear about the unknowns `x`.
+    The shape's prior is not linear in the unknowns and is linearised at `x`.
 
     Args:
         diagonal: (count,) inverse variances of the unknowns' own priors.
@@ -274,8 +278,8 @@ def _step(
         rows: (strikes, 2, count) derivatives of `z` by the unknowns.
 
     Returns:
-        The unknowns after the step, with `z` and `rows` there; the given `x`, `z` and `rows` if none of
-        twelve step sizes suffices.
+        The unknowns after the step, and `z` and `rows` at them. If none of twelve step sizes lowers the
+        misfit or keeps it, `x`, `z` and `rows` as given.
     """
     start, diagonal, shape = prior
 

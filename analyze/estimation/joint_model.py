@@ -3,12 +3,13 @@
     phi = atan2(-forward, height) + lean of the vertical + angle errors
     ln k = ln g + ln R - ln(l.J.l + (R + rho)^2) + error of the axis
 
-with phi the balance angle, k the rate constant [rad/s^2], c the centre of mass, (forward, height) the arm
-from the edge's centre line to c, R its length, g gravity, J the inertia about c per kilogram, l the unit
+with phi the balance angle, k the rate constant [rad/s^2] and c the centre of mass. At rest, the arm from the
+centre line of the edge's rounding to c has a component `forward` in the horizontal direction of the tip and
+an upward component `height`; R is its length. g is gravity, J the inertia about c per kilogram, l the unit
 direction of the edge and rho its radius. A larger radius moves the centre line inwards, up and away from the
 tip: phi changes in proportion to cos phi - sin phi, which vanishes at 45 degrees, so that upright and
-45-degree tips together determine the radius. The equations do not contain the mass: motions determine J, not
-I.
+45-degree tips together determine the radius. Neither equation contains the mass: motions determine J, but not
+the moments of inertia themselves.
 """
 
 from __future__ import annotations
@@ -48,15 +49,19 @@ class JointModel:
     """Model of balance angle phi and ln k of all strikes as functions of one vector x of unknowns.
 
     k is the rate constant of the tipping motion. x (count,) holds the centre of mass c (3) [m, in the object
-    frame O], the second moments' six numbers (second_moments.py), then the errors that strikes share, each in
-    units of its sd:
+    frame O], six numbers that determine the second moments of the mass about c, per kilogram
+    (second_moments.py), then the errors that strikes share, each in units of its sd:
 
-    - the vertical's lean from the table's normal towards x and y of the world frame W (first levelling);
-    - the shape's scale, the edges' common radius, gravity;
-    - four per pivot axis: the edge's place forward, an angle, its own radius, an error of k;
-    - the place of each face rested on (all its edges lie in it);
-    - two of lean for each further levelling (set-up of the table with one lean);
-    - an angle for each further heading (direction of the tip) of an axis: the camera sees another side.
+    - the vertical's lean from the table's normal towards x and y of the world frame W (first levelling); -
+    the shape's scale, the edges' common radius, gravity; - four per pivot axis: the edge's place in the
+    direction of the tip, an angle, its own radius, an error of k; - the place of each face rested on (all its
+    edges lie in it); - two of lean for each further levelling (set-up of the table with one lean); - an angle
+    for each further heading (direction of the tip) of an axis: the camera sees another side.
+
+    Args:
+        planes: Equi-planes of the strikes: planes through pivot line and c, with the measured phi.
+        systematic: Standard deviations of the shared errors, and the prior of the lean of each levelling.
+        scale: Gravity, its error and that of k; None for a model that is used for phi alone.
 
     Attributes:
         planes: equi-planes of the strikes, whose phi the model is compared with.
@@ -186,11 +191,10 @@ class JointModel:
         return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
 
     def about_com(self, x: Array) -> tuple[Array, Array]:
-        """Moment of inertia per kilogram (strikes,) [m^2] about the centre of mass along each pivot.
+        """Moment of inertia per kilogram (strikes,) [m^2] about the centre of mass, parallel to each pivot.
 
-        It is l.J.l about the pivot's parallel through the centre of mass, with J the inertia tensor per
-        kilogram about the centre of mass and l the pivot's unit direction. Returned as a pair with its
-        derivative (strikes, count) by the unknowns `x`.
+        It is l.J.l, with J the inertia tensor per kilogram about the centre of mass and l the pivot's unit
+        direction. Returned as a pair with its derivative (strikes, count) by the unknowns `x`.
         """
         J, by = unit_inertia(x[SECOND])
         rows = np.zeros((len(self.planes), self.count))

@@ -98,10 +98,12 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
 
 
 def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
-    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of several solids of one density.
+    """Several solids of one density as one: volume [m^3], centroid [m], inertia tensor per kilogram [m^2].
+
+    The tensor (3, 3) is about the common centroid. Frame and axes are those of `solids`.
 
     Args:
-        solids: Solids that do not overlap, at least one with a volume.
+        solids: Solids that do not overlap; the volume of at least one is not 0.
     """
     volume = sum(one.volume for one in solids)
     centroid = np.sum([one.volume * one.centroid for one in solids], axis=0) / volume
@@ -127,9 +129,9 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
-    """Volume [m^3], centroid [m] and inertia per kilogram about it [m^2] of a uniform solid made of cells.
+    """Uniform solid made of cells: volume [m^3], centroid (3,) [m], inertia per kilogram (3, 3) [m^2].
 
-    Centroid and axes of the inertia are those of the object frame O.
+    The inertia tensor is about the centroid. Centroid and axes are those of the object frame O.
 
     Args:
         cells: Cells of the body.

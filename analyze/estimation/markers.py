@@ -21,7 +21,7 @@ RELATIVE_STEP = 1e-6
 
 
 def can_subtract(markers: Sequence[MarkerSpec]) -> bool:
-    """True if the mass of all markers (printed tags) can be subtracted: each with a mass has a pose.
+    """True if the mass of all markers (printed tags) can be subtracted: all that have a mass have a pose.
 
     Also True if no marker has a mass.
     """

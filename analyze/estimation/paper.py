@@ -62,12 +62,12 @@ def paper_centre_of_mass(
     """Centre of mass by the paper's intersection of regions (VISAPP 2013, 3.2.2).
 
     A region is a wedge along a strike's pivot line. The result is the centroid of all points of the body's
-    bounding box whose angle about each pivot is within `err` of that strike's balance angle phi. Where the
-    regions do not overlap, `err` grows by a quarter until they do.
+    bounding box whose angle about each pivot is within `err` of that strike's balance angle phi. If there is
+    no such point, `err` grows by a quarter until there is one.
 
     Args:
         planes: Equi-planes (pivot line, phi) in the object frame O, one per strike.
-        cells: Cells of the body.
+        cells: Cells of the body, of which only the bounding box counts.
         err: Half-angle of the regions [rad].
 
     Returns:
@@ -190,8 +190,8 @@ def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
 class PaperRegions:
     """Masses of shell, upper and lower part by the paper's method (VISAPP 2013, eqs. 8 and 9, 3.3.2).
 
-    The dividing plane separates the interior into the upper and the lower part; it is included, and so are
-    the moments about the edges as the method corrects them.
+    The dividing plane separates the interior into the upper and the lower part. The method also selects, for
+    each axis, a value near the measured moment about the edge: the corrected moment.
     """
 
     masses: Array
@@ -214,9 +214,10 @@ def paper_regions(
     The plane that divides the interior, and the moment I about the edge, are swept over ranges of values. The
     paper is read as follows where it is ambiguous:
 
-    - m_j is a region's mass: its sums are divided by N_j, its number of voxels;
+    - m_j is the mass of region j: the sums over the N_j voxels of a region, which multiply m_j in eq. 9, are
+      divided by N_j;
     - the three parallel axes pass through the pivot, the centre of mass c, and the pivot's mirror image in c;
-      they cross one straight line, and thus determine the total mass;
+      all three lie in one plane, and thus determine the total mass;
     - the dividing plane sweeps along the body's principal directions.
 
     Args:
@@ -251,7 +252,8 @@ def paper_regions(
 class _Solution:
     """Masses of shell, upper and lower interior for one pivot axis, by the paper's method.
 
-    Of all solutions for the axis, its centre of mass is the closest to the given centre of mass c.
+    Of all possible masses and dividing planes for the axis, these put the centre of mass closest to the given
+    one, c.
     """
 
     axis_id: str
@@ -272,7 +274,7 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """All b positions of the plane that divides the interior, with moments per kilogram of the regions.
+    """All b positions of the plane that divides the interior, with the regions' centroids and second moments.
 
     The regions are the shell, and the interior above and below the plane.
     """
@@ -291,8 +293,8 @@ class _Sweep:
 def _sweep(cells: Cells) -> _Sweep:
     """Candidate planes to divide the interior, `PLANE_STEPS` along each principal direction of the body.
 
-    They are evenly spaced. Returned with the moments of shell, upper and lower part. Planes for which one of
-    these holds less than one voxel are left out.
+    They are evenly spaced. Returned with centroids and second moments of shell, upper and lower part. Planes
+    for which one of these holds less than one voxel are left out.
     """
     normals: list[Array] = []
     offsets: list[float] = []
@@ -321,9 +323,9 @@ def _sweep(cells: Cells) -> _Sweep:
 def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
     """Moments of inertia (b, 3) [m^2] per kilogram of shell, upper and lower part, for b planes.
 
-    The planes divide the interior into the part above and the part below. The moments are the coefficients of
-    VISAPP 2013, eq. 9. The axis passes through `point` (3,) [m] along the unit `direction` (3,), both in the
-    object frame O.
+    `sweep` holds the planes, which divide the interior into the part above and the part below. The moments
+    are the coefficients of VISAPP 2013, eq. 9. The axis passes through `point` (3,) [m] along the unit
+    `direction` (3,), both in the object frame O.
     """
     across = np.eye(3) - np.outer(direction, direction)
     about = np.einsum("brij,ij->br", sweep.second, across)
@@ -335,7 +337,7 @@ def _axis_solution(
 ) -> _Solution | None:
     """Masses of shell, upper and lower interior by VISAPP 2013, eq. 9, for one pivot axis.
 
-    Of all solutions, that with the centre of mass closest to `com`.
+    Of all possible masses and dividing planes, those that put the centre of mass closest to `com`.
 
     Args:
         plane: Equi-plane of a strike about the axis, for its pivot line.

@@ -55,7 +55,10 @@ def whitening_matrix(covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class MeasuredMoments:
-    """Measured mass, centre of mass c and moments of inertia about a axes through c, with covariance."""
+    """Measured mass, centre of mass c and moments of inertia about several axes through c, with covariance.
+
+    The letter a in the shapes below is the number of these axes.
+    """
 
     mass: float
     """Mass [kg]."""
@@ -71,9 +74,9 @@ class MeasuredMoments:
     def whitening(self) -> tuple[Array, Array]:
         """Whitening matrix W (4 + a, 4 + a) of the measurements, and the measurements (4 + a,) times W.
 
-        The measurements are mass, first moment (3) and the moments of inertia about a axes. The first moment
-        is taken about the measured centre of mass, where it is 0. W makes the errors independent and of unit
-        sd.
+        The measurements are the mass, the first moment (3) and one moment of inertia for each of the a axes.
+        The first moment is taken about the measured centre of mass, where it is 0. W makes the errors
+        independent and of unit sd.
         """
         target = np.concatenate([[self.mass], np.zeros(3), self.moments])
         covariance = self.covariance.copy()
@@ -87,7 +90,7 @@ class MeasuredMoments:
         """Mass, first moment and moments of inertia (n, 4 + a) of a kilogram in each of n cells.
 
         Columns: 1; the first moment (3) [m] about the measured centre of mass; the moments of inertia [m^2]
-        about the a measured directions through `about` (3,) [m], in the object frame O.
+        about the measured directions, a in number, through `about` (3,) [m], in the object frame O.
         """
         arm = cells.points - about
         off_axes = np.sum(arm**2, axis=1)[:, None] - (arm @ self.directions.T) ** 2
@@ -138,8 +141,9 @@ def part_masses(
     """Posterior of the masses of uniform parts given the moments of the whole object.
 
     It is sampled by hit-and-run chains (Smith 1984, Operations Research 32) along directions drawn from the
-    unbounded posterior or from other chains (ter Braak 2006, Statistics and Computing 16), so that narrow
-    directions (the sum, a small part) do not slow the mixing.
+    unbounded posterior or from other chains (ter Braak 2006, Statistics and Computing 16). The chains thus
+    mix well although the posterior is much narrower in some directions (the sum of the masses, the mass of a
+    small part) than in others.
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
@@ -194,11 +198,11 @@ def part_masses(
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
     """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the problem of n parts' masses.
 
-    A column of the matrix is the contribution of a kilogram in one part; the rows are mass, first moment (3)
-    and a moments of inertia. The moments of inertia are taken about `about` (3,) [m], in the object frame O.
-    They were measured about the true centre of mass, which the estimated parts give better than the measured
-    one does: for a slender body, the mass times the squared error of the centre of mass along its length
-    exceeds the error of the moment.
+    A column of the matrix is the contribution of a kilogram in one part; the rows are the mass, the first
+    moment (3) and the moments of inertia about the a measured axes. The moments of inertia are taken about
+    `about` (3,) [m], in the object frame O. They were measured about the true centre of mass, to which that
+    of the estimated parts is closer than the measured one: for a slender body, the mass times the squared
+    error of the centre of mass along its length exceeds the error of the moment.
     """
     columns = []
     for part in parts:
@@ -218,10 +222,10 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 
 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
-    """Mode (n,) [kg] of a normal distribution of n masses, each bounded by 0 and `most` (n,).
+    """Likeliest n masses (n,) [kg] by a normal distribution, each mass bounded by 0 and `most` (n,) [kg].
 
     `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation at the bounds. The
-    mode is kept 1e-6 of `most` inside the bounds.
+    result is kept 1e-6 of `most` inside the bounds.
     """
     values, vectors = np.linalg.eigh(precision)
     root = (vectors * np.sqrt(values)).T * most

@@ -52,8 +52,9 @@ class SystematicErrors:
     def tilts(self) -> list[TiltPrior]:
         """Prior of the vertical's lean [rad] for every levelling of the table, in the order of their numbers.
 
-        A levelling is a set-up of the table with one lean. Mean and sd are those of a level's reading where
-        there is one; otherwise the mean is 0 and the sd the one assumed for the levelling.
+        A levelling is a set-up of the table with one lean. Where it was read off a level (the instrument),
+        mean and sd are those of the reading; otherwise the mean is 0 and the sd the one assumed for the
+        levelling.
         """
         plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
         read = [*self.readings, *[None] * (len(plain) - len(self.readings))]

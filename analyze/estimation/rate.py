@@ -126,9 +126,10 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
     """Smallest and largest ratio of true to stated frame rate at which some filling of the shape fits k.
 
     The filling is any distribution of mass over `points` that has the centre of mass c estimated from the
-    balance angles phi. k is the rate constant of a strike's motion. If the strikes contradict each other at
-    every rate, all tolerances are widened, up to `TOLERANCE_FACTORS`, until they do not. If phi leaves c open
-    (edges of one corner), so that its distance from no edge is known, each strike bounds the rate by itself.
+    balance angles phi. k is the rate constant of a strike's motion. If no filling fits all strikes at any
+    rate, the tolerances of all moments are multiplied by `TOLERANCE_FACTORS`, in turn, until one does. If phi
+    does not determine the distance of c from any edge (as with edges of one corner), each strike bounds the
+    rate by itself.
 
     Args:
         by_phi: Joint solution by phi alone; its planes have k at the stated frame rate.
@@ -234,7 +235,7 @@ class _Programme:
     """Linear programme whose unknowns are shares of mass at n places, none negative, and s = 1 / r^2.
 
     r is the true over the stated frame rate. Its constraints are each strike's moment of inertia about the
-    edge, and bounds of the centre of mass.
+    edge, within a tolerance, and bounds of the centre of mass.
     """
 
     about: Array

@@ -109,6 +109,10 @@ class RegionProblem:
     eqs. 7 and 8), with c_r the centroid of region r, J_r its inertia per kilogram about c, and I_c,l the
     measured moment about the line l through c.
 
+    Args:
+        parameters: Measured mass, centre of mass and moments, with their joint covariance.
+        cells: Cells of the body, in shell and interior.
+
     Attributes:
         middle: (3,) centroid of the body as a uniform solid [m], in the object frame O.
         longest: (3,) unit principal direction of largest extent, in O.
@@ -163,7 +167,7 @@ class RegionProblem:
         )
 
     def probability(self, misfit: float) -> float:
-        """Probability that a body of a shell and two uniform parts has a chi^2 of at least `misfit`.
+        """Probability that a shell with two uniform parts inside has a chi^2 of at least `misfit` by chance.
 
         `misfit` is the smallest chi^2 over all dividing planes. The probability is 1 if there are not more
         measurements than fitted parameters.
@@ -189,10 +193,10 @@ class RegionProblem:
         return BodyPieces(region, self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass)
 
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
-        """Masses (3,) [kg] of shell, upper and lower part by naive assumptions, keyed by assumption.
+        """Masses (3,) [kg] of shell, upper and lower part by three naive assumptions, keyed by the assumption.
 
-        "shell" has all mass in the shell, "uniform" one density, "shell_and_uniform" the mix of a shell and a
-        uniform interior that fits the moments best.
+        "shell": all mass is in the shell. "uniform": shell and interior have one density.
+        "shell_and_uniform": each has its own density, by the ratio that fits the moments best.
 
         Args:
             mass: Mass of the object [kg].
@@ -262,11 +266,11 @@ class _CutPieces:
 
 
 def _contents(cells: Cells, about: Array) -> Array:
-    """Volume and moments (n, 10) of each of n cells about a point, per volume of the cell.
+    """Moments (n, 10) of each of n cells about a point, per volume of the cell.
 
-    Columns: 1, first moments (3) [m], second moments (6) [m^2] in the order xx, yy, zz, xy, xz, yz. The
-    second moments include the cell's own, which are the same about every axis. `about` (3,) is the point [m],
-    in the object frame O.
+    Columns: 1 (the volume itself), first moments (3) [m], second moments (6) [m^2] in the order xx, yy, zz,
+    xy, xz, yz. The second moments include the cell's own, which are the same about every axis. `about` (3,)
+    is the point [m], in the object frame O.
     """
     arm = cells.points - about
     second = np.stack(
@@ -279,9 +283,11 @@ def _contents(cells: Cells, about: Array) -> Array:
 def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array]:
     """Centroids (m, 3) [m] and contents (m, 10) of clumps: all cells in one cube of edge `pitch`.
 
+    The contents of a clump are the sums of those of its cells.
+
     Args:
         points: (n, 3) centroids of the cells [m].
-        contents: (n, 10) volume, first and second moments of the cells.
+        contents: (n, 10) volume [m^3], first (3) [m^4] and second moments (6) [m^5] of each cell.
         pitch: Edge of the cubes [m].
     """
     cube = np.floor(points / pitch).astype(np.int64)
@@ -299,10 +305,10 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:
     """Whitened matrix (k, 9) from the body's moments to k measurements, and these measurements (k,).
 
-    The body's moments are first (3) [m] and second (6) [m^2] moments per kilogram about the centre of mass.
-    The k = 3 + axes measurements are the centre of mass, 0 about itself, and the moments of inertia about the
-    struck axes per kilogram. Their covariance also holds the error of modelling the body by cells: 0.1 mm
-    (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
+    The body's moments are first (3) [m] and second (6) [m^2] moments per kilogram about the measured centre
+    of mass. The k = 3 + axes measurements are the centre of mass, given relative to itself and thus 0, and
+    the moments of inertia about the struck axes per kilogram. Their covariance also holds the error of
+    modelling the body by cells: 0.1 mm (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
     """
     mass = parameters.mass
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)

@@ -41,10 +41,10 @@ def mass_distribution(
 ) -> MassDistribution:
     """Masses of three uniform regions: shell (R1), interior where n.x > offset (R2) and elsewhere (R3).
 
-    n is the unit normal of the plane n.x = offset that divides the interior, in the object frame O.
-    Metropolis chains draw direction and offset of this plane from its posterior, with the mass shares
-    integrated out. For each plane the shares are then drawn from their normal distribution, truncated at
-    zero. n points to the same side as the body's longest direction.
+    n is the unit normal of the plane n.x = offset that divides the interior, in the object frame O, at an
+    angle of at most 90 deg to the body's longest direction. Metropolis chains draw direction and offset of
+    this plane from its posterior, with the mass shares integrated out. For each plane the shares are then
+    drawn from their normal distribution, truncated at zero.
 
     The intervals hold for a body of three such regions. If even the best plane leaves a misfit beyond
     measurement error, the body is of another kind: then the dividing plane passes through its middle, normal
@@ -117,8 +117,8 @@ def _shell_posterior(
 ) -> _ShellPosterior:
     """Posterior of dividing plane and region masses for one shell thickness, as draws, with its evidence.
 
-    `cells` are those of the body with this thickness. The regions are the shell, and the interior above and
-    below the plane.
+    `cells` are those of the body with this thickness; the evidence is the probability of the measured moments
+    with it. The regions are the shell, and the interior above and below the plane.
     """
     problem = RegionProblem(parameters, cells)
     chains, log_evidence = _posterior(problem, rng)
@@ -233,8 +233,9 @@ def _weighted_draws(
     """Draws (n, 3) of the region masses [kg], and places (n,) [m] where their dividing planes cut a line.
 
     Masses are those of shell, upper and lower part; the upper part is the one towards `normal` for every
-    draw. The line runs through the body's middle along `normal`. A place is the height over the middle, at
-    most five times the plane's own height.
+    draw. The line runs through the body's middle along `normal`; a place is measured along it from the
+    middle. For a plane nearly parallel to the line, the place is limited to five times the plane's distance
+    from the middle.
 
     Args:
         posterior: Posterior for one shell thickness.
@@ -275,8 +276,9 @@ class _Chains:
 def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chains, float]:
     """Draws of the dividing plane from its posterior, and the log evidence of the shell's thickness.
 
-    The evidence is the mean of prior times likelihood over random planes everywhere. These planes also start
-    the Metropolis chains, which cool from a high temperature to find all modes.
+    The evidence is the mean of prior times likelihood over random planes everywhere. Some of these planes are
+    the first positions of the Metropolis chains, whose temperature falls from `MAX_TEMPERATURE` to 1, so that
+    they find all modes.
 
     Args:
         problem: Problem of the mass shares for one shell thickness.

@@ -97,9 +97,9 @@ def sensitivity(
     """Influence of each strike on the centre of mass c, and of each error source on its covariance.
 
     Both are linear about the solution. Let P be the covariance of all unknowns. A unit change of a
-    measurement, with derivative B by the unknowns and inverse covariance W, moves the unknowns by P B^T W; an
-    error that strikes share, of unit sd, moves them by its column of P. The contribution of a source to the
-    covariance is that of its own errors, moved so.
+    measurement, with derivative B by the unknowns and inverse covariance W, moves the unknowns by P B^T W. An
+    error that strikes share is itself an unknown, in units of its sd: 1 sd of it moves the unknowns by its
+    column of P. The contribution of a source to the covariance of c is that of its errors, propagated so.
 
     Args:
         solution: Joint solution of all strikes.
@@ -110,7 +110,8 @@ def sensitivity(
             the body weighs less.
 
     Returns:
-        Influences in the order of the solution's planes, and the contributions that are not negligible.
+        Influences, one per strike, in the order of `solution.model.planes`, and the contributions that are
+        not negligible.
     """
     factor = whole.mass / bare.mass
     parts = {source: factor**2 * covariance for source, covariance in _shares(solution, systematic, prior)}
@@ -136,7 +137,7 @@ def _rows(solution: JointSolution) -> Array:
 
 
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
-    """Yield the influence of each strike on the centre of mass, in the order of the solution's planes.
+    """Yield the influence of each strike on the centre of mass, in the order of `solution.model.planes`.
 
     `factor` multiplies them: the mass with markers over that without, if the markers are subtracted.
     """
@@ -182,9 +183,9 @@ def _shares(
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Indices, by error source, of the joint model's unknowns that belong to the source.
+    """Indices in the joint model's vector of unknowns, for each error source that has unknowns of its own.
 
-    Sources without unknowns of their own (noise, scatter, prior, mass) are absent.
+    Sources without (noise, scatter, prior, mass) are absent.
     """
     axes = [FIRST_AXIS_TERM + AXIS_TERMS * number for number in range(model.axes)]
     faces = FIRST_AXIS_TERM + AXIS_TERMS * model.axes

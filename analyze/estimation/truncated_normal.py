@@ -62,9 +62,9 @@ def narrowest_intervals(ordered: Array) -> tuple[Array, Array]:
 def shortest_intervals(draws: Array, lowest: float) -> tuple[Array, Array]:
     """Lower and upper ends, each (n,), of the shortest intervals with 95 % of the draws of n quantities.
 
-    Each column of `draws` (m, n) holds the m draws of one quantity. Draws come close to the bound `lowest`
-    without reaching it: an interval that begins at the bound therefore replaces the shortest one if it is not
-    longer by more than `EQUAL_LENGTH_TOLERANCE`.
+    Each column of `draws` (m, n) holds the m draws of one quantity. `lowest` is the lower bound of all
+    quantities, which draws approach without reaching it: an interval that begins at the bound therefore
+    replaces the shortest one if it is not longer by more than `EQUAL_LENGTH_TOLERANCE`.
     """
     ordered = np.sort(draws, axis=0)
     low, high = narrowest_intervals(ordered)

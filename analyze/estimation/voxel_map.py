@@ -7,9 +7,9 @@ for all cells. The density of each cell is then
     rho_v = rho_max / (1 + exp(-(a + lambda . f_v)))
 
 with rho_max the density of lead, a the logit of the prior density over it, f_v the contribution of a kilogram
-in cell v to the moments, and lambda one multiplier per moment.
-The map reports what the moments leave open: the determined share of each octant's mass, and the number of
-determined directions.
+in cell v to the moments, and lambda one Lagrange multiplier per moment.
+The map also states how little that is: for each octant of the body, the share of its mass's prior variance
+that the moments remove, and the number of directions in the space of cell masses that they determine.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _MAX_MISFIT = 1.0
 
 @dataclass(frozen=True)
 class VoxelMap:
-    """Density of each of n cells, with what the moments determine of it.
+    """Density of each of n cells, and how far the measured moments determine it.
 
-    That is the share of each octant's mass that the moments determine; the octants are formed by the three
-    planes through the body's centroid.
+    That is stated for octants of the body, formed by three planes through its centroid: the share of the
+    prior variance of an octant's mass that the moments remove.
     """
 
     points: Array
@@ -77,8 +77,8 @@ def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
 
     Returns:
         Density of every cell [kg/m^3]; the misfit (rms of the moments' standardised residuals), which is
-        above `_MAX_MISFIT` if no such densities exist; the part of the octants' masses that the moments
-        determine.
+        above `_MAX_MISFIT` if no such densities exist; the masses of the body's octants, and the shares of
+        their prior variances that the moments remove.
     """
     volumes = cells.volumes
     # Whitened contributions of a kilogram in each cell, and whitened measurements.
@@ -145,7 +145,7 @@ def _minimised_dual(
         target: (k,) t, whitened measured moments.
         most: (n,) m_max, masses of the cells at the density of lead [kg].
         offset: a, logit of the prior density over that of lead.
-        stiffness: Weight of the entropy against chi^2.
+        stiffness: Weight of the entropy against chi^2; the smaller, the closer the moments are met.
     """
 
     def dual(multipliers: Array) -> float:
