@@ -53,9 +53,9 @@ class SceneInputs:
         return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
 
     def camera_of(self, planned: PlannedStrike) -> CameraModel:
-        """First camera of the recording, with its pose in the world frame W of the planned strike.
+        """First camera of the recording, with its pose in the world frame W that belongs to a planned strike.
 
-        W's x axis points in the direction in which this strike tips the object.
+        Each strike has its own W: its x axis points in the direction in which this strike tips the object.
         """
         return turned_camera(self.camera, planned.heading_rad)
 
@@ -97,10 +97,10 @@ def log_inside(
     colours: Mapping[str, Colour],
     strike_id: str | None = None,
 ) -> None:
-    """Log the inside of the object: equi-planes, centre of mass with 95 % ellipsoid, and mass regions.
+    """Log the inside of the object: equi-planes, centre of mass with 95 % ellipsoid, and interior regions.
 
     An equi-plane contains a strike's pivot axis and the centre of mass; one that misses the object is left
-    out.
+    out. The shell, which is a mass region too, is not drawn: the shape shows it.
 
     Args:
         stream: destination.

@@ -35,7 +35,7 @@ class StrikePage:
 
 
 def timeline_of(page: str | None) -> str:
-    """Name of the timeline of a page: "session" for the session's page, "since_contact" for all others.
+    """Name of the timeline of a page: "session" for the page SESSION_PAGE, "since_contact" for all others.
 
     Without a page (None) it is "since_contact" too.
     """

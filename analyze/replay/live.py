@@ -21,10 +21,10 @@ _IMAGE_RETENTION_NS = 120_000_000_000
 
 
 class LiveRecording:
-    """Recording that is still being written, with the images that are still needed in memory.
+    """Recording that is still being written, with its recent images kept in memory.
 
-    `poll` reads the messages added; `forget_until` releases images. A context manager that closes the file.
-    A strike's record is the message that holds its ids and times.
+    `poll` reads the messages added; `forget_until` releases images. A context manager that closes the file. A
+    strike's record is the message that holds its ids and times.
 
     Args:
         path: the file that is being written.
@@ -99,11 +99,11 @@ class LiveRecording:
     def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:
         """Read the messages that were written since the last call, without waiting.
 
-        Images and frame metadata of the first camera are kept, images for at most 120 s.
+        Images and frame metadata of the first camera are kept in this object, images for at most 120 s.
 
         Returns:
-            Messages on all other topics but the strikes'; and the strikes' records that have arrived. Both
-            are empty if nothing was written.
+            All other messages, except strikes' records; and the strikes' records that have arrived. Both are
+            empty if nothing was written.
 
         Raises:
             RecordingError: the file is damaged, not a recording, or of another major schema version.

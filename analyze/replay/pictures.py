@@ -94,8 +94,14 @@ def send_pictures(
 class _ImagesBeforeContact:
     """Sender of images before a strike's contact without encoding.
 
-    It sends about ten at equal intervals, or all with `choice.every_frame`; none outside a strike
-    (`contact_ns` is None).
+    It sends about ten at equal intervals, or all with `choice.every_frame`; none outside a strike.
+
+    Args:
+        timelines: timelines of the stream.
+        path: entity of the images.
+        first: first image of the strike; from its time on, images are sent.
+        contact_ns: log time of the strike's contact [ns]; None outside a strike.
+        choice: selection and encoding of the images.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """Outcome of a replay: its problems, and the time to show first."""
+    """Outcome of a replay: its problems, and the time [s since contact] to show first."""
 
     problems: list[str]
     """Problems, one line each: damage of the recording, else the reason why there is no answer; empty if
@@ -67,7 +67,7 @@ def replay_recording(
         progress: called with (name of the step, units of work done, units in all).
 
     Returns:
-        Problems, and the time to show first.
+        Problems, and the time [s since contact] to show first.
 
     Raises:
         RecordingError: nothing of the recording can be read.

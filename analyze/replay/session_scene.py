@@ -82,7 +82,9 @@ def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequenc
 
 
 def send_state_names(timelines: Timelines, strike_ids: Iterable[str] = ()) -> None:
-    """Send names and colours for the states of the session, and of the striker in session and strikes.
+    """Send names and colours for the states of the session, and of the striker on all pages that show it.
+
+    These are the session's page and the pages of the given strikes.
 
     Args:
         timelines: timelines of the stream.
@@ -145,7 +147,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
 
 
 def _send_lost_frames(timelines: Timelines, time_ns: IntArray, total: IntArray) -> None:
-    """Send the curve of frames lost since the start, only its two ends and the points next to its steps.
+    """Send the curve of frames lost since the start, reduced to its two ends and the points at its steps.
 
     Args:
         timelines: timelines of the stream.

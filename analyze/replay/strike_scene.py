@@ -73,7 +73,7 @@ def send_strike_inside(
     answer: DrawnAnswer,
     colours: Mapping[str, Colour],
 ) -> None:
-    """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, and mass regions.
+    """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, interior regions.
 
     Nothing is sent for a strike without a tipping angle at two or more frames, or one that the plan lacks.
 

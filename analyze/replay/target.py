@@ -32,7 +32,10 @@ class Target(Protocol):
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Deliver the data in the stream, which hold the images of at least one strike to look at."""
+        """Deliver what the stream holds by now; this includes the images of at least one strike.
+
+        It is called once for a complete recording, and repeatedly for one that is still being written.
+        """
         ...
 
     def check(self) -> None:

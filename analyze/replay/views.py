@@ -46,7 +46,7 @@ class DrawnRegion:
 
 @dataclass(frozen=True)
 class DrawnAnswer:
-    """Parts of an estimate that a replay draws."""
+    """Parts of an estimate that a replay draws: equi-planes, centre of mass, mass regions, voxels, result."""
 
     result: Result
     """Result document of the estimate."""
@@ -85,7 +85,10 @@ class FittedCurves(MotionCurves):
 
 
 def drawn_answer(estimate: Estimate) -> DrawnAnswer:
-    """Parts of an estimate that a replay draws, with a sample of at most 700 cells per mass region."""
+    """Parts of an estimate that a replay draws, such as centre of mass and mass regions.
+
+    Of each mass region at most 700 cells are taken, at random.
+    """
     distribution, cells = estimate.distribution, estimate.cells
     upper = cells.points @ distribution.dividing_plane_normal > distribution.dividing_plane_offset
     inside = cells.interior >= cells.shell
@@ -101,7 +104,7 @@ def balance_moment(motion: TipMotion | None) -> float:
     """Approximate time since contact [s] at which the object is at its balance; 0.2 s if not known.
 
     It is the duration of stage one: the free motion up to the balance, or to its end if the balance is not
-    reached. It is not known without a tipping angle or a stage one.
+    reached. 0.2 s is returned if no tipping angle was measured or stage one did not occur.
     """
     if motion is None or motion.angle is None or motion.phases is None or motion.phases.stage_one is None:
         return 0.2
@@ -133,7 +136,10 @@ def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
 
 
 def fitted_angle(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAngle:
-    """Tipping angle in the fit's window: theta as fitted; sd, off-axis rotation and slip as measured."""
+    """Tipping angle at the frames of the fit's window: theta as fitted, all other values as measured.
+
+    The other values are standard deviation, rotation off the axis, and slip. `fitted` is the curve of `fit`.
+    """
     first, last = fit.window
     return TipAngle(
         fitted.time_ns,
@@ -158,9 +164,9 @@ def object_poses(
 
     Args:
         planned: planned strike, with pivot and pose.
-        angle: measured or fitted angle; its slip is relative to rolling where the object rolls.
-        flank: support function (outline of the cross-section) of the flank on which the object rolls; None
-            if it rolls on the rounding of its pivot edge.
+        angle: measured or fitted tipping angle and slip; slip is the displacement in addition to rolling.
+        flank: support function of the curved flank on which the object rolls: the contact's height over the
+            table by tipping angle; None if it rolls on the rounding of its pivot edge.
         rest: R_world_object (3, 3) and p_world_object (3,) [m] at theta = 0; the planned pose if None.
 
     Returns:
