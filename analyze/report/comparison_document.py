@@ -100,10 +100,10 @@ def _agreement(found: Agreement, freedom: int) -> SessionsAgreement:
 
 
 def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision (ISO 5725) of centre of mass, moments and region masses over the sessions.
+    """Yield a row for each coordinate of the centre of mass, each moment and each region mass.
 
-    Sessions of one set-up (rig, level reading, calibration) form a group. Moments and masses are left out if
-    fewer than two sessions have them.
+    A row holds the values of the sessions and their precision (ISO 5725). Sessions of one set-up (rig, level
+    reading, calibration) form a group. Moments and masses are left out if fewer than two sessions have them.
     """
     first, setups = compared.sessions[0].answer, [session.setup for session in compared.sessions]
     alone = [session.answer.result for session in compared.sessions]
@@ -157,11 +157,11 @@ def _compared(
 
 
 def _angles(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision (ISO 5725) of the balance angle phi [rad] per pivot edge and heading.
+    """Yield a row on the balance angle phi [rad] for each pivot edge and heading.
 
-    The heading is the direction on the table in which the object was struck. Repeated strikes within a
-    session are a group. Only strikes that were used and tipped over count; an edge and heading with fewer
-    than two of them is left out.
+    A row holds the values of the sessions and their precision (ISO 5725). The heading is the direction on the
+    table in which the object was struck. Repeated strikes within a session are a group. Only strikes that
+    were used and tipped over count; an edge and heading with fewer than two of them is left out.
     """
     cells: dict[tuple[str, float], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for number, session in enumerate(compared.sessions, 1):
@@ -250,7 +250,7 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
 
 
 def _repeatability_without(compared: SessionComparison, odd: int) -> str:
-    """Clause on the repeatability [mm] of the centre of mass without one session; "" if it is not known.
+    """End of a sentence on how well the other sessions repeat the centre of mass [mm]; "" if not known.
 
     Repeatability is the sd of repeated sessions within a set-up (s_r) if known, otherwise across set-ups
     (s_R), as ISO 5725 defines them.
@@ -281,7 +281,7 @@ def _doubt_few(name: str, groups: str, freedoms: Sequence[int], value: float | N
 
 
 def upper_factor(freedom: int) -> float:
-    """Factor by which a true standard deviation exceeds its estimate at most, with 95 % confidence.
+    """Upper limit of a true standard deviation over its estimate, with 95 % confidence (one-sided).
 
     Args:
         freedom: degrees of freedom of the estimate.

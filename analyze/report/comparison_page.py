@@ -166,6 +166,6 @@ def _result_records(quantity: QuantityPrecision) -> Iterator[dict[str, Cell]]:
 
 
 def _distance(parts: Sequence[float | None]) -> float | None:
-    """Norm of the components along x, y and z; None if one of them is None."""
+    """Standard deviation [m] of a position from those along x, y, z: their norm; None if one is None."""
     known = [part for part in parts if part is not None]
     return float(np.linalg.norm(known)) if len(known) == len(parts) else None

@@ -89,7 +89,8 @@ def angles_figure(
 ) -> Figure:
     """Figure of balance angles phi [°] of strikes minus the sessions' mean, a panel per edge and heading.
 
-    Each point is a strike that tipped over, in the row of its session.
+    Each point is a strike that tipped over, in the row of its session. The heading is the direction on the
+    table in which the object was struck.
 
     Args:
         quantities: precision of phi by pivot edge and heading, at least one.

@@ -162,8 +162,8 @@ def answer_summary(answer: Answer) -> str:
 def _heaviest_in_words(distribution: MassDistribution) -> str:
     """Sentence on the heaviest of shell and interior parts, or that the strikes do not determine it.
 
-    They determine it if a body of uniform parts explains the moments, and the lower end of the part's 95 %
-    interval is not below any other's upper end.
+    They determine it under two conditions: a body whose parts each have uniform density explains the measured
+    moments, and the lower end of the part's 95 % interval is not below the upper end of any other's.
     """
     mass = distribution.masses.sum()
     heaviest = int(np.argmax(distribution.masses))
@@ -222,9 +222,10 @@ def camera_stills(estimate: Estimate) -> list[Still]:
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Log time [ns] of the image from which a track has the marker's corners at `time_ns`.
+    """Log time [ns] of the image in which a track found the marker's corners at the time `time_ns`.
 
-    With a rolling shutter an image's own time differs from the time at which it shows the marker.
+    With a rolling shutter an image's own time (of its middle row) differs from the time at which its rows
+    showed the marker.
 
     Args:
         tracks: tracked markers of the strike.

@@ -99,7 +99,7 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
 
     Args:
         rows: kinds of error, from `source_rows`; those with less than 0.5 % of the variance are not drawn.
-        half: half width [m] from all kinds together.
+        half: half width [m] of the 95 % interval from all kinds together.
     """
     shown = [row for row in rows if row.share >= MIN_SHARE]
     names = ["all together", *(row.source.value for row in shown)]
@@ -129,7 +129,7 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
 
 
 def influence_figure(sensitivity: Sensitivity) -> Figure:
-    """Figure of the shift of the centre of mass along x, y, z if a strike's phi were 0.1° larger.
+    """Figure of the shift [mm] of the centre of mass along x, y, z if a strike's phi were 0.1° larger.
 
     phi is the balance angle. One bar per strike, in the colour of its pivot axis.
     """
