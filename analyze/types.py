@@ -202,7 +202,7 @@ class MotionFit:
     note: str = ""
     """reason for the choice of this estimator and this window"""
     violated: tuple[str, ...] = ()
-    """assumptions of the estimator that the motion violated, each with its number"""
+    """assumptions of the estimator that the motion violated, each with the figure that shows it"""
     rolling: RollingContact | None = None
     """circle that replaces the plan's pivot point and radius; None if the edge does not roll on a curve"""
 
@@ -218,7 +218,7 @@ class TipMotion:
     verdict: Verdict
     """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
     reason: str
-    """explanation of the verdict, one sentence with its numbers"""
+    """explanation of the verdict, one sentence with the figures behind it"""
     angle: TipAngle | None = None
     """theta(t); None if no marker was followed"""
     phases: Phases | None = None

@@ -64,7 +64,7 @@ class Strike:
     verdict: str
     """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
     reason: str
-    """explanation of the verdict, one sentence with its numbers"""
+    """explanation of the verdict, one sentence with the figures behind it"""
     time: Array
     """(n,) times of the frames with a marker [s]; 0 is the first of them"""
     theta: Array
