@@ -46,7 +46,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class ObservedView:
-    """Corners of the board in one view (image), with their weights in the fit."""
+    """Corners of the board in one view (image), with matrices that weight them by their accuracy."""
 
     points: Array
     """(n, 3) corners in the board's frame B [m]"""
@@ -59,7 +59,8 @@ class ObservedView:
 def weighted_corners(view: View, points: Array) -> ObservedView:
     """Corners of a view with their weights in the fit.
 
-    The weight is the inverse of the corner's covariance, to which `MODEL_PX` squared is added.
+    A corner's weight is the inverse of its covariance matrix [px^2]. To the covariance, `MODEL_PX` squared is
+    added along both image axes first, so that no corner counts as more accurate than `MODEL_PX`.
 
     Args:
         view: corners of the board in one image.
@@ -117,7 +118,10 @@ def pseudo_inverse(matrix: Array) -> Array:
 
 
 def corner_chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
-    """Distance (n,) of each corner of a view from its prediction, over the corner's sd."""
+    """Distance (n,) of each corner of a view from its projection by lens and pose, in standard deviations.
+
+    The corner's covariance is that of its weight (`weighted_corners`).
+    """
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return np.asarray(
         np.linalg.norm(np.einsum("nij,nj->ni", view.root, view.place - image), axis=1), dtype=np.float64
@@ -164,9 +168,10 @@ def _rays(lens: Lens, place: Array) -> Array:
 
 
 def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
-    """Poses of the board, in front of the camera, that a plane through a view's corners may have.
+    """Poses of the board that fit a view's corners, none, one or two of them, all in front of the camera.
 
-    A plane seen in perspective may have two such poses; the list has none, one or two.
+    One perspective image of a plane can often be explained by two poses, tilted in opposite ways. They are
+    computed in closed form from the corners' viewing directions.
     """
     rays = _rays(lens, view.place)
     middle = view.points.mean(axis=0)
@@ -189,9 +194,10 @@ def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
 
 
 def first_pose(view: ObservedView, lens: Lens) -> Pose:
-    """First guess of the board's pose in a view: of the two poses that a plane may have, the better fit.
+    """First guess of the board's pose in a view: the better of the two poses that may explain its image.
 
-    If there is no such pose, the board faces the camera at the distance that follows from its image size.
+    If neither can be computed, the board is taken to face the camera, at the distance that follows from its
+    size in the image.
     """
     found = _planar(view, lens)
     if not found:
@@ -201,10 +207,18 @@ def first_pose(view: ObservedView, lens: Lens) -> Pose:
 
 
 def better_pose(view: ObservedView, lens: Lens, pose: Pose) -> Pose:
-    """Second pose that a plane may have in a view, if it fits clearly better (2 % less squared error).
+    """Try the other pose that may explain a view's image of the board; return it if it fits better.
+
+    An image of a plane can often be explained by two poses, tilted in opposite ways. Better means a sum of
+    squared distances (observed to predicted corners) that is at least 2 % smaller.
+
+    Args:
+        view: corners of the view.
+        lens: the lens.
+        pose: pose of the board found so far.
 
     Returns:
-        That pose of the board, refined; the object `pose` itself if none fits better.
+        The other pose, refined; the object `pose` itself if none fits better.
     """
     best, least = pose, _misfit(view, lens, pose)
     for other in _planar(view, lens):

@@ -200,10 +200,12 @@ def _refitted(
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
     """Refit the corners of all shots on pixels from which the fitted lens's distortion is removed.
 
+    The lens is too inaccurate for it if fewer than three shots (or, of one or two, not all) can be refitted.
+    Then all shots are returned unchanged.
+
     Returns:
         The shots with refitted corners; the shots left out because too few of their corners are sharp; the
-        bundle (lens, poses, residuals) of the shots kept, not fitted anew. If fewer than three shots, or
-        of one or two not all, could be refitted, all shots are returned unchanged.
+        bundle (lens, poses, residuals) of the shots kept, not fitted anew.
     """
     views = [
         refit(shot.image, board, shot.view, points, bundle.lens, pose)
@@ -228,6 +230,11 @@ def _without_bad_views(
 
     A shot is left out if its median residual exceeds both `limit` times `_BAD_VIEW_RATIO` times the median
     over all shots, and `limit` times `_BAD_VIEW_PX`. None is left out if fewer than three would remain.
+
+    Args:
+        shots: images with their corners.
+        bundle: fit to these shots.
+        limit: factor on both thresholds, above 1 while the lens is still inaccurate.
 
     Returns:
         The shots kept, those left out, and the bundle (lens, poses, residuals) of the kept ones, not fitted
@@ -258,10 +265,15 @@ def _without_outliers(
     prediction; the threshold is scaled up if most corners scatter more than stated. Nothing is left out if
     fewer than three shots would remain.
 
+    Args:
+        shots: images with their corners.
+        bundle: fit to these shots.
+        limit: factor on the threshold, above 1 while the lens is still inaccurate.
+
     Returns:
         The shots kept, with their remaining corners; the shots left out; the bundle (lens, poses, residuals)
-        of the kept ones, not fitted anew and with residuals of all their corners; the number of single
-        corners left out.
+        of the kept shots, not fitted anew, so that its residuals still include the outliers; the number of
+        corners left out of kept shots.
     """
     chi = np.concatenate(bundle.sigmas)
     most = limit * OUTLIER_RATIO * max(1.0, float(np.median(chi)) / MEDIAN_CHI)

@@ -26,7 +26,7 @@ _MIN_TAGS = 3
 
 
 def outline(sight: BoardSighting, board: Board) -> Array | None:
-    """Outer corners (4, 2) of the board in an image, predicted from its tags to some pixels.
+    """Outer corners (4, 2) of the board in an image, predicted from its tags, accurate to some pixels.
 
     Args:
         sight: tags of the board in the image.

@@ -91,9 +91,10 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 def without_turn(moves: Array, by_turn: Array) -> Array:
     """Derivatives (2n, p) of pixels by a lens's numbers, less what a camera rotation can compensate.
 
+    The compensable part of each column of `moves` is its least-squares fit by the columns of `by_turn`.
+
     Args:
         moves: (2n, p) derivatives of n pixels by each of the lens's p numbers.
-        by_turn: (2n, 3) derivatives of the pixels by the camera's rotation [px/rad]; of each column of
-            `moves` their combination that fits it best is subtracted.
+        by_turn: (2n, 3) derivatives of the pixels by the camera's rotation about its three axes [px/rad].
     """
     return moves - by_turn @ np.linalg.lstsq(by_turn, moves, rcond=None)[0]

@@ -63,7 +63,8 @@ class Bundle:
     def scatter(self) -> float:
         """Factor, at least 1, by which the residuals exceed the corners' stated standard deviation.
 
-        It is the root of the sum of squared `sigmas` over the degrees of freedom.
+        It is the root of the sum of squares of all corners' distances from their predictions (in standard
+        deviations), divided by the degrees of freedom.
         """
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
@@ -223,7 +224,10 @@ def _cost(
 def _minimise(
     views: Sequence[ObservedView], lens: Lens, poses: list[Pose], max_steps: int, huber: float
 ) -> tuple[Lens, list[Pose], float]:
-    """Fit lens and poses by Levenberg-Marquardt: minimise Huber's loss plus the prior's.
+    """Fit lens and poses by Levenberg-Marquardt, starting from a first guess.
+
+    The sum of Huber's loss over all corners and of the squared deviations of the lens from its prior is
+    minimised, both in squared standard deviations.
 
     Args:
         views: corners of each view.
@@ -233,7 +237,7 @@ def _minimise(
         huber: threshold of Huber's loss, in standard deviations.
 
     Returns:
-        Lens, poses and cost (loss with prior, in squared standard deviations) at the end of the iteration.
+        Lens, poses and the minimised sum at the end of the iteration.
     """
     prior = prior_sd(lens)
     cost, damping = _cost(views, lens, poses, prior, huber), 1e-3

@@ -25,7 +25,8 @@ def refit(
 ) -> View | None:
     """Refit the corners in an image of a board, with the lens's distortion removed.
 
-    The distortion and first positions come from an approximate fit of lens and pose.
+    The distortion, the perspective (which is removed, too) and the first positions come from an approximate
+    fit of lens and pose.
 
     Args:
         image: (height, width) grey values.
