@@ -55,7 +55,7 @@ class AccessUnits:
     def convert(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
         """Convert each packet to one writable buffer: `room` free bytes (zeros), then its access unit.
 
-        The packets may be consumed and must not be used afterwards.
+        The packets must not be used afterwards, since FFmpeg may have taken over their data.
 
         Returns:
             One buffer per packet, in the same order; None for a packet that FFmpeg cannot convert.

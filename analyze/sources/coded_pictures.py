@@ -20,7 +20,10 @@ IntArray = NDArray[np.int64]
 
 
 class CodedPictures(NamedTuple):
-    """Consecutive coded pictures in decoding order: times since the file's start [ns], key flags and data."""
+    """Coded pictures in decoding order: data, times since the file's start [ns], key pictures marked.
+
+    A decoder can begin at a key picture.
+    """
 
     times_ns: IntArray
     """(n,) times since the source's start [ns], in decoding order, which may differ from time order"""
