@@ -155,7 +155,7 @@ class _Session:
 
         Args:
             source: the source.
-            windows: the source's windows, each with the log times that are updated.
+            windows: for each strike in the source, its log times, which are updated, and its window.
             missing: counter of the source's missing frames, which is updated.
         """
         for seen, window in windows:
@@ -192,7 +192,7 @@ class _Session:
 
         Args:
             video: the video; without a `storable_format` nothing is written.
-            windows: the video's windows, each with the log times that are updated.
+            windows: for each strike in the video, its log times, which are updated, and its window.
             missing: counter of the video's missing frames, which is updated.
         """
         if video.storable_format is None:
