@@ -32,18 +32,19 @@ def placement_card(
 ) -> str:
     """Text of a placement card: which side goes down, which faces the camera, and the impact height.
 
-    For a strike with the object turned by 180 degrees the camera sees the other end of the edge; the
-    instruction to turn (`TURNED_CARD`) is not included. If the object may fall over on its resting face, the
-    text adds this and the remedy.
+    If the object may fall over on its resting face, the text adds this and the remedy. For a strike with the
+    object turned by 180 degrees, the caller puts `TURNED_CARD`, the instruction to turn, before the text.
 
     Args:
         model: Shape of the object.
         spec: Name and markers.
         axis: Pivot axis of the strike.
         impact_height: Height of the impact point over the table [m].
-        markers: Names of the visible markers, the best one first; if empty, the text names a side.
+        markers: Names of the visible markers, of which the text names the first; if empty, it names the side
+            that faces the camera.
         stands: False if the object may fall over on the face.
-        turned: True for a strike with the object turned by 180 degrees.
+        turned: True for a strike with the object turned by 180 degrees, at which the camera sees the other
+            end of the edge.
     """
     down, right = _side(-axis.plane.up, spec), _side(axis.tip, spec)
     facing = (
@@ -65,8 +66,8 @@ def placement_card(
 def _side(direction: Array, spec: ObjectSpec) -> str:
     """Name of the side that faces along `direction` (3,): the nearest object axis, such as "+x".
 
-    A marker whose normal is within 10 degrees of the direction is added: "+x (marker 3)". The unit direction
-    is in the object frame.
+    The first marker of `spec` whose normal is within 10 degrees of the direction is added: "+x (marker 3)".
+    The unit direction is in the object frame.
     """
     for marker in spec.marker:
         if marker.T_object_marker is not None and np.array(marker.T_object_marker)[

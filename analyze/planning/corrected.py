@@ -50,8 +50,9 @@ def corrected_pivot(
     """Pivot (edge line) of one planned strike, updated to a corrected edge radius and surface error.
 
     The line is the centre line of the edge's rounding; it lies one radius inside the resting face and the
-    face that rises from the edge. A moulded edge, whose radius is part of the shape and so differs from that
-    of `before`, keeps its line and radius; only the 1 sigma of its place is updated.
+    face that rises from the edge. If the pivot's radius is not the one stated in `before`, the rounding is
+    part of the shape (a moulded edge): line and radius are kept, and only the 1 sigma of the place is
+    updated.
 
     Args:
         pivot: Pivot as planned, in the object frame.

@@ -41,9 +41,10 @@ MIN_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Design:
-    """Axes chosen for a plan (edges to tip about), their numbers of strikes, predicted covariance.
+    """Axes chosen for a plan (edges to tip about), number of strikes on each, and predicted covariance.
 
-    The axes are chosen among candidates, the axes that can be struck.
+    The axes are chosen among candidates, the axes that can be struck. The covariance is that of the centre of
+    mass, the inertia and the errors that strikes share.
     """
 
     chosen: tuple[int, ...]
@@ -69,11 +70,12 @@ def choose_design(information: Information, strikes: int, most_axes: int | None 
     """Design with the smallest loss among those that the search meets.
 
     The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln sqrt(det P) + `AXIS_PENALTY` for each axis, with c the
-    centre of mass and P the covariance of the inertia tensor's six entries, in units of their priors. Sets
-    whose equi-planes (planes through edge and c at balance) leave a direction of c unknown, even with those
-    of the strikes made, are excluded. The search starts from the best triples (smaller sets for fewer
-    strikes, or if axes were struck before), adds one axis at a time, and improves each set by exchange
-    (Fedorov 1972) until no swap helps. The same candidates in the same order give the same design.
+    centre of mass and P the covariance of the inertia tensor's six entries, both in units of their prior 1
+    sigma. Sets are excluded if their equi-planes (planes through edge and c at balance), together with those
+    of the strikes made, leave a direction of c unknown. The search starts from the best sets of three axes
+    (fewer if fewer strikes are asked for, or if axes were struck before), adds one axis at a time, and
+    improves each set by exchanging single axes (Fedorov 1972). The same candidates in the same order give the
+    same design.
 
     Args:
         information: Candidates, prior knowledge and errors.
@@ -118,6 +120,9 @@ class _Search:
     The loss of a set is the weighted logarithm of its predicted errors of centre of mass and inertia
     (`losses`); the penalty for each axis is not part of it here. A set is a sorted tuple of indices of
     candidates, the axes that can be struck.
+
+    Args:
+        information: Candidates, prior knowledge with the strikes made, and errors.
     """
 
     def __init__(self, information: Information) -> None:
@@ -154,7 +159,7 @@ class _Search:
         """Losses (s,) of s sets of axes; inf where a direction of the centre of mass c is left unknown.
 
         A loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln sqrt(det P), P the covariance of the inertia's six
-        entries, both in units of the priors.
+        entries, both in units of their prior 1 sigma.
 
         Args:
             total: (s, 14, 14) information of each set, strikes made and priors included.
@@ -258,14 +263,17 @@ class _Search:
         return tuple(sorted([*members, left[int(np.argmin(np.round(losses, 9)))]]))
 
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set of axes improved by exchanging one axis for another until no exchange lowers the loss.
+        """Set of axes improved by exchanging one axis at a time for another while this lowers the loss.
 
-        It ends after 50 exchanges at the latest. The loss is the weighted logarithm of the predicted errors
-        of centre of mass and inertia.
+        At most 50 exchanges are made. The loss is the weighted logarithm of the predicted errors of centre of
+        mass and inertia.
 
         Args:
             members: Indices of the candidates in the set.
             each: Number of strikes on each axis.
+
+        Returns:
+            Sorted indices of the candidates in the improved set, which has as many axes.
         """
         table = self.table(each)
         current = float(self.losses(*(part[None] for part in self._sums(members, each)))[0])
@@ -313,7 +321,10 @@ class _Search:
 def can_determine_com(information: Information) -> bool:
     """True if some set of the candidate axes determines the centre of mass in every direction.
 
-    The strikes made before count too.
+    Axes of strikes made before count too.
+
+    Args:
+        information: Candidates, and prior knowledge with the strikes made.
     """
     normals = np.array(
         [each.normal for each in (*information.candidates, *information.belief.struck)]
@@ -327,7 +338,7 @@ def can_determine_com(information: Information) -> bool:
 
 
 def _widest_three(normals: Array) -> list[int]:
-    """Indices of three of n unit vectors (n, 3) that span space well.
+    """Indices of three of n unit vectors (n, 3), n at least 3, that span space well.
 
     They are chosen one after another, each with the largest part perpendicular to those chosen before.
     """

@@ -65,9 +65,9 @@ def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
 
     The order of the results does not matter. They share errors (the edges, the table) to an unknown degree:
     their centres of mass are merged by covariance intersection, which never understates the covariance
-    (Julier and Uhlmann 1997). A joint estimate of the recordings is more precise. The inertia is that of the
-    result with the most strikes. Where several results name an axis, direction and edge are those of the one
-    with the most precise centre of mass.
+    (Julier and Uhlmann 1997). Estimating all recordings together would be more precise. The inertia is that
+    of the result with the most strikes. Where several results name an axis, direction and edge are those of
+    the one with the most precise centre of mass.
 
     Args:
         results: At least one result.

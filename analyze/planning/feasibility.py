@@ -84,7 +84,7 @@ class StrikeCase:
 
 @dataclass(frozen=True)
 class TipOutcomes:
-    """Slip, load and end of n simulated strikes.
+    """Results of n simulated strikes: slip, smallest load on the edge, and whether balance is reached.
 
     A strike is simulated up to balance, or to the instant at which its tip ends before it.
     """
@@ -144,8 +144,8 @@ def strike_case(
 def axis_ends(axis: PivotAxis) -> tuple[float, float]:
     """Places [m] of the two ends of an axis's edge, measured along the axis from the strike.
 
-    The first is below 0, the second above. The stated rounding of all edges also rounds the corners, so an
-    edge with it ends one radius before them. A rim, which touches the table in one point, gives 0, 0.
+    The first is below 0, the second above. The radius stated for all edges also rounds the corners: with it,
+    the edge ends one radius before each corner. A rim, which touches the table in one point, gives 0, 0.
     """
     if axis.rolls:
         return 0.0, 0.0
@@ -156,18 +156,21 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
 
 
 def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float = np.inf) -> TipOutcomes:
-    """Integrate n strikes and swings up to balance, all at once.
+    """Simulate n strikes with the tips that follow, up to balance, all at once.
 
-    x is the direction of tipping, y runs along the edge, z up. theta is the tipping angle, phi the balance
-    angle, b = phi - theta, m the mass, mu the friction coefficient, P the centre line of the edge's rounding
-    (radius rho), c = (x_c, y_c, z_c) the centre of mass at distance R from P, with z_c = rho + R*cos b, and
-    I_c the moment of inertia about the line through c along y. The contact slides at speed u = dx_P/dt -
-    rho*theta'; F and N are its forces along x and z, S is the striker's push at height h: m*x_c'' = F + S,
-    m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N. Sticking: u' = 0. Sliding: F =
-    -mu*N*sign u. About x and z through the contact, where I_xy and I_zy are entries of the inertia tensor,
-    the forces must give M_x = I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2,
-    which the edge's two ends at y1 and y2 share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is
-    pushed too little to rise stands on its whole face.
+    Axes: x is the direction of tipping, y runs along the edge, z up. theta is the tipping angle, phi the
+    balance angle, b = phi - theta, m the mass, mu the friction coefficient. P is the centre line of the
+    edge's rounding (radius rho); c = (x_c, y_c, z_c) is the centre of mass at distance R from P, z_c = rho +
+    R*cos b; I_c is the moment of inertia about the line through c along y.
+
+    In the plane across the edge, the contact slides at the speed u = dx_P/dt - rho*theta'. F and N are the
+    table's forces on the edge along x and z, S is the striker's push at height h: m*x_c'' = F + S, m*z_c'' =
+    N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N. While the contact sticks, u' = 0; while it slides,
+    F = -mu*N*sign u. A body that is pushed too little to rise stays on its whole face.
+
+    Out of that plane, the moments about x and z through the contact must be M_x = I_xy*theta'' +
+    I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, with I_xy and I_zy entries of the inertia
+    tensor. The edge's two ends, at y1 and y2, share them: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z.
 
     A case ends at balance, where it rocks back or the edge leaves the table, and after `MAX_FREE_TIME`.
 
@@ -227,7 +230,12 @@ class _Bodies:
 
     The state is the tipping angle theta [rad] and its rate, the contact's sliding speed and distance, the yaw
     [rad] and its rate, the largest slip so far [m], the smallest load so far (normal force over weight), and
-    whether the case goes on. Loads count, and cases end, only once `load_counts` is set.
+    whether the case goes on. While `load_counts` is False, during the striker's push, no load is recorded and
+    no case ends; `simulate_tips` sets it to True afterwards.
+
+    Args:
+        cases: The n strikes.
+        gravity: Gravity [m/s^2].
     """
 
     def __init__(self, cases: Sequence[StrikeCase], gravity: float) -> None:
@@ -345,7 +353,8 @@ class _Bodies:
             dt: (n,) time steps [s].
             turning: (n,) angular accelerations theta'' [rad/s^2] without sliding.
             load: (n,) normal forces at the edge [N].
-            shear: (n,) forces at the edge along the tip [N], without sliding.
+            shear: (n,) horizontal forces of the table on the edge in the direction of the tip [N], without
+                sliding.
             flat: (n,) True where the body stands on its whole face, which prevents yaw.
             s: (n,) horizontal distance [m] of the contact ahead of the centre of mass.
             z: (n,) height of the centre of mass over the table [m].

@@ -57,10 +57,11 @@ class Pieces:
 def region_forecast(
     cells: Pieces, mass: float, covariance: Array, directions: Sequence[Array]
 ) -> list[PredictedRegion]:
-    """Predicted 1 sigma of the region masses of a design, and whether the strikes determine each.
+    """Predicted 1 sigma [kg] of the region masses of a design, and whether the strikes determine each.
 
-    Regions are the shell and the interior above and below a dividing plane, in the order of `NAMES`; there is
-    one entry for each. The 1 sigma [kg] is the median over `FILLINGS` fillings.
+    Regions are the shell and the interior above and below a dividing plane. The 1 sigma is the median over
+    `FILLINGS` fillings (divisions and densities drawn). A mass counts as determined if its 1 sigma is below
+    `DETERMINED_FRACTION` of the prior one.
 
     Args:
         cells: Pieces of the body.
@@ -69,6 +70,9 @@ def region_forecast(
             share (`Information.covariance`).
         directions: Unit directions (3,) of the struck axes, in the object frame; those less than 15 degrees
             apart count as one.
+
+    Returns:
+        Three predictions, in the order of `NAMES`.
     """
     distinct: list[Array] = []
     for direction in directions:
@@ -91,10 +95,16 @@ def region_forecast(
 
 
 class _Fillings:
-    """Precision of the region masses, for plausible fillings of one body.
+    """Predicted 1 sigma [kg] of the masses of three regions of one body, for assumed fillings of it.
 
-    A filling has a uniform density in each of three regions: the shell and the interior above and below a
-    dividing plane. The equations are linearised about each filling.
+    A filling has a uniform density in each region: the shell, and the interior above and below a dividing
+    plane. Mass, centre of mass and moments, as functions of region masses and plane, are linearised about
+    each filling.
+
+    Args:
+        cells: Pieces of the body.
+        directions: (a, 3) unit directions of the struck axes, in the object frame.
+        mass: Mass of the body [kg].
     """
 
     def __init__(self, cells: Pieces, directions: Array, mass: float) -> None:
@@ -114,8 +124,9 @@ class _Fillings:
         Args:
             measured: (4 + a, 4 + a) covariance of mass [kg], centre of mass [m] and the a moments about it
                 [kg m^2].
-            drawn: (5,) numbers from 0 to 1: share of the shell, share of the upper part in the interior, two
-                for the direction of the dividing plane, one for its place.
+            drawn: (5,) numbers from 0 to 1 that define the filling: share of the shell in the mass, share of
+                the upper part in the interior's, two for the direction of the dividing plane, one for its
+                place; each is scaled to a plausible range.
         """
         surface, upper = 0.2 + 0.6 * float(drawn[0]), 0.1 + 0.8 * float(drawn[1])
         masses = self._mass * np.array([surface, (1 - surface) * upper, (1 - surface) * (1 - upper)])

@@ -66,7 +66,7 @@ class AxisForecast:
 
 @dataclass(frozen=True)
 class Advice:
-    """Error of the centre of mass c by number of strikes, and advice whether to strike more.
+    """Predicted error of the centre of mass c for several numbers of strikes, and whether to strike more.
 
     The error is the rms distance [m] of the estimated c from the true one.
     """
@@ -121,9 +121,13 @@ def axis_forecasts(information: Information, design: Design) -> list[AxisForecas
 def inertia_forecast(information: Information, design: Design) -> tuple[Array, Array]:
     """Predicted precision of the inertia tensor about the centre of mass, in the object frame.
 
+    Args:
+        information: Prior knowledge, of which the expected inertia is used.
+        design: Chosen axes with their predicted covariance.
+
     Returns:
-        1 sigma (3, 3) [kg m^2] of its entries, and mask (3, 3) of those that count as determined: their 1
-        sigma is below `MOMENT_DETERMINED` of the one that the shape alone gives.
+        1 sigma (3, 3) [kg m^2] of the tensor's entries, and mask (3, 3) of those that count as determined:
+        their 1 sigma is below `MOMENT_DETERMINED` of the one that the shape alone gives.
     """
     sd = np.sqrt(np.diag(design.covariance)[INERTIA])
     mean = information.belief.inertia
@@ -144,11 +148,12 @@ def strikes_for(
 ) -> tuple[int, Design] | None:
     """Smallest number of strikes that reaches a target error of the centre of mass c, and its design.
 
-    The error is the predicted rms distance. The search halves the interval, as more strikes lower the error.
+    The error is the predicted rms distance of the estimated c from the true one. The number is found by
+    bisection, as more strikes lower the error.
 
     Args:
         information: Candidates, prior knowledge and errors.
-        target: Root mean square distance of the estimated c from the true one [m].
+        target: Error of c to reach [m].
         least: Smallest number of strikes.
         most: Largest number of strikes.
         most_axes: Largest number of different axes; None for the limit of `choose_design`.
@@ -189,8 +194,8 @@ def advice(
         design: Planned design.
         made: Number of strikes made before; if any, the gain of more is judged relative to them.
         exact_shape: True if the shape is given by its dimensions, which no scan improves.
-        before: Knowledge before the planned strikes, if `information` already includes that of a turned
-            strike; None for `information`.
+        before: Information without the turned strike that the plan adds, where `information` counts it as
+            made; None if there is no such strike.
 
     Returns:
         Predicted errors of the centre of mass by number of strikes, their sources, and whether and why to
@@ -239,7 +244,7 @@ def advice(
 def error_so_far(information: Information) -> float:
     """Expected rms error [m] of the centre of mass before any further strike.
 
-    It follows from the strikes made and the priors alone.
+    It follows from the priors and the strikes made, which `information` holds; its candidates do not matter.
     """
     return _rms(information, [], [])
 

@@ -88,12 +88,15 @@ def paper_hypothesis(points: Array, weight: float = 1.0) -> Region:
     Half edges along the principal axes e are w abs(sum_{v.e<0} norm(v) - sum_{v.e>0} norm(v)) + 1 in
     millimetres, v the points relative to their mean. As printed (w = 1) the sums are not normalised, so Q
     grows with the number of points; with w one over that number they are means, and it does not. Q is
-    clipped to the points' extent. Where eigenvalues tie (a square base), the paper leaves the axes open: here
-    they are the object frame's axes projected into the tied space, x before y before z.
+    clipped to the points' extent. Where eigenvalues are equal (a square base), the paper leaves the principal
+    axes open: here they are fixed as in `principal_axes`.
 
     Args:
         points: (n, 3) surface points [m], in the object frame.
         weight: Factor w of the sums.
+
+    Returns:
+        A box in the object frame, centred on the mean of the points.
     """
     centre = points.mean(axis=0)
     offset = points - centre
@@ -109,11 +112,15 @@ def paper_hypothesis(points: Array, weight: float = 1.0) -> Region:
 def hypothesis(model: ObjectModel) -> Hypothesis:
     """Region Q believed to hold the centre of mass, and the expected inertia, from the exterior shape.
 
-    Q's centre lies midway between the centroids of the uniform solid and of its surface. Half edges are the
-    differences of eq. (1) (VISAPP 2013), taken as means over the area: distances of the surface ahead of the
-    centroid minus those behind. Added are the sampling step and `FILLING_ASYMMETRY` of the half extent, since
-    a symmetric exterior may hide an asymmetric filling; the sum is at most the half extent. Axes with nearly
-    equal spread share one half edge. The result is cached on the model.
+    Q's centre lies midway between the centroids of the uniform solid and of its surface; its axes are the
+    surface's principal axes. A half edge is the sum of three lengths, but at most the half extent:
+
+    - the asymmetry of the surface along the axis, as in eq. (1) of VISAPP 2013: the absolute mean over the
+      area of the distance from the surface's centroid, taken as negative behind the centroid;
+    - the step at which the surface is sampled;
+    - `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may hide an asymmetric filling.
+
+    Axes with nearly equal spread share one half edge. The result is cached on the model.
     """
     return model.cached("hypothesis", _hypothesis)
 
@@ -153,8 +160,8 @@ def _groups(values: Array) -> tuple[int, int, int]:
 def _directions(model: ObjectModel, axes: Array) -> Array:
     """Unit directions (k, 3), in the space of the unit `axes` (d, 3), to measure a body's asymmetry in.
 
-    For one axis it is the axis itself; for more, the outward normals of the hull projected on the space of
-    the axes, at most `MAX_DIRECTIONS`.
+    For one axis it is the axis itself; for two or three, the outward normals of the convex hull of the
+    object's projection on the space of the axes, at most `MAX_DIRECTIONS`. All are in the object frame.
     """
     if len(axes) == 1:
         return axes
@@ -213,7 +220,7 @@ def body_size(model: ObjectModel) -> float:
 
 
 def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
-    """Sample the surface with pieces no larger than the body's size over `across`.
+    """Sample the surface in pieces whose longest edge is at most the body's size divided by `across`.
 
     Args:
         model: Shape of the object.

@@ -115,6 +115,7 @@ def impact_points(
         model: Shape of the object.
         axis: Pivot axis (edge about which the object tips).
         swings: Expected swing (parameters of the tip), then swings for other places of the centre of mass.
+            Each point has the friction needed for the first, and the largest one needed for any.
         cards: Centre (3,) [m, in the object frame] and edge [m] of the black square of each marker.
         striker: Striker, for its reach.
 

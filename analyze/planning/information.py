@@ -72,7 +72,10 @@ class SharedErrors:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A pivot axis with its expected swing (parameters of the tip) and the noise of one strike."""
+    """A pivot axis with its expected swing (parameters of the tip) and the noise of one strike.
+
+    The noise is the covariance of the measured balance angle phi and of ln k, k the rate constant of the tip.
+    """
 
     axis: PivotAxis
     """Pivot axis, the edge about which the object tips."""
@@ -207,7 +210,7 @@ class Information:
     def weight(self, each: Candidate, strikes: int) -> Array:
         """Inverse covariance (2, 2) of phi [rad] and ln k from the strikes on an axis at the usual heading.
 
-        The strikes made before count, and `strikes` more. phi is the balance angle, k the rate constant of
+        It covers the strikes made before and `strikes` more. phi is the balance angle, k the rate constant of
         the tip; a heading is the turn of object and striker about the vertical.
         """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
@@ -217,9 +220,9 @@ class Information:
     def measurements(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
         """Measurements of an axis at each of its h headings, including `strikes` more at the usual one.
 
-        A heading is the turn [rad] of object and striker about the vertical; the usual one always counts. At
-        heading a, cos a of the tilt towards the world's +x acts on a tip, and the camera sees another tag
-        with its own angle error.
+        A heading is the turn [rad] of object and striker about the vertical; the usual one always counts. The
+        table's tilt towards the world's +x changes phi at heading a by cos a of what it does at the usual
+        one. At a further heading the camera sees another tag, which has its own angle error.
 
         Returns:
             Derivatives (2h, 14) by the shared unknowns, in units of their prior 1 sigma, and (2h, 3 + h) by
@@ -250,9 +253,10 @@ class Information:
         """Fisher information (14, 14) of strikes on one axis about the shared unknowns.
 
         Shared are centre of mass, inertia and the errors common to all strikes, in the order of `units` and
-        in units of their prior sd. The strikes made before count, and `strikes` more at the usual heading;
-        the axis's own unknowns (its line's place, angle errors, an error of ln k, with k the tip's rate
-        constant) are integrated out. The result is cached.
+        in units of their prior 1 sigma. The information covers the strikes made before and `strikes` more at
+        the usual heading (turn of object and striker about the vertical). The axis's own unknowns (its line's
+        place, angle errors, an error of ln k, with k the tip's rate constant) are integrated out. The result
+        is cached.
         """
         asked = (id(each), strikes)
         if asked not in self._axis_information:
@@ -354,9 +358,9 @@ def normal_spread(normals: Array) -> float:
 
 
 def unknown_direction(normals: Array) -> Array:
-    """Unit vector (3,) along which planes fix their common point worst.
+    """Unit vector (3,) along which the common point of n planes is least well determined by them.
 
-    The planes have the unit `normals` (n, 3), in whose frame the vector is. Its largest component is
+    `normals` are the planes' unit normals (n, 3); the vector is in their frame. Its largest component is
     positive, and components below 1e-6 are 0.
     """
     _, _, vt = np.linalg.svd(np.vstack([np.zeros((3, 3)), normals]))

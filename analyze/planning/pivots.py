@@ -224,7 +224,8 @@ def _moulded_radius(
 ) -> float | None:
     """Radius [m] of the rounding that the shape itself has at the edge; None if it has none.
 
-    It is None too if the resting face is a narrow facet (`FACET_WIDTH_FRACTION`) of a round flank.
+    It is None too if the resting face is a narrow facet of a round flank: in the direction of the tip its
+    width is below `FACET_WIDTH_FRACTION` of the object's longest extent.
 
     Args:
         model: Shape of the object.
@@ -245,9 +246,8 @@ def wall_lean(
 ) -> float | None:
     """Lean [rad] of the face that rises from an edge: angle of its outward normal over the horizontal.
 
-    The face is found by its distance from `points`, within `TOUCHING_FRACTION` of the extent; of several
-    faces the one that looks most along `tip` is taken. None if there is no face but the one at the bottom, or
-    if the lean is `STEEPEST_WALL` or more either way.
+    The face is one of the convex hull whose plane passes through all `points` (`depth` outside them) within
+    `TOUCHING_FRACTION` of the object's longest extent; of several, the one that faces most along `tip`.
 
     Args:
         model: Shape of the object.
@@ -255,7 +255,12 @@ def wall_lean(
         up: (3,) unit normal of the resting face, into the object, in the object frame.
         points: Points (3,) [m], in the object frame: the ends of the edge, or one on its rounding's centre
             line.
-        depth: Depth [m] of the points below the faces of the edge: 0, or the radius of the rounding.
+        depth: Distance [m] from the points to the planes of the faces that meet at the edge: 0 for points of
+            the edge, the radius for points on its rounding's centre line.
+
+    Returns:
+        The lean; None if no face but the resting face passes there, or the lean is not between minus and plus
+        `STEEPEST_WALL`.
     """
     planes = model.hull_planes
     within = TOUCHING_FRACTION * float(model.extent.max())
@@ -270,7 +275,7 @@ def wall_lean(
 
 
 def _round_rim(plane: RestingPlane) -> BoolArray:
-    """Mask (k,) of a support polygon's edges that belong to a round rim.
+    """Mask (k,) of the k edges of a face's support polygon that belong to a round rim.
 
     An edge belongs to a rim if it turns by less than `RIM_TURN` against both neighbours. All are False if
     there are fewer than `RIM_EDGES` such edges.

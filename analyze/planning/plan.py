@@ -322,8 +322,11 @@ def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, st
     """Sort key of an axis, by which strikes are ordered: those on the surest faces come first.
 
     On the surest faces the object stands for every expected centre of mass; the strikes there show whether it
-    stands on the others. Members: minus the firmness (scale, at most 1, of the region of the centre of mass
-    at which it lies over the face), face id, length of the axis id, axis id.
+    stands on the others.
+
+    Returns:
+        Minus the face's firmness (largest factor, at most 1, by which the region of the centre of mass can be
+        scaled and still lie over the face), id of the face, length of the axis's id, and this id.
     """
     firm = (
         min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0

@@ -143,13 +143,14 @@ def _unstable(
 ) -> list[Rejection]:
     """One rejection for each face on which the object may fall over.
 
-    Narrow faces (strips) of round flanks share one rejection; its number is their count.
+    Its `number` is the smallest distance [m] of Q, the region of the centre of mass, projected on the face,
+    from the face's edges; it is negative if part of Q lies outside. Narrow faces (strips), as of round
+    flanks, share one rejection, whose `number` is their count.
 
     Args:
         planes: All resting planes.
         stable: Faces on which the object stands as surely as the plan needs; all others are rejected.
-        believed: Hypothesis with the region Q of the centre of mass; the number of each other rejection is
-            the distance [m] of Q's projection from the face's nearest edge, negative outside.
+        believed: Hypothesis with the region Q.
     """
     names = {plane.id for plane in stable}
     left = [plane for plane in planes if plane.id not in names]

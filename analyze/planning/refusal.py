@@ -91,7 +91,10 @@ def refusal_message(
 def _shape_message(
     model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int
 ) -> str:
-    """Message with remedy for a shape that has no usable edge: a ball, a round or an unstable body.
+    """Message with remedy for an object of which no edge can be used because of its shape.
+
+    The message says which it is: a ball, a round body that rolls, a scan with gaps, a body that may fall over
+    on every face, or one whose faces have no edge beside the centre of mass. It is never empty.
 
     Args:
         model: Shape of the object.

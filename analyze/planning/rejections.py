@@ -42,10 +42,14 @@ def rejection_summary(rejected: Sequence[Rejection]) -> str:
 
 
 def _reason_text(code: str, entries: Sequence[Rejection]) -> str:
-    """Reason of rejections in words, with the range of their numbers.
+    """Reason for which axes or faces were rejected, in words, with the range of the quantity behind it.
 
-    `code` is the rejections' common reason; an unknown one is returned with blanks for underscores. `entries`
-    are the rejections.
+    For example "slipping (friction needed 0.62 to 1.30)". The range is left out if no rejection has a number,
+    or if the numbers of this reason have neither meaning nor unit.
+
+    Args:
+        code: Reason that all rejections share; an unknown one is returned with blanks for underscores.
+        entries: The rejections.
     """
     if code not in _REASONS:
         return code.replace("_", " ")

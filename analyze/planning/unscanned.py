@@ -49,8 +49,8 @@ def scanned_planes(
 ) -> tuple[list[RestingPlane], list[Rejection]]:
     """Resting planes that were scanned, and rejections of those that were not.
 
-    Up to `MAX_BARE_PLANE` of a plane that counts as scanned may be missing from the scan. If the shape is no
-    scan, all planes are kept.
+    A plane counts as scanned if at most the fraction `MAX_BARE_PLANE` of it is missing from the scan. If the
+    shape is no scan, all planes are kept.
     """
     surface = model.scanned
     if surface is None:
@@ -63,8 +63,8 @@ def scanned_planes(
 def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
     """Pivot axes whose edges have scanned surface beside them, and rejections of the other axes.
 
-    Up to `MAX_BARE_EDGE` of this surface may be missing on either side of the edge. If the shape is no scan,
-    all axes are kept.
+    At most the fraction `MAX_BARE_EDGE` of this surface may be missing on either side of the edge. If the
+    shape is no scan, all axes are kept.
     """
     surface = model.scanned
     if surface is None:
@@ -83,7 +83,7 @@ def _separated(
         parts: Resting planes or pivot axes.
         shares: Fraction of each that was not scanned.
         most: Largest such fraction of a part that is kept.
-        text: Message of a rejection, between the fraction in percent and the remedy.
+        text: Middle part of a rejection's message, between "<fraction> %" and the remedy.
     """
     pairs = list(zip(parts, shares, strict=True))
     return [part for part, share in pairs if share <= most], [
@@ -139,5 +139,8 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
 
 
 def _share(surface: ScannedSurface, part: BoolArray) -> float:
-    """Unscanned fraction of the samples in the mask `part` (n,); 0 for fewer than `MIN_SAMPLES`."""
+    """Fraction, by number, of the samples in the mask `part` (n,) that were not scanned.
+
+    It is 0 for fewer than `MIN_SAMPLES` samples. The mask is over the n samples of `surface`.
+    """
     return float(surface.bare[part].mean()) if part.sum() >= MIN_SAMPLES else 0.0
