@@ -37,7 +37,7 @@ PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
 def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, ...]]:
     """Read the points of a point cloud file, without repeated ones, in the file's unit.
 
-    Of more than `MAX_POINTS` every n-th is taken.
+    If there are more than `MAX_POINTS`, only one in every n is kept, spread over the whole cloud.
 
     Args:
         data: Content of the file.

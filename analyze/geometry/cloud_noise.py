@@ -34,9 +34,10 @@ class CloudNoise:
 def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
     """Noise (scatter about the surface) and spacing of a point cloud.
 
-    The noise is the scatter in the flattest quarter of small patches, each about a fitted quadric. Patches
-    are enlarged until their radius exceeds 4 sd, since smaller ones lie within the noise and underestimate
-    it, or until they would include the object's shape. Clouds of fewer than 96 points have the noise 0.
+    The noise is the scatter of small patches of points about quadrics fitted to them; the flattest quarter of
+    the patches counts, as the others may contain an edge. Patches are enlarged until their radius exceeds
+    four times the noise found, since smaller ones underestimate it, or until they would include the object's
+    shape. Clouds of fewer than 96 points are given the noise 0.
 
     Args:
         points: (n, 3) points of the cloud [m].

@@ -158,15 +158,19 @@ def cloud_surface(points: Array) -> CloudSurface:
 
 
 def line_sd(surface: CloudSurface, ends: Array) -> float:
-    """1 sigma [m] of the place of a hull edge with `ends` (2, 3) [m], perpendicular to the edge.
+    """1 sigma [m] of the place of a hull edge, perpendicular to the edge, in the worst direction.
 
-    It is that in the worst direction. Where two fitted planes meet, it follows from N x = delta, with N (2,
-    3) their normals, x the edge's displacement and delta their displacements, of known variance. With one
-    plane it combines the variance of that plane and of the smoothed wall with `EXTRAPOLATED_SDS` of the
-    noise: the wall is extrapolated over the band in which it cannot be distinguished from the face. Where the
-    wall is too low for that, one sd of the noise and `OUTLINE_GAP_SPACINGS` of the spacing take the place of
-    the extrapolation's. Without planes it combines noise and spacing: the object ends somewhere between two
-    points, and smoothing rounds off an edge that is not resolved.
+    It depends on how many of the fitted planes contain the edge. Two: it follows from N x = delta, with N (2,
+    3) their normals, x the edge's displacement and delta the planes' displacements, of known variance. One:
+    it combines the variance of this plane, that of the smoothed wall beside it, and `EXTRAPOLATED_SDS` of the
+    noise, since the wall is extrapolated over the band in which it cannot be distinguished from the face; for
+    a wall too low for that, one sd of the noise and `OUTLINE_GAP_SPACINGS` of the spacing take the place of
+    the third. None: it combines noise and spacing, as the object ends somewhere between two points, and
+    smoothing rounds off the edge.
+
+    Args:
+        surface: Surface with its fitted planes, noise and spacing.
+        ends: (2, 3) ends of the edge [m], in the frame of the cloud.
     """
     planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     scale = float(np.linalg.norm(ends).max()) + 1e-3
@@ -311,8 +315,9 @@ def _smoothed(
         extent: Largest extent of the cloud [m].
 
     Returns:
-        Smoothed points (k, 3) [m], unit normals (k, 3) there (either sign), and the points' 1 sigma [m]; no
-        points, and the noise's 1 sigma, if fewer than `MIN_NEIGHBOURS` belong to curved parts.
+        Smoothed points (k, 3) [m], unit normals (k, 3) there (either sign), and one 1 sigma [m] for all
+        smoothed points. If fewer than `MIN_NEIGHBOURS` points belong to curved parts: no points, no normals,
+        and `sd`.
     """
     heights = (
         np.column_stack([plane.heights(points) for plane in planes])

@@ -28,10 +28,11 @@ class EdgeLine:
     """Radius of the rounding [m]."""
 
     def distance(self, other: EdgeLine) -> float:
-        """Distance [m] between the centre lines of two rounded edges.
+        """Distance [m] between two pivot edges; infinite if direction or resting face differ.
 
-        It is infinite if direction or resting face differ. The difference of the two roundings' radii, times
-        the root of 2, is deducted, down to 0: a corrected radius moves the centre line, not the edge.
+        It is the distance of the centre lines of their roundings, less what a difference of the two radii
+        explains (the root of 2 times the difference, as a larger radius moves the centre line by as much
+        inwards as upwards), and at least 0.
         """
         if (
             float(self.direction @ other.direction) < SAME_DIRECTION

@@ -85,8 +85,8 @@ def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
     """Planar faces of a point cloud's hull, those with most points first; empty if there are none.
 
     Planes grow from small patches of points, and are kept if hardly a point lies outside them. Each is then
-    fitted to the points of its inner part, away from all neighbouring faces by `WALL_MARGIN_SDS` sd, where
-    only its own noise affects it. Curved parts of the hull have no plane.
+    fitted to the points of its inner part, `WALL_MARGIN_SDS` times the noise's 1 sigma away from all
+    neighbouring faces, where only its own noise affects it. Curved parts of the hull have no plane.
 
     Args:
         points: (n, 3) points of the cloud [m].
@@ -123,10 +123,13 @@ def _refined_planes(
 
     Args:
         points: (n, 3) points of the cloud [m].
-        planes: Approximate outward unit normal (3,) and offset [m] of each plane.
+        planes: Outward unit normal (3,) and offset [m] of each plane, as a first approximation.
         sd: 1 sigma of the noise [m].
         spacing: Distance of neighbouring points [m].
         rounds: Largest number of fits.
+
+    Returns:
+        The planes of the last fit, with their covariances.
     """
     current = list(planes)
     centre = points.mean(axis=0)

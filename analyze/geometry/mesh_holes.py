@@ -95,7 +95,7 @@ def fill_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntA
 
 
 def _flat_fill(outline: Array) -> IntArray | None:
-    """Triangles (n - 2, 3), as vertex indices, that fill a polygon; None if it intersects itself.
+    """Triangles (n - 2, 3) that fill a polygon, as indices of its corners; None if it intersects itself.
 
     Args:
         outline: (n, 2) corners of the polygon, in either sense.

@@ -158,7 +158,7 @@ class ObjectModel:
 
     @cached_property
     def is_convex(self) -> bool:
-        """True if the object fills its convex hull to within a thousandth of the volume."""
+        """True if the volume of the convex hull exceeds that of the object by less than a thousandth."""
         return bool(ConvexHull(self.hull_vertices).volume < self.volume * (1 + CONVEX_TOLERANCE))
 
     @cached_property

@@ -103,7 +103,7 @@ def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray,
 
 
 def hull_faces(hull: ConvexHull) -> IntArray:
-    """Faces (f, 3) of the convex hull of points in space, counter-clockwise from outside.
+    """Faces (f, 3) of the 3-D convex hull `hull`, counter-clockwise from outside.
 
     Their entries are indices of `hull.points`.
     """
@@ -270,8 +270,8 @@ def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> B
     """Mask (count,) of faces to turn so that neighbours are wound consistently, as few as possible.
 
     A link connects two neighbouring faces: with `differ` just one of them is to be turned, otherwise both or
-    neither. On the double cover (every face once as it is, once turned) each consistent choice is one
-    component.
+    neither. In a graph that has every face twice, once as it is and once turned, each consistent choice is a
+    connected component.
 
     Args:
         count: Number of faces.

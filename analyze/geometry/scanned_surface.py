@@ -80,7 +80,10 @@ class ScannedSurface:
 def scanned_cloud(
     vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float
 ) -> ScannedSurface:
-    """Samples of a point cloud's hull, marked as not scanned where no point and no hollow lies below.
+    """Samples of the convex hull of a point cloud, with a mask of those that were not scanned.
+
+    A sample was scanned if a point of the cloud lies within `reach`, or if a line straight inwards from it
+    meets a hollow's floor before the far side.
 
     Args:
         vertices: (n, 3) vertices of the hull [m].

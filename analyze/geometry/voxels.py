@@ -49,7 +49,8 @@ def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels
         shell_thickness: Thickness of the shell, inwards from the surface [m].
 
     Returns:
-        The cubes that contain a part of the body. The volume is exact, centroid and moments are to 0.5 %.
+        The cubes that contain a part of the body. Their volumes add up to the body's exactly; centroid and
+        moments of inertia computed from them are the body's to 0.5 %.
 
     Raises:
         ValueError: pitch or thickness is not above 0.
@@ -105,8 +106,9 @@ def _cut(
         shell_thickness: Thickness of the shell [m].
 
     Returns:
-        Fraction (n,) of each cube in the body, fraction (n,) in the shell, and the first moments (n, 3) [m]
-        of these two parts over the cube's volume, about the origin of the object frame.
+        Fraction (n,) of each cube's volume in the body, fraction (n,) in the shell, then for the body and for
+        the shell: the part's first moment about the origin of the object frame, divided by the cube's volume,
+        (n, 3) [m].
     """
     step = pitch / SUBCELLS
     offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * step
