@@ -65,7 +65,7 @@ def disc(
 
 
 def arrow(points: Array, colour: str, width: float) -> list[str]:
-    """SVG elements of an arrow's shaft and head.
+    """Two SVG elements: the shaft and the head of an arrow.
 
     Args:
         points: (n, 2) points of the shaft [px], at least two; the head's tip is at the last one.

@@ -23,6 +23,9 @@ def side_picture(place: Setting) -> str:
     It shows the height of the strike, the pivot line (on the table, under the edge), and the object at rest
     and tipped to the angle at which it balances. A strike turned by 180° is seen from the side opposite the
     camera.
+
+    Args:
+        place: Positions of object, line, striker and camera.
     """
     size = place.size
     tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
@@ -81,6 +84,9 @@ def plan_picture(place: Setting) -> str:
     It shows the object, the pivot line (on the table, under the edge about which the object tips), the mark
     on that line, its distance from the edge's near end, the striker's path and, unless the strike is turned
     by 180°, the camera.
+
+    Args:
+        place: Positions of object, line, striker and camera.
     """
     size = place.size
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size

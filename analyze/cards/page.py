@@ -61,7 +61,7 @@ class Card:
         """Direction along the pivot line in words: "towards the camera" or "away from the camera".
 
         With `near` True it is the direction towards the eye of the pictures, else the opposite one. The eye
-        is at the camera, for a turned strike on the side opposite the camera.
+        is on the camera's side; for a turned strike it is on the side opposite the camera.
         """
         return "towards the camera" if near != self.turned else "away from the camera"
 

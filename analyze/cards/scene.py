@@ -34,9 +34,13 @@ They are in drawing order for an eye behind the symbol and to its right."""
 
 
 def scene_picture(place: Setting) -> str:
-    """Picture (an <svg> element) of a strike, seen from the camera's side, 30° to the right, 20° above.
+    """Picture (an <svg> element) of a strike, as seen by an eye on the camera's side of the object.
 
-    A turned strike is seen from the side opposite the camera.
+    The eye is 30° to the right of the camera's direction and 20° above the horizontal. A strike turned by
+    180° is seen from the side opposite the camera.
+
+    Args:
+        place: Positions of object, line, striker and camera.
     """
     size = place.size
     middle = (place.low + place.high) / 2
