@@ -76,10 +76,11 @@ class ExportBody:
 def identifier(name: str) -> str:
     """ASCII identifier made from a name, valid in URDF, SDF, MJCF and USD.
 
-    The identifier is a letter, then letters, digits and single underscores. Accents and other characters
-    outside ASCII are dropped, others become underscores. "object_" is put before a digit and before
-    `RESERVED_NAMES`; "object" stands for a name of which nothing is left. SDF reserves names between double
-    underscores and `world`, MJCF `world`; USD allows letters, digits and underscores only.
+    The identifier is a letter, then letters, digits and single underscores. Accents are dropped, as are other
+    characters outside ASCII; blanks, hyphens and other ASCII characters become underscores. "object_" is put
+    before a digit and before `RESERVED_NAMES`; "object" stands for a name of which nothing is left. SDF
+    reserves names between double underscores and `world`, MJCF `world`; USD allows letters, digits and
+    underscores only.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_")

@@ -39,8 +39,8 @@ class Format(enum.Enum):
 def why_misnamed(output: Path, wanted: Format) -> str | None:
     """One-line reason why the suffix of `output` is wrong for the format `wanted`; None if it is right.
 
-    The line proposes a name. A suffix is wrong if it belongs to another format, or, for USD, is none of its
-    own; other formats accept a file without a suffix or with an unknown one.
+    The line proposes a name. A suffix is wrong if it belongs to another format only. A USD file must have one
+    of USD's suffixes; files of other formats may have an unknown suffix or none.
     """
     suffix = output.suffix.lower()
     if wanted is Format.USD and suffix not in wanted.suffixes:

@@ -52,17 +52,17 @@ def additional_edges(
 ) -> AdditionalEdges:
     """Choose edges whose tips would measure inertia tensor entries that come from the shape so far.
 
-    They are chosen one by one, each time the edge that makes the most entries measured. Of edges that make
-    equally many measured, the one that reduces the standard deviations of the entries most is taken. The
-    choice ends when all entries are measured or no edge helps. The edges are those that the planner would
-    consider, under its names; whether camera and striker reach one is for the planner to decide. O is the
-    frame of the object's shape file.
+    They are chosen one by one, each time the edge with which most entries of `prior` become measured; of
+    equal ones, the edge that reduces the entries' standard deviations most. The choice ends when all entries
+    are measured or no edge helps. The edges are those that the planner would consider, with the same ids;
+    whether camera and striker reach one is for the planner to decide. O is the frame of the object's shape
+    file.
 
     Args:
         model: exterior of the object.
         spec: object specification, of which markers and edge radius are used.
         com: (3,) estimated centre of mass in O [m].
-        made: unit directions (3,) in O of the axes whose moments are known.
+        made: unit directions (3,) in O of the axes about which moments of inertia were measured.
         prior: entries (i, j) of the inertia tensor to measure, which come from the shape so far.
 
     Returns:
@@ -106,7 +106,7 @@ def _information(row: Array) -> Array:
 
 
 def _sd(information: Array) -> Array:
-    """Standard deviations (6,) of the inertia tensor's entries, over those of the prior.
+    """Standard deviations (6,) of the inertia tensor's entries, divided by those of the prior.
 
     `information` (6, 6) is the Fisher information about the entries; the prior is the assumption from the
     shape alone.

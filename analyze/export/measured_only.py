@@ -51,8 +51,12 @@ def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str
 def _remedy_text(found: AdditionalEdges, missing: int) -> str:
     """Remedy, in words, for an inertia tensor that is not fully measured.
 
-    It names the edges to tip over, those of the `missing` entries (a number) that no edge measures, and the
-    option to export without full measurement.
+    It names the edges to tip over, the entries that no edge measures, and the option to export without full
+    measurement.
+
+    Args:
+        found: edges to tip over, perhaps none, and the entries that stay unmeasured.
+        missing: number of entries that are not measured so far.
     """
     otherwise = "export without --measured-only: the file then marks the entries from the shape"
     if not found.axes:

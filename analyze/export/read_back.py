@@ -57,7 +57,8 @@ def read_back(path: Path, written: Format) -> Inertial:
         written: format of the file.
 
     Returns:
-        Mass, centre of mass and inertia tensor about it, in the frame of the body's link or prim.
+        Mass, centre of mass and inertia tensor about it, in the frame of the body, which is a link in URDF
+        and SDF and a prim in USD.
 
     Raises:
         ExportError: the library is missing, cannot read the file, or finds in it no body, no inertial
@@ -154,9 +155,9 @@ def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
 
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
-    """Inertial parameters in the frame of a body's link (URDF, SDF) or prim (USD) or body (MJCF).
+    """Inertial parameters in the frame of a body, with the inertia tensor turned into it from other axes.
 
-    The inertia tensor, given along other axes, is turned into that frame.
+    The frame is that of a link (URDF, SDF), body (MJCF) or prim (USD).
 
     Args:
         mass: mass [kg].
