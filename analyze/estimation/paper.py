@@ -274,9 +274,10 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """All b positions of the plane that divides the interior, with the regions' centroids and second moments.
+    """All b positions of the plane that divides the interior, with centroids and moments of the regions.
 
-    The regions are the shell, and the interior above and below the plane.
+    The regions are the shell, and the interior above and below the plane; the moments are second moments per
+    kilogram.
     """
 
     normals: Array

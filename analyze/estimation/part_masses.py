@@ -55,7 +55,7 @@ def whitening_matrix(covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class MeasuredMoments:
-    """Measured mass, centre of mass c and moments of inertia about several axes through c, with covariance.
+    """Measured mass, centre of mass c and moments of inertia about axes through c, with covariance.
 
     The letter a in the shapes below is the number of these axes.
     """

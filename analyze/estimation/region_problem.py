@@ -193,7 +193,7 @@ class RegionProblem:
         return BodyPieces(region, self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass)
 
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
-        """Masses (3,) [kg] of shell, upper and lower part by three naive assumptions, keyed by the assumption.
+        """Masses (3,) [kg] of shell, upper and lower part by three naive assumptions, keyed by name.
 
         "shell": all mass is in the shell. "uniform": shell and interior have one density.
         "shell_and_uniform": each has its own density, by the ratio that fits the moments best.
