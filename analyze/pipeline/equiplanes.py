@@ -60,9 +60,10 @@ def equiplanes(
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
     """Standard deviations of errors that strikes share: shape scale, edge radius, table tilt.
 
-    Those of scale (relative) and edge radius [m] are the object file's. Each levelling (set-up of the table)
-    has one unknown tilt [rad] against gravity. It is assumed to be 0 within an sd, or is that of a level's
-    reading if the manifest (the recording's metadata) has one.
+    They are taken from `evidence`. Those of scale (relative) and edge radius [m] are the object file's. Each
+    levelling (set-up of the table) has one unknown tilt [rad] against gravity. Where the manifest (the
+    recording's metadata) holds the reading of a level (the instrument), the tilt is that reading within its
+    sd; otherwise 0 within the sd that the manifest states.
     """
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
@@ -76,10 +77,11 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
 
 
 def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
-    """Table tilt [rad] towards the world's x and y by the reading of a level, with sd.
+    """Lean of the vertical [rad] towards the world's x and y by the reading of a level, with sd.
 
-    None if the manifest (the recording's metadata) has no reading. If the reading has no sd towards y, the sd
-    is the one that is assumed without a level.
+    A level is the instrument; its reading is positive if that side of the table is the higher one. None if
+    the manifest (the recording's metadata) has no reading. If the reading has no sd towards y, the sd is the
+    one that the manifest states for a table without a level.
     """
     read = manifest.level
     if read is None:

@@ -93,9 +93,10 @@ class EstimateOptions:
 
 @dataclass(frozen=True)
 class Agreements:
-    """Agreement of the centre of mass between recordings and with the paper's, and of estimators.
+    """Results of three comparisons: recordings with each other, with the paper's method, and estimators.
 
-    The paper is VISAPP 2013. Estimators are the ways to fit one strike's motion.
+    The first two compare centres of mass; the paper is VISAPP 2013. Estimators are the ways to fit one
+    strike's motion.
     """
 
     recordings: Agreement
@@ -166,8 +167,8 @@ class Estimate:
     def planes(self) -> tuple[EquiPlane, ...]:
         """Equi-planes of the strikes used, in recording order, corrected for the table's estimated tilt.
 
-        Each passes through a strike's pivot line and the centre of mass of the body that tipped. At the
-        balance angle it contains the estimated direction of gravity.
+        Each passes through a strike's pivot line and the centre of mass of the body that tipped. When the
+        object is turned to the balance angle, the plane is parallel to gravity as estimated.
         """
         return self.com.planes
 
@@ -192,7 +193,7 @@ def estimate_recordings(
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
-        PlanError: a plan is of another object or shape, or does not hold a strike.
+        PlanError: a plan is of another object or shape, or lacks a strike that was recorded.
         TrackingError: no marker of any strike of a recording can be tracked.
         EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
             parts or filling cannot be estimated.
@@ -216,10 +217,11 @@ def estimate_recordings(
 
 
 def offset_progress(progress: Progress | None, before: int, total: int, prefix: str = "") -> Progress | None:
-    """Callback that reports the progress of one part of some work to `progress`, that of the whole work.
+    """Progress callback for one part of some work, which reports to `progress`, the callback of the whole.
 
-    It adds `before` to the part's number of steps done, reports `total` as the whole's steps, and puts
-    `prefix` in front of the part's texts. None is returned if `progress` is None.
+    It adds `before`, the number of the whole's steps done earlier, to the part's number of steps done,
+    reports `total` as the number of the whole's steps, and puts `prefix` in front of the part's texts. None
+    is returned if `progress` is None.
     """
     if progress is None:
         return None
@@ -324,6 +326,9 @@ def _labelled_parts(
     evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions
 ) -> PartMasses | None:
     """Masses [kg] of the parts that the object file labels; None if it labels none, or labels a filling.
+
+    They are estimated from the measured moments, `inertial`. The parts are closed bodies of the mesh if the
+    labels name bodies, otherwise the shell and layers made of `cells`.
 
     Raises:
         ShapeError: a label names a part that the shape does not have, or two layers overlap.

@@ -188,6 +188,6 @@ class Evidence:
         """Planned strike (rest pose, pivot edge, direction on the table) that led to a recorded motion.
 
         Raises:
-            StopIteration: the plan does not hold the planned strike.
+            StopIteration: the plan holds no strike with the id that the motion names.
         """
         return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)

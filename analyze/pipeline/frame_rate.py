@@ -70,10 +70,10 @@ class FrameRate:
 def stated_scale(evidence: Evidence) -> Scale:
     """Mass [kg] by the object file and gravity g [m/s²] by the recordings, each with its sd.
 
-    g is the first recording's. If the recordings state g with different sd, the largest counts and is shared
-    by all strikes: that is safe, whereas averaging it over places would make intervals too narrow. The
-    measured rate constant k is proportional to g and to the square of the frame rate, so that the uncertainty
-    of a stated rate is part of the sd of g.
+    g is the first recording's. Its sd is the largest that a recording states, and counts as one error shared
+    by all strikes: taken as independent at each place, the errors would average out and intervals be too
+    narrow. The measured rate constant k is proportional to g and to the square of the frame rate; the
+    uncertainty of a stated rate is therefore added to the sd of g.
     """
     spec, g = evidence.spec, evidence.manifest.g_m_s2
     own = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
@@ -196,9 +196,9 @@ def _mass_points(evidence: Evidence, cells: Cells) -> Array:
 
 
 def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
-    """Median sd [s] of the contact times (onset of the motion) of the strikes with ids `used`.
+    """Median [s] of the standard deviations of the contact times of the strikes with ids `used`.
 
-    None if no strike has a contact time.
+    A contact time is found from the onset of the motion. None if no strike has one.
     """
     fits = [motion.fit for motion in evidence.motions if motion.strike_id in used]
     times = [contact_time(fit) for fit in fits if fit is not None]
@@ -210,7 +210,7 @@ def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
     """Frame rate [Hz] that is probably the true one; None if the strikes do not single one out.
 
     Rates are tried that lie within the bounds of `check` and, if it has an estimate, within 3 sd of that. If
-    just one of them is a slow-motion rate (2, 4 or 8 times the stated `rate` [Hz], or the reverse), it is
+    just one of them is 2, 4 or 8 times the stated `rate` [Hz] or 1/2, 1/4 or 1/8 of it (slow motion), it is
     returned; otherwise, if just one is a rate that cameras usually have, that one.
     """
     low, high = check.low, check.high

@@ -37,7 +37,8 @@ class StrikePrediction:
     def motion_sigmas(self) -> float:
         """Difference between measured and predicted tipping angle theta(t), in standard deviations.
 
-        It is scaled to be judged as a single normal error.
+        Two errors count in it, those of balance angle and k. It is scaled so that 3 is as unlikely by chance
+        as an error of 3 sd of one quantity.
         """
         return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.chi2)
 
@@ -51,18 +52,17 @@ class StrikePrediction:
 
 
 def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tuple[StrikePrediction, ...]:
-    """Predict the tipping angle theta(t) of each strike from all other strikes, and compare.
+    """Predict the tipping angle theta(t) of each strike from all others; compare it with the measured one.
 
     theta(t) follows from balance angle phi and rate constant k as the other strikes predict them.
 
     Args:
         evidence: measured motions.
-        left_out: predictions of phi and k by `checks.leave_one_out`.
+        left_out: predictions of phi and k, one per strike, by `checks.leave_one_out`.
 
     Returns:
-        Comparison of the measured motion with its prediction, one entry for each of `left_out` in order;
-        strikes without theta(t) or without a fit are left out. k is scaled from gravity of the first
-        recording to that of the strike's own.
+        Comparisons of measured and predicted motion, in the order of `left_out`, without strikes that have no
+        theta(t) or no fit. k is scaled from gravity of the first recording to that of the strike's own.
     """
     motions = {motion.strike_id: motion for motion in evidence.motions}
     found: list[StrikePrediction] = []

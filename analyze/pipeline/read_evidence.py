@@ -112,7 +112,8 @@ def read_evidence(
         head: identity and contents of the recording.
         object_path: object file to use instead of the recording's; None for the recording's.
         progress: called with (text, done, total) before each strike.
-        markers_of: gives the markers to track, from the object file.
+        markers_of: function from the object file's contents to the markers to track: `placed_markers`, or
+            `unplaced_markers` to ignore the poses in the file.
 
     Returns:
         Fitted motions and tracking reports, with object, shape and plan.
@@ -120,7 +121,7 @@ def read_evidence(
     Raises:
         RecordingError: the file cannot be read.
         ShapeError: the object's file or shape cannot be used.
-        PlanError: the plan is of another object or shape, or does not hold a strike.
+        PlanError: the plan is of another object or shape, or lacks a strike that was recorded.
         TrackingError: no marker of any strike can be tracked.
     """
     with open_recording(head.path) as recording:
@@ -140,10 +141,11 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
     Args:
         recording: complete recording, or one still being written.
         object_path: object file to use instead of the recording's; None for the recording's. The plan's
-            edges are then corrected to it.
+            edges are then corrected to the file given.
 
     Returns:
-        Object file with the markers' masses included, shape, plan and labelled bodies.
+        Object file with the markers' masses included, shape and plan; also the closed bodies of the mesh, if
+        labels of the object file name any.
 
     Raises:
         RecordingError: the recording holds no plan.
@@ -183,7 +185,8 @@ def read_strike(
     Returns:
         Motion, tracking report and frames lost. If no marker can be tracked, the motion has verdict
         UNREADABLE and no fit, the report is None and `problem` is the error. The motion also has verdict
-        UNREADABLE and no fit if it is a tip only at another frame rate than a video file states.
+        UNREADABLE and no fit if a video file states a frame rate at which it cannot be that of a tip, but
+        could be at another rate.
 
     Raises:
         RecordingError: the file is damaged within the strike's time window.
@@ -271,8 +274,8 @@ def _refuse_other_plan(recording: StrikeSource) -> None:
 def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
     """Raise PlanError unless the plan's edges lie on the surface of the object file given afterwards.
 
-    `model` is the shape of that file. The depth of an edge's pivot point below the surface may differ from
-    the edge's radius by `MAX_EDGE_SHIFT` of the shape's longest extent.
+    `model` is the shape of that file, `object_path` its path. The pivot point of an edge of radius rho should
+    lie rho below the surface; it may be off by `MAX_EDGE_SHIFT` of the shape's longest extent.
     """
     tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
     strikes = recording.plan.strikes
@@ -294,8 +297,8 @@ def _strike(
 ) -> tuple[TipMotion, TrackingReport]:
     """Fitted motion of one strike, and the report on the tracking of its markers.
 
-    If a video file states the frame rate and the motion is a tip only at another one, the motion has no fit,
-    verdict UNREADABLE and the ratio of true to stated rate.
+    If a video file states a frame rate at which the motion cannot be that of a tip, but could be at another
+    rate, the motion has no fit, verdict UNREADABLE and the ratio of true to stated rate.
 
     Raises:
         PlanError: the plan does not hold the strike.

@@ -37,8 +37,8 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
         planned: rest pose and pivot of the strike.
 
     Returns:
-        Support function with the sd [m] of the outline. None if the object tips about a corner or bevel,
-        which its edge radius describes, and if the outline has no area.
+        Support function with the sd [m] of the outline. None if the object does not roll but tips about a
+        corner or bevel, for which the radius of the edge suffices, or if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or not is_curved(section, planned.phi_predicted_rad):
@@ -49,16 +49,16 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 
 
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Least tipping angle [rad] at which the object's next face may land on the table, or None.
+    """Tipping angle [rad] from which the object's next face may land on the table, or None.
 
     Args:
         model: the object's exterior, in the object frame O.
         planned: rest pose and pivot of the strike.
 
     Returns:
-        The angle, less a margin for errors of the shape; None on a curved flank, on which the object rolls,
-        if no face touches or the first one touches before the predicted balance, or if the outline has no
-        area.
+        Angle at which the face lands by the shape, less a margin for errors of the shape. None if the object
+        rolls on a curved flank, if no further face comes to the table or one does before the predicted
+        balance, or if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or is_curved(section, planned.phi_predicted_rad):
@@ -67,7 +67,7 @@ def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
 
 
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """Support function of the hull's outline as seen along the pivot axis; None if the outline has no area.
+    """Support function of the hull's outline, seen along the pivot axis; None if the outline has no area.
 
     It is the pivot point's height [m] over the table by tipping angle [rad].
     """
@@ -107,10 +107,10 @@ class MeshSections:
         return None if model is None else rolling_outline(model, planned)
 
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
-        """Least tipping angle [rad] at which the object's next face may land on the table, or None.
+        """Tipping angle [rad] from which the object's next face may land on the table, or None.
 
-        None on a curved flank, if no face touches or the first one touches before the predicted balance, if
-        the outline has no area, or if the shape is not available.
+        None if the object rolls on a curved flank, if no further face comes to the table or one does before
+        the predicted balance, if the outline has no area, or if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else next_face_angle(model, planned)

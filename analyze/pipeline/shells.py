@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
     """The body divided into cells with edge `pitch` [m], once for each possible thickness of its shell.
 
-    The shell is the outer wall. Candidate thicknesses that leave no interior are left out; the thinnest is
-    first. Empty if no thickness leaves an interior.
+    The body is that of the shape `model`; the shell is its outer wall. Candidate thicknesses that leave no
+    interior are left out; the thinnest is first. Empty if no thickness leaves an interior.
     """
     shells = [
         ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))
