@@ -55,7 +55,7 @@ def answer_recordings(
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
-        PlanError: a plan is of another object or shape, or does not hold a strike.
+        PlanError: a plan is of another object or shape, or lacks a strike that was recorded.
         TrackingError: no marker of any strike of a recording can be tracked.
         EstimationError: fewer than three strikes can be used, an excluded id names no strike or several, or
             parts or filling cannot be estimated.

@@ -30,10 +30,10 @@ masses of shell and interior parts are trusted; above the second, they are repor
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
     """Sentences on an estimate: first what to trust, then what to doubt, last which strikes to repeat.
 
-    Each begins with the word trust, doubt or repeat. None begins with trust if the centre of mass lies more
-    than `MAX_OUTSIDE_SD` sd outside the shape's hull. Nor does one if all stated frame rates are possible,
-    and gravity by the strikes disagrees with the stated one or a moment of inertia is impossible for the
-    shape.
+    Each begins with the word trust, doubt or repeat. Nothing is to be trusted in two cases: the centre of
+    mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the strikes disagrees with
+    the stated one, or a moment of inertia is impossible for the shape, although no stated frame rate is wrong
+    (a wrong one would explain both).
 
     Args:
         estimate: the estimate.
@@ -80,9 +80,9 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
 def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what to trust: centre of mass, entries of the inertia tensor, region masses.
 
-    The centre of mass is trusted only if it is observed, the entries if strikes measured them, the region
-    masses (of shell and interior parts) only if it is observed and their sentence, `regions`, begins with
-    trust.
+    The centre of mass is trusted if the strikes determine all its coordinates; entries of the tensor if
+    strikes measured them; the masses of shell and interior parts if the centre of mass is trusted and the
+    sentence on them, `regions`, begins with trust.
     """
     com, predictions = estimate.com, estimate.predictions
     if com.observed:
@@ -101,9 +101,9 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
 
-    `regions` is the sentence on the masses of shell and interior parts. It is yielded if it begins with
-    doubt. Otherwise, if the centre of mass is not observed, another sentence doubts these masses for this
-    reason.
+    `regions` is the sentence on the masses of shell and interior parts, yielded if it begins with doubt. If
+    it does not, and the strikes leave a direction of the centre of mass open, a sentence with this reason
+    doubts these masses.
     """
     observed = estimate.com.observed
     if not observed:

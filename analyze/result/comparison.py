@@ -52,7 +52,8 @@ class Session:
     def p_value(self) -> float:
         """Probability that a session's centre of mass differs as much, or more, from the others' by chance.
 
-        It is that of chi squared with three degrees of freedom; the others are taken as one.
+        It is that of chi squared with three degrees of freedom; all other sessions have one common centre of
+        mass.
         """
         return chi_squared_p_value(self.against_others.chi_squared, 3)
 
@@ -121,7 +122,7 @@ def compare_recordings(
         RecordingError: a file cannot be read.
         MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's file or shape cannot be used, or a label names a part that it does not have.
-        PlanError: a plan is of another object or shape, or does not hold a strike.
+        PlanError: a plan is of another object or shape, or lacks a strike that was recorded.
         TrackingError: no marker of any strike of a recording can be tracked.
         EstimationError: a session has fewer than three usable strikes, an excluded id names no strike or
             several, or parts or filling cannot be estimated.
@@ -205,7 +206,10 @@ def compare_evidence(
 
 
 def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
-    """Probability that chance gives a chi squared of at least `chi_squared`; a negative one is taken as 0."""
+    """Probability that a chi squared variable of `degrees_of_freedom` is at least `chi_squared`.
+
+    A negative `chi_squared` is taken as 0.
+    """
     return float(chdtrc(degrees_of_freedom, max(chi_squared, 0.0)))
 
 

@@ -204,7 +204,10 @@ def parts_document(found: PartMasses) -> Parts:
     sd = np.sqrt(np.diag(found.covariance))
 
     def quantities(i: int, unit: str, per: float) -> Quantity:
-        """Mass of part `i` divided by `per`: 1 for the mass [kg], the volume [m³] for the density."""
+        """Quantity (value, sd, interval, `unit`) of part `i`: its mass divided by `per`.
+
+        `per` is 1 for the mass [kg], and the part's volume [m³] for the density.
+        """
         return Quantity(
             value=float(found.masses[i] / per),
             sd=float(sd[i] / per),

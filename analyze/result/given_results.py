@@ -153,9 +153,10 @@ def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
         mass: mass of the object [kg], by which its inertia is divided.
 
     Returns:
-        Centre of mass [m] and inertia per kilogram [m²] in the object frame O, the inertia None if the result
-        has none; the strikes used, with the sd of their balance angle (0.001 rad if not given) and the
-        relative sd of their rate constant k; and the directions of the struck axes.
+        Centre of mass [m] with covariance, and inertia per kilogram [m²], both in the object frame O; the
+        inertia is None if the result has none. Also the strikes used, each with the sd [rad] of its balance
+        angle (0.001 if not given) and the relative sd of its rate constant k, and the directions of the
+        struck axes by id.
 
     Raises:
         PlanError: the result holds no strike that was used, or no centre of mass.

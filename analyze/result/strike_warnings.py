@@ -96,10 +96,9 @@ def rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
-    """True if the contact with the table rolls, but the fit that the estimate uses takes it as fixed.
+    """True if the contact with the table rolls, but the estimator that the user chose takes it as fixed.
 
-    That is a fit by `estimator`, the user's choice. False if the user chose none (None), or if the one chosen
-    has no fit of the motion.
+    False if the user chose none (`estimator` is None), or if the one chosen has no fit of the motion.
     """
     fit = motion.fit
     return (

@@ -26,10 +26,10 @@ TILT_REMEDY = (
 def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
     """Tilts of the table against gravity [rad] towards the world's x and y, one entry per levelling.
 
-    A levelling is a set-up of the table whose recordings share one tilt. A tilt is positive if that side of
-    the table is the higher one; it has a 95 % interval and a source: measured by the strikes, given by the
-    reading of a level, or the prior (assumed). Each entry lists the numbers of the levelling's recordings,
-    from 1.
+    A levelling is a set-up of the table whose recordings share one tilt. A tilt towards x (or y) is positive
+    if the table is higher on the side of positive x (or y). It has a 95 % interval and a source: measured by
+    the strikes, given by the reading of a level (the instrument), or the prior (assumed). Each entry lists
+    the numbers of the levelling's recordings, from 1.
 
     Args:
         com: estimated centre of mass, which holds the estimated tilts; no entries if it holds none.
@@ -56,10 +56,10 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] among table tilts towards x of the world frame W that are only assumed to be 0.
+    """Largest sd [rad] of a table tilt towards the world's x that is assumed to be 0; 0 if there is none.
 
-    The sd is that of the assumption (prior). 0 if the tilts towards x of all levellings (set-ups of the
-    table) were measured by strikes or read from a level.
+    Only tilts that were neither measured by the strikes nor read from a level count, one per levelling
+    (set-up of the table). The sd is that of the assumption (prior).
     """
     assumed = [
         float(tilt.prior_sd[0])
@@ -72,11 +72,11 @@ def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
 def _sources(
     com: CentreOfMass, evidence: Evidence, level: int
 ) -> list[Literal["measured", "given", "prior"]]:
-    """Sources of one levelling's table tilts towards the world's x and y: "measured", "given" or "prior".
+    """Sources of a levelling's table tilts towards the world's x and y: "measured", "given" or "prior".
 
-    A levelling is a set-up of the table. "measured": the strikes reduced the tilt's sd below
-    `MEASURED_FRACTION` of the prior's; otherwise "given": the manifest holds the reading of a level (for y:
-    one with an sd for y); otherwise "prior": the tilt is only assumed.
+    The first is that of the tilt towards x. A levelling is a set-up of the table. "measured": the strikes
+    reduced the tilt's sd below `MEASURED_FRACTION` of the prior's; otherwise "given": the manifest holds the
+    reading of a level (for y: one with an sd for y); otherwise "prior": the tilt is only assumed.
 
     Args:
         com: estimated centre of mass with the tilts of all levellings.

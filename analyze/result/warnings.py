@@ -138,10 +138,11 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Iterator[ResultWarning]:
-    """Yield warnings of recordings, then of strikes, that contradict the stated frame rate.
+    """Yield warnings of recordings, then of strikes, whose stated frame rate is wrong or unchecked.
 
-    A recording is reported if its stated rate is wrong or unchecked, a strike if its motion is a tip only at
-    another frame rate than stated.
+    A recording is reported if its strikes contradict the stated rate, or neither they nor a filmed drop
+    measured it. A strike is reported if its motion cannot be that of a tip at the stated rate, but could be
+    at another.
     """
     several = len(evidence.recordings) > 1
     for each in frame_times:
@@ -206,8 +207,8 @@ def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
 def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[ResultWarning]:
     """Yield warnings of the masses of shell and interior parts.
 
-    They are: shell thickness not given; moments not explained, or else a large sd. `mass` is the object's
-    [kg]; an sd is large if it exceeds `MAX_REGION_SD` of it.
+    They are: shell thickness not given; then either that no uniform shell with two uniform parts has the
+    measured moments, or that the sd of a mass exceeds `MAX_REGION_SD` of `mass`, the object's mass [kg].
     """
     if distribution.shell is not None:
         shell = distribution.shell
