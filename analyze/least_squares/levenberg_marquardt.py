@@ -61,7 +61,7 @@ def minimise(
         model: function that gives expected values (n,) and derivatives (n, p) at given parameters.
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
-        positive_index: index of the parameter that must stay above 0.1.
+        positive_index: index of the parameter that must stay above 0.1, in its own unit.
 
     Returns:
         Parameters after the last accepted step, with residuals, derivatives and weights there; the iteration
@@ -137,10 +137,10 @@ def _weights(standardised: Array) -> Array:
 
 
 def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
-    """Covariance (p, p) of the parameters of a robust fit, if the weighted residuals have variance 1.
+    """Covariance (p, p) of a robust fit's parameters, to be multiplied by the variance of its residuals.
 
-    The weighted residuals are residuals over their sd, times Huber weights; `residual_variance` gives their
-    variance.
+    That variance is `residual_variance`, unitless. With variance 1 the result is (J^T W J)^-1, where J holds
+    the derivatives over the observations' sd, and W the Huber weights.
 
     Args:
         minimum: the fit.
@@ -155,11 +155,12 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
 def residual_variance(minimum: Minimum, sd: Array) -> float:
     """Variance of a fit's weighted residuals (unitless), inflated if neighbours are correlated.
 
-    It multiplies `unit_covariance`. Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2,
-    with psi the standardised residuals times their weights, psi' the derivative of psi by the residual, n
-    residuals and p parameters. Two terms differ here: the divisor is n - p - 2, at least 1, which gives the
-    variance of Student's t, because the intervals are computed as for a normal variable; the mean of psi',
-    the share of residuals of full weight, counts as at least 0.5.
+    The covariance of the fit's parameters is this factor times `unit_covariance`. Let psi be the residuals
+    over their sd, times the Huber weights, and psi' its derivative by the residual, for n residuals and p
+    parameters. Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2. Two things differ here.
+    The divisor is n - p - 2, at least 1, which gives the variance of Student's t, because intervals are
+    computed as for a normal variable. The mean of psi', which is the share of residuals with full weight,
+    counts as at least 0.5.
 
     Args:
         minimum: the fit.

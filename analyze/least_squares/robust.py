@@ -37,9 +37,9 @@ def huber_weights(distance: Array, threshold: float, scale: float = 1.0) -> Arra
 def lag_one_correlation(standardised: Array) -> float:
     """Correlation a, from 0 to 0.9, of neighbouring values in a sequence of standardised residuals (n,).
 
-    It is 0 if the value found is below 2 / sqrt(n), its noise. A fit of p parameters absorbs part of any slow
-    variation, which leaves a near -p / n for white noise; a variance must not be deflated for that, so a
-    negative correlation counts as 0.
+    A measured correlation below 2 / sqrt(n), its noise, counts as 0, and so does a negative one: the
+    residuals of a fit of p parameters to white noise have a correlation near -p / n, which must not reduce a
+    variance.
     """
     power = max(float(np.sum(standardised * standardised)), 1e-30)
     correlation = float(np.sum(standardised[1:] * standardised[:-1])) / power
