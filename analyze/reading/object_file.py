@@ -42,8 +42,8 @@ def read_object_files(spec_path: Path) -> ObjectFiles:
     """Read an object specification (TOML) and the shape file that it names, in the same folder.
 
     Returns:
-        The specification; content and name of the shape file (for a primitive, as box or cylinder: None and
-        the specification's name); and the hash of specification and shape.
+        The specification; content and name of the shape file (None and the specification's file name for a
+        primitive such as a box); and the hash of specification and shape.
 
     Raises:
         ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot
