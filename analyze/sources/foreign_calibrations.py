@@ -253,8 +253,8 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
     """Distortion coefficients of a camera file's entries, in OpenCV's order; missing ones are 0.
 
     Returns:
-        Pinhole: k1, k2, p1, p2, k3, and also k4, k5, k6 if any of these three is not 0. Fisheye: k1, k2, k3,
-        k4.
+        For a pinhole k1, k2, p1, p2, k3, and also k4, k5, k6 if any of these three is not 0; for a fisheye
+        k1, k2, k3, k4.
 
     Raises:
         CalibrationError: OpenCV has no model with so many coefficients, or one of those after the ones above

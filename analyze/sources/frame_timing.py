@@ -166,7 +166,7 @@ def time_sd_ns(times: list[int]) -> int:
     """Standard deviation of a frame's time [ns], from the second differences of the frames' times [ns].
 
     It is 1.4826 times the median absolute second difference over sqrt(6), so that lost frames hardly affect
-    it, and at least `MIN_TIME_SD_NS`.
+    it, and at least `MIN_TIME_SD_NS`, which is also the value for fewer than three frames.
     """
     second: Array = np.diff(np.array(times, dtype=np.int64), 2).astype(np.float64)
     if len(second) == 0:

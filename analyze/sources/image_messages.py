@@ -51,8 +51,8 @@ def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Bu
         file: PNG or JPEG file.
 
     Returns:
-        Two buffers that together, in this order, are the message: all other fields and the key and length
-        of the field `data`; the file's bytes.
+        Two buffers that together, in this order, are the message. The first has all other fields and the
+        key and length of the field `data`, the second the file's bytes.
     """
     return timestamp_field(log_time_ns) + _file_head(camera, file.format) + _FILE_DATA + varint(
         len(file.data)
@@ -90,8 +90,8 @@ def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[
         image: (height, width) grey values.
 
     Returns:
-        Two buffers that together, in this order, are the message: all other fields and the key and length
-        of the field `data`; the pixels row by row.
+        Two buffers that together, in this order, are the message. The first has all other fields and the
+        key and length of the field `data`, the second the pixels row by row.
     """
     height, width = image.shape
     pixels = np.ascontiguousarray(image)
