@@ -3,7 +3,7 @@
 A marker at rest is searched for once; from then on each image's region around it is compared with its
 appearance at rest, which takes little time. When the region changes, the marker is searched for again
 until it is found at rest (a finger passed in front of it), at rest a little aside (it was pushed), turned
-about a point as near as an object's edge (a strike), or gone (the object was taken away).
+about a point no farther away than an edge of the object (a strike), or gone (the object was taken away).
 """
 
 from __future__ import annotations

@@ -189,7 +189,7 @@ class RecordingWriter:
         Written are pending messages, the seal (record with the checksums) and the summary.
 
         Returns:
-            Content id: hash of the messages, in hexadecimal digits.
+            Content id, which is the hash of the messages, in hexadecimal digits.
 
         Raises:
             OutputError: the file cannot be written, or the name was taken meanwhile.
