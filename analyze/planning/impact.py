@@ -248,8 +248,11 @@ def release_rate(expected: Swing, energy_ratio: float) -> float:
     """Angular rate right after the strike, omega0 [rad/s] (method 1.5).
 
     I_edge omega0^2 / 2 = m g (h2 - h1) E, with h2 - h1 = R (1 - cos phi) the rise of the centre of mass to
-    its balance, I_edge the moment of inertia about the edge, and E the `energy_ratio`, energy over that
-    needed to reach balance.
+    its balance, and I_edge the moment of inertia about the edge.
+
+    Args:
+        expected: Expected swing (parameters of the tip).
+        energy_ratio: E, energy over that needed to reach balance.
     """
     return float(np.sqrt(2 * expected.k * (1 - np.cos(expected.phi)) * energy_ratio))
 

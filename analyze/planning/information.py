@@ -166,7 +166,8 @@ class Information:
     def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
         """Derivatives of balance angle phi [rad] and ln k by the unknowns, in units of their prior 1 sigma.
 
-        k is the rate constant of the tip, theta'' = -k sin(phi - theta).
+        They are those of a strike on the axis `each`; k is the rate constant of the tip, theta'' = -k sin(phi
+        - theta).
 
         Returns:
             Derivatives (2, 14) by the shared unknowns, in the order of `units`, and (2, 4) by those of the
@@ -210,8 +211,8 @@ class Information:
     def weight(self, each: Candidate, strikes: int) -> Array:
         """Inverse covariance (2, 2) of phi [rad] and ln k from the strikes on an axis at the usual heading.
 
-        It covers the strikes made before and `strikes` more. phi is the balance angle, k the rate constant of
-        the tip; a heading is the turn of object and striker about the vertical.
+        It covers the strikes made before on the axis `each`, and `strikes` more. phi is the balance angle, k
+        the rate constant of the tip; a heading is the turn of object and striker about the vertical.
         """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
             USUAL_HEADING, np.zeros((2, 2))
@@ -223,6 +224,10 @@ class Information:
         A heading is the turn [rad] of object and striker about the vertical; the usual one always counts. The
         table's tilt towards the world's +x changes phi at heading a by cos a of what it does at the usual
         one. At a further heading the camera sees another tag, which has its own angle error.
+
+        Args:
+            each: Axis, with its expected swing and the noise of one strike.
+            strikes: Number of further strikes on it.
 
         Returns:
             Derivatives (2h, 14) by the shared unknowns, in units of their prior 1 sigma, and (2h, 3 + h) by
@@ -253,10 +258,10 @@ class Information:
         """Fisher information (14, 14) of strikes on one axis about the shared unknowns.
 
         Shared are centre of mass, inertia and the errors common to all strikes, in the order of `units` and
-        in units of their prior 1 sigma. The information covers the strikes made before and `strikes` more at
-        the usual heading (turn of object and striker about the vertical). The axis's own unknowns (its line's
-        place, angle errors, an error of ln k, with k the tip's rate constant) are integrated out. The result
-        is cached.
+        in units of their prior 1 sigma. The information covers the strikes made before on the axis `each`,
+        and `strikes` more at the usual heading (turn of object and striker about the vertical). The axis's
+        own unknowns (its line's place, angle errors, an error of ln k, with k the tip's rate constant) are
+        integrated out. The result is cached.
         """
         asked = (id(each), strikes)
         if asked not in self._axis_information:

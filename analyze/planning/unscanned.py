@@ -51,6 +51,10 @@ def scanned_planes(
 
     A plane counts as scanned if at most the fraction `MAX_BARE_PLANE` of it is missing from the scan. If the
     shape is no scan, all planes are kept.
+
+    Args:
+        model: Shape of the object, with the parts of the surface that were not scanned.
+        planes: Resting planes to check.
     """
     surface = model.scanned
     if surface is None:
@@ -65,6 +69,10 @@ def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[P
 
     At most the fraction `MAX_BARE_EDGE` of this surface may be missing on either side of the edge. If the
     shape is no scan, all axes are kept.
+
+    Args:
+        model: Shape of the object, with the parts of the surface that were not scanned.
+        axes: Pivot axes to check.
     """
     surface = model.scanned
     if surface is None:

@@ -75,9 +75,13 @@ def default_camera() -> CameraModel:
 def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
     """Refuse a marker whose centre is not on the surface, as with a wrong frame or unit of its pose.
 
-    The marker may extend beyond an edge. A point cloud's hollows are filled in the model, not on the object:
-    a marker there may lie as deep as they are. Within a gap of the scan the surface is uncertain by the gap's
-    width. Markers without a pose are not checked.
+    The marker may extend beyond an edge. Within a gap of the scan the surface is uncertain by the gap's
+    width. The model of a point cloud is its hull, with hollows filled: a marker may lie below it by the
+    hollows' depth. Markers without a pose are not checked.
+
+    Args:
+        model: Shape of the object.
+        spec: Markers, with their poses in the object frame.
 
     Raises:
         PlanError: a marker is off the surface; the message has its name and distance.
