@@ -112,6 +112,9 @@ def tip_arc(place: Setting) -> Array:
 
     The arrow is an arc about the pivot line at the near end of the object, outside its corner farthest from
     that line. It runs from just before the vertical to past the balance.
+
+    Args:
+        place: Positions of object, line, striker and camera.
     """
     corners = place.body.corners
     radius = 1.12 * float(np.hypot(corners[:, 0], corners[:, 2]).max())
