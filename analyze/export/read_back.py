@@ -36,7 +36,9 @@ READERS = {
 
 
 def refuse_without_reader(wanted: Format) -> None:
-    """Raise ExportError if the library that reads a format back is not installed; call it before any work.
+    """Raise ExportError if the library that reads the format `wanted` back is not installed.
+
+    It is called before any work.
 
     Raises:
         ExportError: the library is missing.
