@@ -160,7 +160,7 @@ def assess(
         corners_dropped: number of single corners that were left out.
 
     Returns:
-        The calibration: lens, covariance, coverage of the image, and reasons against its use.
+        The calibration with lens, covariance, coverage of the image, and reasons against its use.
     """
     scatter = bundle.scatter()
     covariance = bundle.covariance * scatter**2

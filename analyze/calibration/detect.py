@@ -121,7 +121,7 @@ def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
 
 
 def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
-    """Number of tags seen in an image for each tag family of which there is at least one, else empty.
+    """Number of tags seen in an image, by tag family; families without any are left out.
 
     Args:
         image: (height, width) grey values.
@@ -272,8 +272,8 @@ def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[i
         board: the board that the user named; its tag family and sizes are used.
 
     Returns:
-        Numbers of squares across and down. None if with no board more than 70 % of the pairs of neighbouring
-        tags agree on the corner between them, or there are fewer than three pairs.
+        Numbers of squares across and down. None if there are fewer than three pairs of neighbouring tags, or
+        if, whatever the board, only 70 % of the pairs or fewer agree on the corner between them.
     """
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None

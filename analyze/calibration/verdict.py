@@ -197,9 +197,10 @@ def _tilt_advice(tilts: Sequence[float]) -> str:
 
 
 def _empty_parts(covered: Coverage) -> str:
-    """Part of a sentence that names the image's sides with corners in less than half of their cells.
+    """Part of a sentence that names those sides of the image where the board was hardly seen.
 
-    If there is no such side, or if all four are: "all four corners of the image".
+    These are the sides along which less than half of the cells contain a corner of the board. If there is no
+    such side, or if all four are: "all four corners of the image".
     """
     seen = covered.count > 0
     parts = {"left": seen[:, :2], "right": seen[:, -2:], "top": seen[:2], "bottom": seen[-2:]}
