@@ -94,7 +94,7 @@ def print_board(options: BoardOptions, output: Path) -> str:
 
 
 def parse_board(options: BoardOptions) -> Board:
-    """Calibration board that the options describe; it is checked to be possible on some paper.
+    """Calibration board that the options describe; whether it fits on the paper is not checked.
 
     Raises:
         TagError: `squares` is not columns x rows, the family is unknown, or the board is impossible.
