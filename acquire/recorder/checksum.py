@@ -59,7 +59,7 @@ def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
 
 
 def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
-    """CRC-32 of an MCAP chunk that holds one image, and of the image's message, from the CRC of the pixels.
+    """CRC-32 of an MCAP chunk of one image, and of the message's data, from the CRC-32 of the pixels.
 
     The pixels are not read again.
 
@@ -86,7 +86,9 @@ def crc_of(pixels: Buffer) -> int:
 
 @lru_cache(maxsize=8)
 def _over_zeros(size: int) -> _ByteTables:
-    """Tables of the linear map that continues a CRC-32 over `size` zero bytes.
+    """Tables of the linear map that `size` zero bytes cause in the register of a CRC-32.
+
+    The inversions before and after a CRC-32 are no part of the map.
 
     Returns:
         One table for each of the CRC's four bytes, lowest byte first, with 256 entries, one for each value

@@ -29,7 +29,10 @@ from schemas.topics import Topic
 
 @dataclass(frozen=True)
 class Rotation:
-    """Rotation of a recording's files: size at which the next file is begun, and number of files kept."""
+    """Rotation of a recording's files: size at which the next one begins, and number of newest files kept.
+
+    Older files are deleted.
+    """
 
     rotate_bytes: int = 0
     """size of a file [bytes] from which on the next one is begun; 0: everything goes to one file"""

@@ -73,10 +73,10 @@ class _Window:
     """number of images lost, or dropped by a slow disk"""
 
     def add(self, delayed: DelayedFrame) -> None:
-        """Count a frame in the window: as recorded, with its mid-exposure time, or as lost if without image.
+        """Count a frame in the window: as an image recorded, or as one lost if the frame has no image.
 
-        Frames lost on the way from the camera before this frame count as lost as well, unless the window has
-        no image yet.
+        Frames lost on the way from the camera just before this frame are counted as lost as well, unless the
+        window has no image yet.
         """
         frame = delayed.frame
         self.lost += frame.lost_before if self.frames else 0
@@ -205,7 +205,7 @@ class FrameRecorder(ABC):
 
         Args:
             now_ns: host monotonic time [ns].
-            end_ns: log time [ns] at which the window may end if that is before now; 0: it ends now.
+            end_ns: log time [ns] at which the window ends if that is before now; 0 or later: it ends now.
 
         Returns:
             Log times of the first and last image, and numbers of recorded and lost frames.
@@ -250,7 +250,7 @@ class FrameRecorder(ABC):
     def _last_ns_of(self, window: _Window) -> int:
         """Latest mid-exposure time of frames that belong to the window, host monotonic [ns].
 
-        This is the window's end if it is closing, else the end of its greatest length.
+        This is the window's end if it is closing, else `max_window_s` after the time at which it was opened.
         """
         return window.start_ns + self._max_window_ns if window.end_ns is None else window.end_ns
 

@@ -22,7 +22,7 @@ class RawImageEncoder:
     concatenated from parts (protobuf.dev, "Encoding").
 
     Args:
-        camera: name of the camera frame, the message's `frame_id`.
+        camera: name of the camera's coordinate frame, the message's `frame_id`.
         width: width of the images [px].
         height: height of the images [px].
     """
@@ -77,7 +77,7 @@ def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> byte
     160 MB/s.
 
     Args:
-        camera: name of the camera frame, the message's `frame_id`.
+        camera: name of the camera's coordinate frame, the message's `frame_id`.
         log_time_ns: time stamp of the image, since the Unix epoch [ns].
         image: (height, width) mono8.
 

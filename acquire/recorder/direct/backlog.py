@@ -16,7 +16,11 @@ BACKLOG_S: Final = 2.0
 def backlog_frames(frames: FrameFormat) -> int:
     """Number of camera buffers that a recording may borrow (keep until they are on the disk) at a time.
 
-    These are the frames of BACKLOG_S (2 s). 0 for images smaller than a page (4096 bytes), which are copied.
+    It is the number of frames that arrive in BACKLOG_S (2 s), or 0 for images smaller than a page (4096
+    bytes), which are copied instead.
+
+    Args:
+        frames: size and rate of the frames.
     """
     return math.ceil(BACKLOG_S * frames.frame_rate_hz) if frames.image_bytes >= PAGE_BYTES else 0
 

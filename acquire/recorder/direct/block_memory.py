@@ -23,7 +23,8 @@ class BlockMemory:
 
         Args:
             size: number of bytes needed in blocks.
-            most_borrowed_bytes: greatest number of bytes that wait in borrowed camera buffers besides.
+            most_borrowed_bytes: greatest number of bytes that wait in borrowed camera buffers besides. No
+                block is allocated for these; they only count in the attribute `most_bytes`.
         """
         self.blocks = max(8, -(-size // BLOCK_BYTES))
         self.most_bytes = self.blocks * BLOCK_BYTES + most_borrowed_bytes
@@ -42,7 +43,7 @@ class BlockMemory:
 
     @property
     def used_bytes(self) -> int:
-        """Number of bytes that wait for the disk: all of each block taken, and those in camera buffers."""
+        """Number of bytes that wait for the disk in blocks (each counts in full) and in camera buffers."""
         return (self.blocks - self.free) * BLOCK_BYTES + self._borrowed_bytes
 
     def take(self) -> memoryview:

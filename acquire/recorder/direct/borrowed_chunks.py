@@ -28,7 +28,10 @@ _MESSAGE: Final = struct.Struct("<BQHIQQ")
 
 
 class BorrowedChunks(NamedTuple):
-    """MCAP chunks of one image each, with their entries in the file's summary and in the content hash."""
+    """MCAP chunks of one image each, with their index records, and what the content hash needs of them.
+
+    The index records are for the file's summary. The content hash is that of the recording's messages.
+    """
 
     run: BorrowedRun
     """bytes to append to the file: borrowed pages, and the copied bytes around them"""
@@ -53,7 +56,7 @@ def gap_before(at: int) -> int:
 def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage]) -> BorrowedChunks:
     """Pack images from camera buffers into MCAP chunks to be appended to a file that ends at `offset`.
 
-    The pixels of whole pages are not copied.
+    Of an image only the last bytes, less than a page (4096 bytes), are copied.
 
     Args:
         offset: size of the file [bytes]; the padding before the first chunk begins there.
@@ -61,7 +64,8 @@ def pack_borrowed(offset: int, channel_id: int, images: Sequence[BorrowedImage])
         images: at least one image.
 
     Returns:
-        Bytes to append, and their entries in the file's summary and in the content hash.
+        Bytes to append, their number, the chunks' index records for the file's summary, and the images'
+        times, sizes and checksums for the recording's content hash.
     """
     at, loose = offset, ()
     own: list[bytes] = []

@@ -77,7 +77,7 @@ class BorrowedQueue(FramePath):
     def wait_until_written(self, timeout_s: float) -> None:
         """Write the waiting frames, or drop their images after an error, for at most `timeout_s` seconds.
 
-        Unless the time is up, the queue is empty on return and no other thread writes either.
+        On return the queue is empty and no other thread writes, unless the time is up; that is no error.
         """
         end = time.monotonic() + timeout_s
         while True:

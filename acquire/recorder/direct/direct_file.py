@@ -258,7 +258,8 @@ class DirectFile:
     def _take(self, at: int) -> memoryview:
         """Take and return a free block of memory for the file's bytes from offset `at` on.
 
-        Waits for the disk while no block is free: the bytes before `at` may be written meanwhile.
+        While no block is free it waits for the writing thread, which is permitted to write the bytes before
+        `at` meanwhile and so frees their blocks.
 
         Raises:
             OSError: the disk failed.

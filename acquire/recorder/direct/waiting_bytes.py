@@ -17,7 +17,10 @@ from acquire.recorder.recording_file import BorrowedRun
 
 
 class _Stretch:
-    """Consecutive bytes of a file: copied into one block, or pages of camera buffers with bytes between."""
+    """Consecutive bytes of a file, as views of memory: of copied bytes, or of pages of camera buffers.
+
+    Copied bytes that stand between borrowed pages belong to the same stretch as the pages.
+    """
 
     __slots__ = ("block", "borrowed_bytes", "closed", "end", "release", "start", "views")
 
@@ -173,7 +176,7 @@ class WaitingBytes:
         return views
 
     def drop_written(self, end: int) -> None:
-        """Give back blocks and camera buffers whose bytes end before offset `end` and are on the disk.
+        """Give back blocks and camera buffers of bytes before offset `end`, which are on the disk.
 
         Blocks that also hold later bytes are kept.
         """

@@ -58,12 +58,12 @@ class RecoverReport:
 
     @property
     def anything_lost(self) -> bool:
-        """True if the recording held more than was saved: damaged bytes, or bytes missing after a cut."""
+        """True if anything is missing: the file holds bytes that could not be saved, or it was cut short."""
         return self.anything_damaged or not self.ended_properly
 
     @property
     def anything_damaged(self) -> bool:
-        """True if the cut or damaged recording holds bytes or records that could not be saved."""
+        """True if the file holds bytes or records that could not be saved; its early end does not count."""
         return self.damaged_records > 0 or self.skipped_bytes > 0
 
     def as_dict(self) -> dict[str, Any]:

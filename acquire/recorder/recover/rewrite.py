@@ -62,7 +62,10 @@ def mapped(path: Path) -> Iterator[memoryview]:
 
 @dataclass(frozen=True)
 class Layout:
-    """Contents of a finished recording, from the summary at its end: topics, metadata, index records."""
+    """Contents of a finished recording, from the summary at its end: topics, metadata, index records.
+
+    Index records state where the chunks (blocks of messages), attachments and metadata are in the file.
+    """
 
     summary: Summary
     """whole records of the summary section"""
