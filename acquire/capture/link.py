@@ -143,7 +143,7 @@ class CaptureProcess:
         """Start the process; in it open the camera and start the stream of frames.
 
         Returns:
-            Identity of the camera.
+            Identity of the camera: make, model, serial number, address.
 
         Raises:
             AcquireError: the camera or the rig file cannot be used, or the process ended or does not answer;
@@ -229,7 +229,7 @@ class CaptureProcess:
         """End the open window (time span of a strike); on return its images are in the file.
 
         Args:
-            end_ns: log time [ns] at which the window ends if that has passed; 0: now.
+            end_ns: log time [ns] at which the window ends if that has passed; 0, or a time to come: now.
 
         Returns:
             Log times of the first and last image, and numbers of recorded and lost frames.

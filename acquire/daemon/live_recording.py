@@ -133,9 +133,9 @@ class LiveRecording:
         """Close the recording, once its files that were cut short by an interruption are recovered.
 
         Returns:
-            `path` (the last file, or the first of the series if the recording was interrupted), `files`, the
-            numbers `frames` and `lost` over all files, and `content_id` (hash of the last file's messages;
-            empty if it was cut short).
+            `path` (the last file, or the first of the series if the recording was interrupted), `files` (the
+            last file, after those recovered from interruptions), the numbers `frames` and `lost` over all
+            files, and `content_id` (hash of the last file's messages; empty if it was cut short).
 
         Raises:
             SessionError: no recording is open.
@@ -267,8 +267,8 @@ class LiveRecording:
         """Close the window (time span of a strike) and report its content.
 
         Args:
-            end_ns: log time [ns] at which the window may end if that has passed; 0: now. Later images are not
-                waited for.
+            end_ns: log time [ns] at which the window ends if that time has passed, so that later images are
+                not waited for; 0, or a time to come: it ends now.
 
         Returns:
             `start_ns` and `end_ns`, log times of the first and last image, and the numbers `frames` and
@@ -297,7 +297,8 @@ class LiveRecording:
         Does nothing if no recording is open, or it is interrupted already.
 
         Args:
-            reason: predicate of the sentence "the capture process ...".
+            reason: reason of the death, in words that continue "the capture process", as "ended (exit
+                code 1)".
         """
         with self._changed:
             opened = self._open

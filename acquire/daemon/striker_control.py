@@ -49,9 +49,9 @@ class StrikerControl:
         self._fault = reason
 
     def clear_stops(self, stops: int) -> None:
-        """Permit motion again after the first `stops` stop requests, because a person started again.
+        """Permit motion again, because a person started again when `stops` stop requests had been made.
 
-        Stop requests after those still forbid motion.
+        Stop requests made since then still forbid motion.
         """
         self._stops_cleared = max(stops, self._stops_cleared)
 
@@ -60,16 +60,16 @@ class StrikerControl:
 
         Args:
             params: `after_stop`: True (default) if a person decided to home; a program that continues by
-                itself passes False, and is refused after a stop. `stops_seen`: number of stop requests, as
-                in the answer to `status`, before that person was asked; if there was one since, the arm is
-                not homed. Without it, stop requests up to now do not count.
+                itself passes False, and is refused after a stop. `stops_seen`: number of all stop requests
+                when that person was asked (`stops` in the answer to `status`); if there are more by now, the
+                arm is not homed. Without `stops_seen`, only a stop requested during this call counts.
 
         Returns:
             `{"state": name}`, the striker's state.
 
         Raises:
-            StrikerStopped: a stop was requested after the first `stops_seen`; or, with `after_stop` False,
-                one after which no person started again.
+            StrikerStopped: a stop was requested since the person was asked; or, with `after_stop` False, at
+                any time since a person last started.
             StrikerRefused: the daemon is stopping.
             StrikerError: the striker failed.
         """
