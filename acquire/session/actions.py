@@ -15,7 +15,7 @@ from schemas.watch_lines import StrikeVerdict
 
 @dataclass(frozen=True)
 class Announce:
-    """Action: write the session's state into the recording and send it to the daemon's subscribers."""
+    """Action: write the session's state into the recording, and send it to clients that listen to events."""
 
     state: pb.SessionState.State
     strike_id: str

@@ -20,9 +20,10 @@ MAX_STRIKES_NAMED = 4
 
 
 def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:
-    """Text on planned strikes whose tip speeds or impact height are outside the striker's limits.
+    """Text that names planned strikes which the rig's striker cannot make, and the limits they exceed.
 
-    The text is empty if there is no such strike, or if a person strikes by hand.
+    A strike exceeds a limit if one of its speeds of the arm's tip [m/s] or the height of its impact point [m]
+    is outside `limits`. The text is "" if there is no such strike, or if a person strikes by hand.
     """
     return "; ".join(text for text in (_speed_problem(plan, limits), _reach_problem(plan, limits)) if text)
 

@@ -32,7 +32,9 @@ MAX_SWING_TRIES = 4
 
 @contextlib.contextmanager
 def held_striker(client: DaemonClient) -> Iterator[None]:
-    """Context in which the caller may strike; an exception inside it stops the arm and is raised again.
+    """Context manager in whose block the caller may strike; an exception in the block stops the striker.
+
+    The exception is raised again. The block gets no value.
 
     Args:
         client: client of the daemon.
@@ -117,7 +119,10 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
 
 @dataclass(frozen=True)
 class CalibrationOrder:
-    """Tip speeds, repeats and bodies of a calibration: swings in the air, then at each body."""
+    """Swings of a striker's calibration: tip speeds, repeats, and bodies (free masses, wall) to strike.
+
+    The arm swings in the air first, then at each body.
+    """
 
     speeds_m_s: tuple[float, ...] | None
     """tip speeds to command; None for the default_tip_speeds of the rig"""
