@@ -31,7 +31,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Check:
-    """Result of one check: name, outcome, finding, the remedy if it failed, and the measured value."""
+    """Result of one check: name, outcome, finding, a remedy where one is needed, and the measured value."""
 
     name: str
     """name of the check, "disk space" for example"""

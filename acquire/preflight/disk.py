@@ -25,7 +25,7 @@ _BLOCK = 1 << 20
 
 
 class Disk:
-    """Disk of this computer.
+    """Disks of this computer: measures free space and write speed of the disk that holds a folder.
 
     Args:
         monotonic_ns: function that returns the host's monotonic time [ns].
@@ -70,7 +70,8 @@ def data_rate(rig: RigConfig) -> float:
 def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
     """Check free space and write speed of the disk that receives the recordings.
 
-    The space is compared with the reserve that recordings leave free, the speed with the camera's data rate.
+    The space is compared with the reserve that recordings leave free, the speed with the camera's data rate
+    times SPEED_MARGIN.
     The findings name the folder, because a session's recording may be written to another one.
 
     Args:

@@ -111,7 +111,8 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
     """Yield each check of the rig that a rig file describes as it finishes; all take about ten seconds.
 
     If the rig file cannot be used, its check fails and the remaining ones are yielded as not checked. Camera
-    and servo are checked through the daemon if one runs.
+    and servo are checked through the daemon if one runs; while it records, the camera's only check is that of
+    the frame rate.
 
     Args:
         path: the rig file.

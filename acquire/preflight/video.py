@@ -74,7 +74,7 @@ class VideoSource(ABC):
 
     Args:
         rig: configuration of camera and recorder.
-        clock: time and sleep.
+        clock: host clock, which also pauses the calling thread.
     """
 
     def __init__(self, rig: RigConfig, clock: Clock) -> None:
