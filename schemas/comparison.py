@@ -16,10 +16,10 @@ from schemas.result import RESULT_VERSION, AxisMoment, RegionResult
 
 
 class SessionsAgreement(Document):
-    """Chi-squared test whether one common centre of mass explains all sessions.
+    """Chi-squared test whether one centre of mass, common to all sessions, explains their measurements.
 
-    It is compared with one centre of mass for each session. Errors that sessions share, such as that of the
-    shape, are taken as one error of all of them.
+    The alternative is a centre of mass of its own for each session. An error that sessions share, such as
+    that of the object's shape, is taken as the same error in all of them.
     """
 
     chi_squared: float = Field(ge=0)
@@ -67,7 +67,8 @@ class SessionValue(Document):
 class QuantityPrecision(Document):
     """Precision of one quantity over repeated sessions as ISO 5725-2 defines it.
 
-    All values are in `unit`. A standard deviation that cannot be determined is null.
+    Precision is stated by standard deviations: within a group of results (repeatability), between groups, and
+    of both together (reproducibility). All are in `unit`; one that cannot be determined is null.
     """
 
     name: str

@@ -42,6 +42,9 @@ def inverse_impact_mass(inverse_striker_mass: Real, height: float | Real, i_edge
 def tip_speed_for_impulse(impulse: float, restitution: float, inverse_mass: float) -> float:
     """Tip speed v [m/s] that gives the impulse J [N s] on the object: v = J*(1/m_s + h^2/I) / (1 + e).
 
+    m_s is the striker's effective mass at its tip, h the height of the impact point over the pivot edge, I
+    the object's moment of inertia about that edge. All arguments and the result are single numbers.
+
     Args:
         impulse: J [N s].
         restitution: e, coefficient of restitution of tip and object, from 0 to 1.

@@ -286,7 +286,7 @@ class ObjectSpec(Document):
 
 
 def _check_labels(labels: list[PartLabel]) -> None:
-    """Check the labelled parts of an object: unique names and bodies, and only one way of division.
+    """Check the labelled parts of an object: unique names and bodies, and kinds that go together.
 
     Raises:
         ValueError: a name or body is used twice, bodies of the mesh are mixed with wall and layers, two parts

@@ -21,7 +21,7 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
         inputs: files that must not be replaced.
 
     Returns:
-        One line: the file, the reason and the remedy.
+        One line (the file, the reason and the remedy), or None.
     """
     folder = output.parent
     if output.is_dir():

@@ -198,7 +198,8 @@ class TableTilt(Document):
     """Tilt of the table: angles [rad] of the vertical from the table's normal towards W's x and y.
 
     The vertical leans towards the table's higher side. `source` of an angle is measured (by the strikes),
-    given (the rig file's level reading) or prior. W is the world frame, z along the table's normal.
+    given (the rig file's level reading) or prior (assumed, with no measurement or reading). W is the world
+    frame, z along the table's normal.
     """
 
     recordings: list[int] = Field(description="numbers of the recordings made on this levelling, from 1")
@@ -284,8 +285,8 @@ class ResultInputs(SparseDocument):
 class Result(SparseDocument):
     """Result of an estimate, printed by `analyze estimate --json`: strikes, mass, centre of mass, inertia.
 
-    Further entries are the masses of regions and parts, warnings and verdicts. Vectors and matrices are in O,
-    the object's frame.
+    Further entries are the masses of regions and parts, warnings, and a verdict on what to trust and what to
+    repeat. Vectors and matrices are in O, the object's frame.
     """
 
     left_out: ClassVar[tuple[str, ...]] = (

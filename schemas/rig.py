@@ -155,7 +155,10 @@ class RecorderConfig(Document):
 
 
 class DaemonConfig(Document):
-    """Socket of the daemon, in a folder private to the user."""
+    """Unix socket on which the daemon, which owns camera and striker, serves `acquire`'s other commands.
+
+    The socket's folder is private to the user.
+    """
 
     socket: str | None = Field(default=None, description="path; default: in the user's run-time folder")
 

@@ -14,7 +14,7 @@ FISHEYE_COEFFICIENTS = 4
 
 
 class TimeSource(enum.Enum):
-    """Source of the frames' log times."""
+    """Source of the frames' log times: the camera's clock, arrival at the host, or an imported file."""
 
     DEVICE_MAPPED = "device_mapped"
     """camera clock, mapped to the host's monotonic clock (a rig's camera)"""

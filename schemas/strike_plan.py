@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 class Pivot(Document):
     """Pivot axis of a strike in O, the object's frame; the object tips by turning about `direction`.
 
-    A right-handed rotation by a positive tipping angle tips it. The edge is taken as rounded by a circular
-    arc, whose centre line is the axis.
+    A positive tipping angle is a rotation by the right-hand rule about `direction`. The edge is taken as
+    rounded by a circular arc, whose centre line is the axis.
     """
 
     point: Vector3 = Field(description="point on the centre line of the edge's rounding, in metres")
@@ -49,7 +49,10 @@ class Impact(Document):
 
 
 class Range(Document):
-    """Feasible interval of a quantity and the value to aim at; the unit is in the name of the entry."""
+    """Feasible interval of a quantity and the value to aim at.
+
+    The unit is in the name of the entry that holds the range, for example `impulse_n_s`.
+    """
 
     min: float
     """smallest feasible value"""
@@ -118,14 +121,18 @@ class PlannedStrike(Document):
 
 
 class Rejection(Document):
-    """Pivot axis that the planner left out, with the reason and the number that decided."""
+    """Pivot axis or resting face that the planner left out, with the reason and the number that decided.
+
+    A plan by the paper's method (PlanMethod.PAPER) also lists axes that it keeps although a check rejects
+    them; their text begins with "kept, though".
+    """
 
     axis_id: str
-    """name of the pivot edge"""
+    """name of the pivot edge; for a resting face the name of the face, or "first..last" of several faces"""
     code: str
     """reason in short"""
     number: float | None = None
-    """number that decided; null if there is none"""
+    """number that decided, for several faces their count; null if there is none"""
     text: str = ""
     """reason in words"""
 
@@ -166,7 +173,7 @@ class PredictionStep(Document):
 
 
 class Prediction(Document):
-    """Predicted standard deviations of all results of a plan, their causes, and the gain of more strikes.
+    """Predicted standard deviations of all results of a plan, shares by cause, and gain of more strikes.
 
     Vectors and matrices are in O, the object's frame; c is the centre of mass.
     """
@@ -223,7 +230,10 @@ class PlanHypothesis(Document):
 
 
 class PlanMethod(enum.Enum):
-    """Method by which strikes were chosen: this project's (ours) or that of the VISAPP 2013 paper."""
+    """Method by which strikes were chosen: this project's (ours), or that of the VISAPP 2013 paper.
+
+    The paper is the one on which the project is based (docs/explanation/method.md).
+    """
 
     OURS = "ours"
     PAPER = "paper"
@@ -248,7 +258,7 @@ class StrikePlan(Document):
     hypothesis: PlanHypothesis | None = None
     """assumptions of the tip speeds; null in older plans"""
     rejected: list[Rejection] = Field(default=[])
-    """axes that were left out"""
+    """axes and resting faces that were left out, and axes kept although a check rejects them"""
     warnings: list[str] = Field(default=[])
 
     @model_validator(mode="after")

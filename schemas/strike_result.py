@@ -88,7 +88,7 @@ class PredictionResult(RenamedDocument):
 
 
 class StrikeResult(RenamedDocument, SparseDocument):
-    """Outcome of one strike in a result: verdict, fitted window, balance angle phi, rate k and residuals.
+    """Outcome of one strike in a result: verdict, fitted time span, balance angle phi, rate k, residuals.
 
     k is the rate [1/s^2] of the pendulum equation theta'' = -k sin(phi - theta), theta the tipping angle; phi
     is theta where the centre of mass stands above the contact. The values are null if the strike could not be

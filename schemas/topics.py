@@ -80,7 +80,8 @@ def compressed_video(camera: str) -> Topic:
 def frame_meta(camera: str) -> Topic:
     """Topic of a camera's frame metadata: one FrameMeta message per frame that arrived.
 
-    An imported video has fewer: one for the first image of each chunk, and one after each gap.
+    An imported video has fewer: one for the first image of each chunk (block of the file), and one for the
+    first image after each gap.
     """
     return Topic(f"/camera/{camera}/meta", pb.FrameMeta)
 

@@ -23,7 +23,9 @@ class SeenMarker(Document):
 
 
 class WatchEvent(Document):
-    """Observation of the newest image: markers, rest or motion, saturation, error of the placement.
+    """Observation of the newest image: markers, rest or motion, saturated pixels, error of the placement.
+
+    The error of the placement is the angle [rad] between the object's pose at rest and the planned one.
 
     `analyze watch` sends it a few times a second before a strike.
     """
