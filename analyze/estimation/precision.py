@@ -88,8 +88,8 @@ def mandel_h(means: Sequence[float]) -> Array | None:
 def mandel_h_limit(groups: int, chance: float = OUTLIER_SIGNIFICANCE) -> float:
     """Critical value of abs(h), Mandel's h, at significance `chance` (ISO 5725-2, table A.1).
 
-    h is the deviation of a group's mean from the mean of all means, over their standard deviation; there are
-    `groups` of them, at least three.
+    h is the deviation of a group's mean from the mean of all means, over their standard deviation. `groups`
+    is the number of groups, at least three.
     """
     t = float(stdtrit(groups - 2, 1 - chance / 2))
     return (groups - 1) * t / math.sqrt(groups * (t**2 + groups - 2))

@@ -56,9 +56,9 @@ MAX_RATE_SD = 0.05
 
 @dataclass(frozen=True)
 class RateEstimate:
-    """Estimate of the ratio of true to stated frame rate, from axes at different distances.
+    """Estimate of the ratio of true to stated frame rate, independent of the filling of the shape.
 
-    A distance is that of the centre of mass from the axis.
+    It is found from pivot axes at different distances from the centre of mass.
     """
 
     ratio: float
@@ -85,7 +85,10 @@ class RateCheck:
 
     @property
     def possible(self) -> bool:
-        """True if the stated frame rate is within the bounds and agrees with any estimate of it."""
+        """True if the stated frame rate is within the bounds and not contradicted by the estimate.
+
+        Without an estimate the bounds alone count.
+        """
         return self.low <= 1 <= self.high and (self.estimate is None or self.estimate.agrees)
 
 
@@ -301,7 +304,7 @@ def estimated_rate(
     moments: MomentModel,
     approximate: float,
 ) -> RateEstimate | None:
-    """Estimate of the ratio of true to stated frame rate, for any filling of the shape.
+    """Estimate of the ratio of true to stated frame rate that holds whatever the filling of the shape is.
 
     It needs pivot axes at different distances from the centre of mass. The joint problem is solved with
     gravity as a free parameter: a factor on it acts on the strikes' rate constants k as the square of a
