@@ -92,7 +92,7 @@ def read_given(
 
 
 def _refuse_other_object(name: str, found: str, wanted: str) -> None:
-    """Raise PlanError unless the result in the file `name` is of the object to plan for.
+    """Raise PlanError unless the recording or result `name` is of the object to plan for.
 
     `found` and `wanted` are the hashes of the two objects.
     """
@@ -106,9 +106,9 @@ def _refuse_other_object(name: str, found: str, wanted: str) -> None:
 def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]:
     """Measured impact and its outcome for each strike used that was made by the rig's striker.
 
-    A strike is listed if the speed of the striker's tip was measured, and balance angle, rate constant k,
-    moment about the edge and energy ratio (energy of the hit over that needed to tip) are positive. Its
-    striker must equal the rig's in rig name, kind and arm length.
+    A strike is listed if speed and height of the striker's tip were measured, and balance angle, rate
+    constant k, moment about the edge and energy ratio (energy of the hit over that needed to tip) are
+    positive. Its striker must equal the rig's in rig name, kind and arm length.
 
     Args:
         answer: answer from the recordings.

@@ -178,7 +178,11 @@ def _object_truth(body: pb.TruthBody) -> list[float]:
 
 
 def _holds_truth(path: Path) -> bool:
-    """True if the recording at `path` holds a ground truth of its object."""
+    """True if the recording at `path` holds a ground truth of its object.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+    """
     with open_recording(path) as recording:
         return any(topic.name == topics.TRUTH_BODY.name and topic.count > 0 for topic in recording.topics())
 
