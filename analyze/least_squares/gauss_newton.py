@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 
 class Linearised(NamedTuple):
-    """Weighted least-squares problem linearised at one state: residuals and their derivatives by a step.
+    """Weighted least-squares problem, linearised about one state by small steps (p,) from it.
 
-    Both are divided by the observations' standard deviations.
+    It holds residuals (observed minus expected) and derivatives of the expected values by the step, both
+    divided by the observations' standard deviations.
     """
 
     residual: Array
@@ -37,8 +38,8 @@ def gauss_newton(
 
     Args:
         start: first state.
-        linearise: function that gives residuals (n,) and derivatives (n, p) at a state, both over the
-            observations' sd.
+        linearise: function that gives, at a state, the residuals (n,), observed minus expected, and the
+            derivatives (n, p) of the expected values by a step, both over the observations' sd.
         apply_step: function that gives the state after a step (p,); it may limit the step.
         max_steps: number of steps after which the iteration ends.
         tolerance: size of the largest component of a step below which the iteration ends.
