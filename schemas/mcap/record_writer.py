@@ -104,7 +104,7 @@ class RecordWriter:
             size: bytes of all buffers.
             crc: CRC-32 of all buffers.
             places: log time [ns] and offset in the chunk of each message, by channel id.
-            append: appends these buffers, in place of the function given at construction.
+            append: function that appends these buffers to the file; None: the one given at construction.
         """
         packed = pack_chunk(self.size, size, crc, places)
         self._put_chunk(packed, buffers, append)
@@ -117,8 +117,8 @@ class RecordWriter:
         """Append a chunk of `count` messages of one channel that was packed for the present end of the file.
 
         Args:
-            packed: bytes around the messages and the chunk's index record, packed for the offset `size`
-                (bytes written so far).
+            packed: bytes around the messages and the chunk's index record, packed for a chunk at the offset
+                where the file ends at present (the attribute `size`).
             buffers: messages as stored, possibly compressed, in one or more pieces.
             channel_id: channel of all messages.
             count: number of messages.
@@ -156,7 +156,7 @@ class RecordWriter:
 
 
 def pack_topic(topic: Topic, number: int) -> tuple[bytes, bytes]:
-    """Whole schema record and channel record of a topic, both with the id `number`."""
+    """Pair of the whole schema record and the whole channel record of a topic, both with the id `number`."""
     data, string = topic.schema_data(), container.pack_string
     schema = struct.pack("<H", number) + string(topic.schema_name) + string("protobuf")
     channel = struct.pack("<HH", number, number) + string(topic.name) + string("protobuf")

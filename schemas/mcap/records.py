@@ -1,7 +1,8 @@
 """Byte layout of single MCAP records: packing and parsing.
 
 Source: the MCAP format specification (https://mcap.dev/spec). The recorder writes image chunks without
-copying, the reader hands out views into a mapped file, and both must survive files that end anywhere. Every
+copying, the reader hands out views into a mapped file, and both must survive files that end anywhere. A
+record is its opcode (a byte that states the kind of record), the length of its body, and the body. Every
 parse function takes the body of a record (without opcode and length), checks each length against the bytes
 present and raises `ContainerError`, so that a damaged file can neither be read past its end nor make the
 reader allocate memory that the file only claims to need.
@@ -342,7 +343,9 @@ def parse_metadata(body: memoryview) -> MetadataRecord:
 
 
 def parse_header(body: memoryview) -> tuple[str, str]:
-    """Profile and name of the writing library, from the body of a header record.
+    """Profile and name of the writing library, both texts, from the body of a header record.
+
+    The profile names a set of conventions that the file follows; it is "" in the recordings of this program.
 
     Raises:
         ContainerError: the record is damaged.

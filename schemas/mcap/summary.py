@@ -47,7 +47,7 @@ class Summary:
     """number of messages by channel id"""
 
     def add_attachment(self, offset: int, length: int, attachment: container.AttachmentRecord) -> None:
-        """Add an attachment record, which was written to the file, to the summary (index at the file's end).
+        """List an attachment record, which was written to the file, in the summary (index at its end).
 
         Args:
             offset: file offset of the record.
@@ -60,7 +60,7 @@ class Summary:
         self.attachments.append(container.pack_record(container.ATTACHMENT_INDEX, body))
 
     def add_metadata(self, offset: int, length: int, name: str) -> None:
-        """Add a metadata record, which was written to the file, to the summary (index at the file's end).
+        """List a metadata record, which was written to the file, in the summary (index at its end).
 
         Args:
             offset: file offset of the record.
@@ -141,14 +141,15 @@ class SummarySection(NamedTuple):
 
 
 def summary_start(tail: Buffer, size: int) -> tuple[int, int]:
-    """Offset of a file's summary section, and the section's CRC-32, from the end of the file.
+    """Offset of a file's summary section, and the CRC-32 that protects it, from the end of the file.
 
     Args:
         tail: the file's last FOOTER_AND_MAGIC bytes.
         size: size of the whole file [bytes].
 
     Returns:
-        Offset of the section from the beginning of the file, and its CRC-32 (0 if it has none).
+        Offset of the section from the beginning of the file, and the CRC-32 (0 if there is none) of the
+        section and of the footer's bytes before that CRC.
 
     Raises:
         EndsEarly: the file does not end with the magic bytes and a footer that points at a summary.

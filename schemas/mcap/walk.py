@@ -79,7 +79,8 @@ def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> 
         size: present size of the file [bytes].
 
     Returns:
-        The file offset after that record, and whether that record ends the data section.
+        The file offset after that record (`start` if no record is whole), and whether that record ends the
+        data section.
     """
     at = start
     while at + RECORD_HEAD <= size:
