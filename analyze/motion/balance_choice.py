@@ -55,15 +55,16 @@ def balance_instead_of_hinge(
     """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
     A hinge is an edge in place; the moment balance allows for the edge's measured motion. The hinge is kept
-    if the moment balance fails or leaves a jump in speed. If the edge was not seen to move, it is also kept
-    where the moment balance is no better, or the angle is too noisy to show it.
+    if the moment balance fails, or if its own residuals still show a jump in angular speed. If the edge was
+    not seen to move, the hinge is also kept where frames are noisier than 0.2 deg, or where the moment
+    balance explains the motion no better.
 
     Args:
         edge: sliding and lifting of the edge.
         window: frames [start, stop).
         hinge: the hinge fit; None if a hinge does not fit.
         planned: the planned strike, with predicted balance angle phi and the pivot's rounding.
-        limits: limits of a moved edge and of a jump.
+        limits: limits of a moved edge and of a jump in speed.
     """
     moved = max(edge.slide_range, edge.lift_range) >= limits.edge_moved
     noise = float(np.median(edge.motion.angle.sd[slice(*window)]))
@@ -106,16 +107,17 @@ def _reason_for_balance(
     """Reason, in words, for a moment balance although the edge was not seen to move; empty if none.
 
     A moment balance is a fit that allows for the edge's measured motion. It is preferred if it explains a
-    jump in speed that the hinge shows, or if its balance angle is more certain and clearly another.
+    jump in angular speed that the hinge fit shows. Without such a jump it is preferred if its balance angle
+    is more certain than the hinge's, and differs from it by more than 3 sd and 0.02 deg.
 
     Args:
         angle: tipping angle theta(t).
         window: frames [start, stop).
         hinge: fit with an edge that stays in place.
         balanced: fit by the moment balance.
-        left: decrease of chi^2 by a jump in speed that remains with the moment balance.
+        left: decrease of chi^2 that a jump in angular speed, added to `balanced`, would still bring.
         radius: radius of the edge's rounding [m].
-        limits: limits of a jump.
+        limits: limits of a jump in speed.
     """
     _, size, gain = largest_jump(angle, hinge)
     if is_jump(hinge, size, gain, limits):

@@ -140,9 +140,9 @@ def _covariance(
 ) -> Array:
     """Covariance (2, 2) of phi and k, caused by errors of theta, slip, lift and the edge's position.
 
-    theta is the tipping angle, phi the balance angle, k the rate of the tip [rad/s^2]. The covariance is
-    scaled by the variance of the residuals (outliers clipped, correlation from frame to frame included) over
-    that which these errors make expected, at least by 0.7.
+    theta is the tipping angle, phi the balance angle [rad], k the rate of the tip [rad/s^2]. The part caused
+    by theta, slip and lift is multiplied by the ratio of the residuals' variance to the variance expected
+    from these errors, but by no less than 0.7. Outliers are clipped first.
 
     Args:
         sample: the fitted part of theta(t).
@@ -205,7 +205,7 @@ def driven_theta(
         parameters: (c, 4 or more) per case: balance angle phi [rad], rate k of the tip [rad/s^2], and at the
             first time theta [rad] and Omega [rad/s] = theta' + (k / g) [(cos psi + rho / R) s' + sin psi z'],
             with psi = phi - theta, s' and z' the speeds of slip and lift, and R the distance of the centre of
-            mass from the edge (here g / (1.35 k)); further columns are ignored.
+            mass from the edge, taken as g / (1.35 k), as for a solid body; further columns are ignored.
         slip: (n,) or (n, c) sliding of the edge [m], linear between the times.
         lift: (n,) or (n, c) height of the edge [m], linear between the times.
         radius: radius rho of the edge's rounding [m].
@@ -219,7 +219,7 @@ def driven_theta(
     found[0] = state[0]
 
     def rate(state: Array, s: Array, z: Array) -> Array:
-        """Time derivative (2, c) of the state: tipping angle [rad] and momentum Omega [rad/s].
+        """Time derivative (2, c) of the state: tipping angle [rad], and Omega [rad/s].
 
         Args:
             state: (2, c) tipping angle, and Omega, the angular speed plus the part by the edge's motion.

@@ -1,7 +1,8 @@
 """Motion of a free body: poses of its object frame O in world frame W over time, and differences.
 
-All integrals over a motion are sums over these differences: summation by parts has no remainder at the ends,
-so that weak forms hold exactly for the discrete motion, as they do for the continuous one.
+Integrals over a motion are computed as sums over the differences between neighbouring times. Summation by
+parts is exact for such sums, so that equations in weak form, which are integrated by parts, hold exactly for
+the sampled motion too.
 """
 
 # scipy is only partly typed.

@@ -40,7 +40,10 @@ _MIN_RISE = 3e-4
 
 @dataclass(frozen=True)
 class EdgeMotion:
-    """Corrected motion of the pivot edge, and the ranges of its slip and lift in a window of frames."""
+    """Motion of a strike with slip and lift of the true pivot edge, and their ranges in a window [m].
+
+    Slip is sliding along the table, lift the height off it; a range is the largest less the least value.
+    """
 
     motion: PlanarMotion
     """the motion, with slip and lift of the true edge"""
@@ -88,9 +91,9 @@ def displacement_per_offset(theta: Array) -> Array:
 def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
     """First frame of a window from which the edge only rises off the table; None if it stays on it.
 
-    From then on the body flies, or turns about its next edge: with a bevel or facets it reaches the next edge
-    before the next face. None also if the window has fewer than ten frames, or the edge is off the table in
-    all of them.
+    From there to the window's end the body flies, or turns about its next edge: with a bevel or facets it
+    reaches the next edge before the next face. None also if the window has fewer than ten frames, if the edge
+    is off the table in all of them, or if its height at the end is below 0.3 mm.
 
     Args:
         motion: motion of the strike with the lift of its edge.
@@ -114,10 +117,10 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
     Args:
         motion: the motion with slip and lift of the assumed point.
-        used: frames over which the ranges of slip and lift are taken.
+        used: slice of the frames over which the ranges of slip and lift are taken; all frames are corrected.
         offset: (2,) offset of the assumed point from the true edge, along and off the table [m].
         covariance: (2, 2) its covariance [m^2].
-        sd: standard deviation of slip and lift in the frames `used` [m].
+        sd: standard deviation of slip and lift in each of the frames `used` [m].
 
     Returns:
         The corrected motion with its ranges; its `offset` is that of the true edge from the point (sign
@@ -135,8 +138,9 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
     """Offset (2,) [m] of the assumed point from an edge that may slide, and its covariance (2, 2) [m^2].
 
-    The offset is along and off the table at rest, and follows from the lift alone. An offset of more than 1.5
-    mm is taken for a real lift: then the prior, 0 with 0.5 mm, is returned.
+    The offset is along and off the table at rest. It follows from the lift alone, with a prior of 0 and a
+    standard deviation of 0.5 mm. An offset of 1.5 mm or more is taken for a real lift: then the prior itself
+    is returned.
 
     Args:
         theta: (n,) tipping angle [rad].
@@ -166,11 +170,11 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 
 
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """Offset (2,) [m] of the assumed point from an edge that held, and its covariance (2, 2) [m^2].
+    """Offset (2,) [m] of the assumed point from an edge that stayed in place, and its covariance (2, 2).
 
-    The offset is along and off the table at rest. None if rotation about a fixed edge does not explain slip
-    and lift, or with fewer than ten frames. The offset may exceed 1.5 mm, for example with a tag whose place
-    is unknown, or that is not printed to scale.
+    The offset is along and off the table at rest, its covariance in m^2. None if rotation about a fixed edge
+    leaves more than 0.06 mm of slip or lift beyond noise, or with fewer than ten frames. The offset may
+    exceed 1.5 mm, for example with a tag whose place is unknown, or that is not printed to scale.
 
     Args:
         theta: (n,) tipping angle [rad].

@@ -1,8 +1,9 @@
 """Search for free falls in a track: the longest stretches that fit a parabola to within their noise.
 
-The true frame rate is unknown, so that a fall is recognised by its shape alone: a second-degree curve that
-deviates from a straight line by `MIN_FALL_M` or more; lengths do not depend on the times. A hand that moves,
-carries or swings the tag does not follow a parabola that far.
+The true frame rate is unknown, so that a fall is recognised by its shape alone: a second-degree curve with a
+fall of `MIN_FALL_M` (0.2 m) or more. A fall is the length 1/2 a T^2, with a the acceleration and T the
+stretch's duration; it does not depend on the unit of time. A hand that moves, carries or swings the tag does
+not follow a parabola that far.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
         sd: (3,) standard deviation of a frame's position along each axis [m].
 
     Returns:
-        The stretches, with indices into `time_ns`; empty if there is no fall, or if the track has fewer than
-        `MIN_FRAMES` frames.
+        The stretches, with indices into `time_ns`; empty if there is no fall of 0.2 m or more, or if the
+        track has fewer than 8 frames.
     """
     if len(time_ns) < MIN_FRAMES:
         return []
@@ -84,9 +85,10 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
 
 
 def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
-    """Stretches of evenly spaced positions that lie on a parabola, the longest fall first.
+    """Stretches of evenly spaced positions that lie on a parabola, the one with the greatest fall first.
 
-    Returned are at most `MAX_FALLS` (8) stretches that do not overlap, with indices into the positions.
+    A fall is 1/2 a T^2 [m], with a the acceleration and T the stretch's duration. Returned are at most
+    `MAX_FALLS` (8) stretches that do not overlap, with indices into the positions.
 
     Args:
         scaled: (n, 3) positions over their standard deviations.
@@ -118,9 +120,10 @@ def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
 
 
 def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
-    """Fall [m] of each window of positions, and ratio of its third-degree to its second-degree term.
+    """Fall [m] of each window of positions, and how far the window's curve departs from a parabola.
 
-    Both are (windows,). The fall is 1/2 a T^2, with a the acceleration and T the window's duration.
+    Both are (windows,). The fall is 1/2 a T^2, with a the acceleration and T the window's duration. The
+    departure is the ratio of the curve's third-degree to its second-degree term.
 
     Args:
         parts: (windows, 3, 4) coefficients on `basis` of the positions, each axis over its `sd`.
@@ -139,7 +142,7 @@ def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int)
     """Stretch of a fall, extended frame by frame along its own curve; None if it is no fall.
 
     The two end frames of the extended stretch are left out: a hand or the ground may still have touched the
-    tag there. None if fewer than `MIN_FRAMES` frames or a fall of less than `MIN_FALL_M` remain.
+    tag there. None if fewer than 8 frames or a fall of less than 0.2 m remain.
 
     Args:
         number: (n,) number of each frame on an even grid of frames.
@@ -184,10 +187,13 @@ class _Curve:
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a frame's position (3,) from the curve along each axis, over its predicted sd.
+        """Distance (3,) of a frame's position from the curve along each axis, in standard deviations.
 
-        The position is given over the standard deviations of a position; `frame` is the frame's number on an
-        even grid.
+        The standard deviation is that of the position and the fitted curve together.
+
+        Args:
+            frame: number of the frame on an even grid of frames.
+            position: (3,) its position over the standard deviations of a position.
         """
         at = ((frame - self._middle) / self._half) ** np.arange(4)
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)
@@ -196,7 +202,7 @@ class _Curve:
 def _continues(
     number: IntArray, scaled: Array, sd: Array, window: tuple[int, int], frame: int, noise: float
 ) -> bool:
-    """True if a frame beside a stretch lies on the stretch's own curve, with no long gap between.
+    """True if a frame beside a stretch lies on the stretch's own curve, at most 4 missing frames away.
 
     Args:
         number: (n,) number of each frame on an even grid of frames.
@@ -219,7 +225,7 @@ def _continues(
 
 
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
-    """Windows of the given ones that do not overlap, chosen in the order of their falls, longest first."""
+    """Given windows that do not overlap, chosen in the order of their falls, the greatest first."""
     taken: list[FallWindow] = []
     for window in sorted(windows, key=lambda each: (each.fall, each.start, each.stop), reverse=True):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):

@@ -82,11 +82,12 @@ def fit_strike(
     """Fit balance angle phi and rate k of a strike by the estimator that its contact requires.
 
     The estimators are a hinge (edge in place), a rolling contact, and the moment balance (with the edge's
-    measured motion). The window of the fit ends at a fixed angle past phi, so that it is found by iteration.
+    measured motion). The window of the fit ends at a fixed angle past phi (25 deg by default), so that it is
+    found by iteration.
 
     Args:
         motion: the motion through the whole window of the strike.
-        course: its events, with the release (first frame in which only gravity acts).
+        course: events of the strike, with the release (first frame in which only gravity acts).
         planned: the planned strike; its predicted phi gives the first window.
         settings: limits of the window, of a moved edge and of jumps in speed.
         section: the object's cross-section at the pivot axis; None if its shape is unknown.
@@ -114,12 +115,13 @@ def _fits(
 ) -> StrikeFits:
     """Fits of a strike by `estimator`, or by the moment balance where the edge moved.
 
-    The moment balance is a fit that allows for the edge's measured motion. If the edge lifts off the table
-    for good, and the motion before can be fitted, the window ends there, and the chosen fit's note states it.
+    The moment balance is a fit that allows for the edge's measured motion. If the edge leaves the table
+    within the window and does not come back, the fit ends at that frame, provided the motion up to there can
+    be fitted; the chosen fit's note then states so.
 
     Args:
         motion: the motion through the whole window of the strike.
-        course: its events.
+        course: events of the strike.
         planned: the planned strike; its predicted balance angle gives the first window.
         settings: limits.
         estimator: function that fits the tipping angle theta(t) over a window.
@@ -155,7 +157,7 @@ def _fit_window(
 
     Args:
         angle: tipping angle theta(t) of the strike.
-        course: its events.
+        course: events of the strike.
         phi_predicted: predicted balance angle [rad], for the first window.
         limits: bounds of the window.
         estimator: function that fits theta(t) over a window.
@@ -207,9 +209,10 @@ def _fits_over(
 ) -> StrikeFits:
     """Fits over one window: by the moment balance if the edge moved, else by the estimator.
 
-    The moment balance is a fit that allows for the edge's measured motion. Where the speed jumps, the
-    estimator is applied to a part of the window without a jump, and a second impact is reported unless the
-    jump is explained by the first touch or by the table.
+    The moment balance is a fit that allows for the edge's measured motion. Where the angular speed jumps, the
+    estimator is applied to a part of the window without a jump. The jump is reported as a second impact,
+    unless such a part was found and the jump is either a touch by the striker in the first frames, or a loss
+    of speed at the table while the edge moved.
 
     Args:
         motion: the motion through the whole window of the strike.
@@ -323,7 +326,7 @@ def _with_second_impact(
 
 
 def _jump_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
-    """Message about a second impact: size of the jump and its time after the strike, and the remedy.
+    """Message about a second impact: size and time of the jump in speed, and what the user should do.
 
     Args:
         angle: tipping angle theta(t), with the times of the frames.

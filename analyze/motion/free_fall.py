@@ -136,10 +136,11 @@ class Fall:
 def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall | None:
     """Fall fitted with its ends cut where a hand or the ground still acts; None if no fall is left.
 
-    The fall returned holds q, the ratio of true to stated time, with its errors. Frames are cut at the worse
-    end while that clearly reduces the misfit (ninth decile of the residuals over the expected one); a margin
-    at both ends is then left out. None if the misfit stays above `MAX_MISFIT` (3), or the remaining fall is
-    shorter than `MIN_FALL_M` (0.2 m).
+    The fall returned holds q, the ratio of true to stated time, with its errors. The misfit is the ninth
+    decile of the residuals over the value expected from noise. While it is too large, 6 % of the frames are
+    cut at the end where that reduces it more, as long as it falls by 3 % or more; then 5 % are left out at
+    both ends. None if the misfit stays above `MAX_MISFIT` (3), or the remaining fall is shorter than
+    `MIN_FALL_M` (0.2 m).
 
     Args:
         track: track of the tag, not yet corrected for a rolling shutter.
@@ -253,7 +254,7 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
 
 @dataclass(frozen=True)
 class _Solved:
-    """Solution of the weighted least squares of one fall, in the time that the video states."""
+    """Solution of the weighted least squares of one fall, with times as the video states them."""
 
     stated: Array
     """(n,) stated time since the middle of the fall [s]"""
@@ -350,8 +351,9 @@ def _powers(time: Array) -> Array:
 def _turn_columns(R: Array, time: Array) -> Array:
     """Derivatives (n, 3, 3) of a turning tag's position by its arm from the centre of mass.
 
-    They are R(tau) - R(middle), with R(tau) the rotation from the marker frame to the camera frame at the
-    time tau, smoothed by a polynomial, and R(middle) that of the middle frame.
+    The position is in the camera frame, the arm in the marker frame. The derivatives are R(tau) - R(middle),
+    with R(tau) the rotation from marker to camera frame at the time tau, smoothed by a polynomial, and
+    R(middle) that of the middle frame.
 
     Args:
         R: (n, 3, 3) rotations from the marker frame to the camera frame.

@@ -77,16 +77,19 @@ class FlightBody:
 def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
     """Fit the centre of mass c and gravity g to all flights of a body together.
 
+    A throw may consist of several flights, between touches of the table; they may share errors.
+
     Args:
         flights: flights of one body; z of the world frame W, in which its poses are given, is vertical.
         drag: deceleration over squared speed [1/m]: density * drag coefficient * area / (2 mass).
 
     Returns:
-        c in the object frame O [m], g [m/s^2], their covariance, and the rms residual of the median flight
-        [m].
+        c in the object frame O [m], g [m/s^2], their covariance, and the median over the flights of their rms
+        residual [m].
 
     Raises:
-        EstimationError: fewer than `MIN_THROWS` throws, or flights without the rotation that determines c.
+        EstimationError: fewer than `MIN_THROWS` (8) throws, or flights without the rotation that determines
+            c.
     """
     systems = [_without_start(flight.motion, drag) for flight in flights]
     groups = np.array([flight.group for flight in flights])
@@ -178,6 +181,8 @@ def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
 
 def _twice_integrated(motion: BodyMotion, drag: float) -> Array:
     """Displacement (n, 3) in the world frame [m] by air drag, the deceleration integrated twice.
+
+    The speed is that of the object frame's origin; the displacement is 0 at the first time.
 
     Args:
         motion: the flight.

@@ -40,11 +40,11 @@ def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | N
     """Landing angle: tipping angle theta [rad] from which the next face may touch the table.
 
     It is the angle at which the face touches by the shape, less a margin of 1 deg and the error of the face's
-    far end, as an angle about the pivot. None if no flat face touches within the section's range of angles,
-    or if the first one touches before the predicted balance angle.
+    far end, as an angle about the pivot. None if no flat face touches within the angles that `section`
+    covers, or if the first one touches before the predicted balance angle.
 
     Args:
-        section: cross-section of the object about the pivot point.
+        section: support function of the object's cross-section about the pivot point.
         planned: the planned strike, with the pivot's rounding and its uncertainty, and the predicted balance
             angle.
     """

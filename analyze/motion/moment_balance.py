@@ -5,14 +5,15 @@ the gravity vector and w the angular velocity, all per mass:
 
     (b x (q'' - g) + d/dt L_q) . e = 0        L_q = J_q w
 
-for e along the edge that touches; at a corner for every e. J_q is the inertia per mass about q. Where edge or
-corner is rounded with radius rho, q lies on the centre line of the rounding and the contact rho below it,
-which adds rho (e x z) . (c'' - g), z pointing up. All of it is linear in b and J_O (inertia per mass about
-the object frame's origin O).
+If an edge touches, this holds for one vector e, the unit vector along the edge; at a corner it holds for
+any e, which gives three equations. J_q is the inertia per mass about q. Where edge or corner is rounded with
+radius rho, q lies on the centre line of the rounding and the contact rho below it, which adds
+rho (e x z) . (c'' - g), z pointing up. All of it is linear in b and J_O (inertia per mass about the object
+frame's origin O).
 
-Weak form: multiplied by windows that vanish at both ends, and integrated by parts, so that no acceleration is
-ever needed (the modulating functions of Shinbrot 1957, "On the analysis of linear and nonlinear systems").
-During a contact the body may slide and turn on it freely.
+Weak form: multiplied by windows (functions of time) that vanish at both ends, and integrated by parts, so
+that no acceleration is ever needed (the modulating functions of Shinbrot 1957, "On the analysis of linear
+and nonlinear systems"). During a contact the body may slide and turn on it freely.
 """
 
 # scipy is only partly typed.
@@ -123,10 +124,10 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         gravity: magnitude g of gravity [m/s^2].
 
     Returns:
-        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) right side; c is the centre of
-        mass in the object frame O [m], J_O the inertia per mass about its origin [m^2]. One row per window
-        and direction (three at a corner, one at an edge), scaled so that white noise in the moment gives a
-        window's rows the same sd, however long the contact lasts.
+        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) right side [m^2/s^1.5]; c is the
+        centre of mass in the object frame O [m], J_O the inertia per mass about its origin [m^2]. There is
+        one row per window function (two) and direction (three at a corner, one at an edge). Rows are divided
+        by the root of the contact's duration: white noise in the moment then gives all the same sd.
     """
     motion = contact.motion
     n, dt = len(motion), motion.dt[:, None]
@@ -156,11 +157,17 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         d_below = np.diff(below, axis=0)
 
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
-            """Moment of (q'' - g) about the contact, for an arm (3,) [m] from q, summed over a window.
+            """Time integral, weighted by one window, of the moment per mass about the contact [m^2/s].
 
-            The window is a weight over time that vanishes at both ends. The arm is in the object frame O. q
-            is the contact's point on the centre line of the rounding, q'' its acceleration, g the gravity
-            vector; the moment is per mass.
+            The moment is that of the acceleration q'' - g, acting at the end of an arm from q, in one
+            direction e. q is the contact's point on the centre line of the rounding, g the gravity vector. If
+            the rounding has a radius, the acceleration of the arm's end against q adds to it.
+
+            Args:
+                arm: (3,) vector from q in the object frame O [m].
+                window: (n, 1) weight of each time, 0 at both ends.
+                e: (n, 3) direction in the world frame at each time.
+                d_below: (n - 1, 3) differences of window times radius times e x z, z pointing up [m].
             """
             arms = R @ arm
             turned = window * np.cross(e, arms)

@@ -1,4 +1,4 @@
-"""Rounding that the object's shape itself has at the end of its resting face, on moulded parts."""
+"""Rounding that the object's shape itself has at the end of its resting face, as moulded parts have."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ _MIN_FACE_RATIO = 0.5
 
 
 def moulded_radius(points: Array, phi: float) -> float | None:
-    """Radius [m] of the rounding that the shape itself has at the end of its resting face, or None.
+    """Radius [m] of a rounding that belongs to the shape itself at the edge it tips over; None if none.
 
-    The rounding is a circle whose centre is above the end of the face: from 3 deg after rest to 5 deg past
-    the balance angle, centre and radius vary by less than 10 % of the radius. The face must be longer than
-    half the radius. None if the shape has no such rounding, or the points span no area.
+    Moulded parts have such roundings. There is one if the contact rolls on one circle while the object tips
+    from 3 deg after rest to 5 deg past the balance angle: the circle's centre stays above the end of the flat
+    resting face, and its radius stays constant, both within 10 % of the radius. The face must be longer than
+    half the radius; otherwise it is a facet of a round body. None also if the points span no area.
 
     Args:
-        points: (n, 2) corners of the section's hull from the end of the face [m]: x in the direction of
-            tipping, z up.
+        points: (n, 2) the shape's hull corners projected along the pivot edge [m], relative to the end of the
+            resting face: x in the direction of tipping, z up.
         phi: expected balance angle [rad], at which the centre of mass stands above the contact.
     """
     try:

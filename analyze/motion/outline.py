@@ -95,7 +95,10 @@ def simplified_polygon(corners: Array) -> Outline:
 
 
 def _polygon(corners: Array) -> Outline:
-    """Outline through `corners` (n, 2) [m], anticlockwise, starting at the facet with the least angle."""
+    """Outline through `corners` (n, 2) [m], anticlockwise.
+
+    Its first facet is the one whose angle against the table at rest, from -180 to 180 deg, is the least.
+    """
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     first = int(np.argmin(angle))
@@ -105,7 +108,7 @@ def _polygon(corners: Array) -> Outline:
 
 
 def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
-    """Outline thinned until its curves are smooth, those curves, and their roughness.
+    """Outline thinned until its curves are smooth, the curves of that outline, and their roughness.
 
     Roughness is the standard deviation of the log curvature from corner to corner.
 
@@ -142,10 +145,11 @@ def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
 
 
 def _thinned(whole: Outline, spacing: float) -> Outline:
-    """Outline reduced to the corners that touch the table every `spacing` [rad], and to the ends of faces.
+    """Outline reduced to about one corner per `spacing` [rad] of tipping angle, and to the ends of faces.
 
-    A face is a facet longer than 4 % of the perimeter, or longer than all other facets together whose angles
-    are within `spacing` of its own.
+    For tipping angles `spacing` apart, all round, the corner that touches the table is kept, and so are both
+    ends of every face. A face is a facet longer than 4 % of the perimeter, or longer than all other facets
+    together whose angles are within `spacing` of its own.
     """
     turned = np.arange(-math.pi + 0.5 * spacing, math.pi, spacing)
     touches = np.argmin(
@@ -211,8 +215,8 @@ class Curve:
     def _tangents(self, outline: Outline) -> Array:
         """Tangent angles (facets + 1,) of the curve at its corners [rad], ascending.
 
-        They are a cubic spline's through the corners, limited to lie between the angles of the two facets at
-        each corner.
+        They are those of a cubic spline through the corners; at each corner the angle is kept between the
+        angles of the two facets that meet there.
         """
         turns = np.array([outline.turn(i) for i in self.facets])
         angle = outline.angle[self.facets[0]] + np.concatenate([[0.0], np.cumsum(turns[1:])])
@@ -234,7 +238,7 @@ class Curve:
 
 
 def _curves(outline: Outline) -> list[Curve]:
-    """Curves of an outline: runs of 3 or more facets, none a flat face, that meet without a corner.
+    """Curves of an outline: runs of 3 or more neighbouring facets without a flat face or a corner.
 
     A corner is a turn of at least 20 deg.
     """
@@ -257,12 +261,13 @@ def _curves(outline: Outline) -> list[Curve]:
 def _is_bent(outline: Outline, joined: list[bool], i: int) -> bool:
     """True if facet i is part of a curve, False if it is a flat face beside bends or between corners.
 
-    It is part of a curve if, at one end at least, the outline's curvature is more than a quarter (1 /
-    `FLAT_RADIUS_RATIO`) of that at the next corner beyond, and neither of these two is a sharp corner.
+    It is part of a curve if at one of its ends, at least, two conditions hold: neither that corner nor the
+    next one beyond it is sharp, and the outline's curvature at that corner is more than a quarter (1 /
+    `FLAT_RADIUS_RATIO`) of that at the next one.
 
     Args:
         outline: the polygon.
-        joined: (n,) True if facets i - 1 and i meet without a corner.
+        joined: (n,) True if facets i - 1 and i meet without a sharp corner.
         i: index of the facet.
     """
     n = len(outline)

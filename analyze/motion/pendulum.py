@@ -67,9 +67,9 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """Acceleration psi'' [rad/s^2] at angle psi from balance, and its derivatives by psi and energy.
+        """Acceleration psi'' [rad/s^2] at angle psi [rad] from balance, and derivatives by psi and energy.
 
-        The energy [rad^2/s^2] is the integral of the motion, for a hinge psi'^2 + 2 k cos psi.
+        The energy [rad^2/s^2] is the motion's constant of integration, for a hinge psi'^2 + 2 k cos psi.
         """
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))
@@ -114,10 +114,11 @@ def trajectory(
 
 
 def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
-    """Energy ratio of a tip: kinetic energy at rest pose over the energy needed to reach the balance.
+    """Energy ratio of a tip over a hinge: kinetic energy at rest pose over the energy to reach balance.
 
     omega_rest^2 / (2 k (1 - cos phi)), with omega_rest, the angular speed at theta = 0 (real or
-    extrapolated), from the energy integral omega^2 / 2 + k cos(theta - phi) = const.
+    extrapolated), from the energy integral omega^2 / 2 + k cos(theta - phi) = const. The edge's rounding is
+    left out.
 
     Args:
         phi: balance angle [rad].
@@ -170,11 +171,11 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
 def _solved(columns: Array, theta: Array) -> tuple[float, Array]:
     """Sum of squares [rad^2] and solution (p,) of the twice integrated pendulum equation.
 
-    The solution is balance angle phi [rad], rate k [rad/s^2], angle theta0 [rad] and speed omega0 [rad/s] at
-    the first time, and the factors on any further columns.
+    The solution begins with balance angle phi [rad], rate k [rad/s^2], and angle theta0 [rad] and speed
+    omega0 [rad/s] at the first time; a factor for each column after the fourth follows.
 
     Args:
-        columns: (n, p) columns of `_integrated_columns`, then further ones.
+        columns: (n, p) the four columns of `_integrated_columns`, then any further ones.
         theta: (n,) tipping angle [rad].
     """
     x = np.linalg.lstsq(columns, theta, rcond=None)[0]

@@ -50,7 +50,7 @@ def find_course(
     Args:
         angle: theta(t) of the whole window, resting frames first.
         contact_time_ns: log_time of the contact as the striker measured it [ns], 0 if not known.
-        limits: guards of the gravity-only window.
+        limits: time left out after the impact, and theta below which the object counts as back at rest.
         landing_angle_rad: theta [rad] from which the shape's next face may touch, whether or not that slows
             the body; None if only theta(t) shows a landing.
 
@@ -87,11 +87,14 @@ def find_course(
 
 
 def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) -> int:
-    """First frame at or beyond a landing angle [rad]; the number of frames if there is none.
+    """First frame at or beyond a landing angle; the number of frames if there is none.
 
-    The search begins at frame `released`, where the free motion begins. A single frame beyond the angle
-    counts only if it is the last: otherwise it may be a wrong reading. The number of frames is also returned
-    if the landing angle is None.
+    A single frame beyond the angle counts only if it is the last: otherwise it may be a wrong reading.
+
+    Args:
+        angle: tipping angle theta(t).
+        released: first frame of the free motion, at which the search begins.
+        landing_angle_rad: the angle [rad]; None gives the number of frames.
     """
     if landing_angle_rad is None:
         return len(angle.theta)
@@ -152,7 +155,7 @@ def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimit
 
     Args:
         angle: tipping angle theta(t).
-        course: its events.
+        course: events of the strike.
         phi: balance angle [rad].
         limits: bounds of the window.
     """
@@ -174,7 +177,7 @@ def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
 
     Args:
         angle: tipping angle theta(t).
-        course: its events.
+        course: events of the strike.
         phi: balance angle [rad]; None if unknown.
 
     Returns:

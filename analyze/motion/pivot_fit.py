@@ -123,11 +123,12 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
         parameters: number of parameters that will be fitted.
 
     Returns:
-        The window's times, angles, standard deviations and first guess, which is linear least squares, or a
-        rough one from the largest angle where that is not a tip.
+        The window's times, angles, standard deviations and first guess. The guess is the linear least-squares
+        solution; if that has no phi between 0 and 2 rad or no k above 1 rad/s^2, it is a rough one from the
+        largest angle.
 
     Raises:
-        EstimationError: the window has fewer than `MIN_FRAMES` or `parameters` + 3 frames.
+        EstimationError: the window has fewer than `MIN_FRAMES` (8) or `parameters` + 3 frames.
     """
     first, last = window
     if last - first < max(MIN_FRAMES, parameters + 3):

@@ -1,10 +1,11 @@
 """Comparison of measured theta(t) with a prediction from other strikes and the first free frames.
 
-theta(t) is the tipping angle. The pendulum starts from the first free frames and moves with the predicted
-balance angle phi and rate k. Any other motion of the edge (sliding, or rolling on a curve that is not a
-circle) is taken from the strike's own fit: the difference of that fit from the pendulum with the same
-numbers. Upright is unstable: an error of the start grows with e^(sqrt(k) t), and so does the prediction's
-standard deviation. Once it is so large that errors no longer add up linearly, the prediction ends.
+theta(t) is the tipping angle. A pendulum starts from the first free frames and moves with the balance angle
+phi and rate k that are predicted from the other strikes. Any other motion of the edge (sliding, or rolling
+on a curve that is not a circle) is not predicted: it is taken from the strike's own fit, as the difference
+of that fit from a pendulum with the fit's phi and k. Upright is unstable: an error of the start grows with
+e^(sqrt(k) t), and so does the prediction's standard deviation. Once it is so large that errors no longer add
+up linearly, the prediction ends.
 """
 
 from __future__ import annotations
@@ -99,8 +100,9 @@ def predicted_motion(
         predicted: balance angle phi and rate k from other strikes.
 
     Returns:
-        Offset [rad] of every free frame up to the end of the prediction, with its standard deviation, and the
-        chi^2 of the shift of phi and ln k that the offsets imply.
+        Offset [rad] (measured minus predicted) of every free frame up to the end of the prediction, with its
+        standard deviation. Its chi^2 compares the changes of phi and ln k that best explain the offsets with
+        their errors.
     """
     inside, first = slice(*fit.window), int(angle.time_ns[fit.window[0]])
     time = np.asarray((angle.time_ns[inside] - first) * 1e-9, dtype=np.float64)
@@ -159,7 +161,7 @@ def _estimator_rows(by: Array, noise: Array) -> Array:
 
 
 def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float:
-    """Chi^2 of the shift of (phi, ln k) that offsets of the tipping angle theta imply.
+    """Chi^2 of the shift of (phi, ln k) that best explains the offsets of the tipping angle theta.
 
     phi is the balance angle, k the rate of the tip; chi^2 has 2 degrees of freedom.
 

@@ -94,7 +94,14 @@ def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
 
 
 def _sum_of_squares(tip: FittedTip, phi: float) -> float:
-    """Least weighted sum of squares of a tip's residuals at a given balance angle phi [rad]."""
+    """Least weighted sum of squares of a tip's residuals with the balance angle held at phi [rad].
+
+    The other parameters (rate k, and angle and speed at time 0) are fitted again.
+
+    Args:
+        tip: the measured tipping angle, with the parameters at which the search starts.
+        phi: balance angle [rad].
+    """
     best = tip.parameters
     start = best[1:] + tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
     # In log k, from a start with the same k sin(phi): the data determine that product, and k must stay

@@ -37,9 +37,10 @@ def rolling_curve(
         planned: the planned strike, with the rounding of its edge.
 
     Returns:
-        The support function (height of the pivot over the table against the tipping angle) of the section
-        itself if it is curved there, or of a circle of the edge's rounding if that is at least 2.5 mm (or a
-        round rim's, of any radius above 0); and the reason in words.
+        The curve as a support function (height of the pivot over the table against the tipping angle), and
+        the reason in words. The curve is the cross-section itself if it is curved where it touches; otherwise
+        a circle with the radius of the edge's rounding, if that is at least 2.5 mm (or a round rim's, of any
+        radius above 0).
     """
     radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
     if section is not None and is_curved(section, planned.phi_predicted_rad):
@@ -53,10 +54,14 @@ def rolling_curve(
 
 
 def is_curved(section: SupportFunction, phi: float) -> bool:
-    """True if the section is a curve where it touches the table, from rest to 25 deg past `phi`.
+    """True if the section rolls on a curve of its shape, from rest to 25 deg past `phi`.
 
-    `phi` is the balance angle [rad]. False for a corner, for a curve over at most 15 deg, or with a flat face
-    (a bevel) of 0.5 mm or more in it.
+    It does if curves of more than 0.5 mm radius touch the table over more than 15 deg of that range, and no
+    flat face (a bevel) of 0.5 mm or more does.
+
+    Args:
+        section: the object's cross-section at the pivot axis.
+        phi: balance angle [rad].
     """
     last = phi + _PAST_PHI
     return (
@@ -66,7 +71,10 @@ def is_curved(section: SupportFunction, phi: float) -> bool:
 
 
 def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
-    """The motion, with slip and lift relative to rolling on a curve instead of on the plan's rounding.
+    """The motion, with slip and lift measured against rolling on a curve.
+
+    The given slip is measured against rolling on the circle that the plan states for the edge's rounding, the
+    given lift against the height at rest.
 
     Args:
         motion: tracked motion, with slip (along the table) and lift (off it) of the pivot edge.

@@ -132,9 +132,12 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
     """Prior (place and sd) of the centre of mass: near the middle of a known section, otherwise wide.
 
-    For a circle of unknown section (`middle_sd` infinite) it lies in the direction of the sample's first
-    guess of the balance angle, at the distance that a solid body with the first guess of k has, with an sd of
-    that distance.
+    If the section is only a circle (`middle_sd` infinite), the prior's place is where a solid body with the
+    sample's first guess of phi and k has its centre of mass; its sd is the distance from there to the pivot.
+
+    Args:
+        sample: measured tipping angle with a first guess of balance angle phi and rate k.
+        section: cross-section on which the body rolls.
     """
     if math.isfinite(section.middle_sd):
         ahead, above = section.middle

@@ -1,8 +1,9 @@
 """First guess for a rolling contact, by linear least squares on the integrated equation of motion.
 
-`pendulum.first_guess` is the equivalent for a hinge. With theta the tipping angle, rho the section's radius
-of curvature, and the unknowns x = (1, a, b) / J of the body (centre of mass at (-b, a) from the pivot point,
-J its inertia per mass about that point),
+`pendulum.first_guess` is the equivalent for a hinge. The section is the body's cross-section across the
+pivot axis, on which it rolls. With theta the tipping angle, rho the section's radius of curvature, and the
+unknowns x = (1, a, b) / J of the body (centre of mass at (-b, a) from the pivot point, J its inertia per
+mass about that point),
 
     theta + x . M(theta) + x . II f (g - rho theta'^2) = theta0 + v t
 
@@ -42,7 +43,7 @@ _DRIFT_RAD, _NOISE_FACTOR = 2e-3, 5.0
 
 @dataclass(frozen=True)
 class ComPrior:
-    """Prior of the centre of mass c in the plane of the section, relative to the pivot point at rest."""
+    """Prior of the centre of mass c across the pivot axis, relative to the pivot point at rest."""
 
     ahead: float
     """expected horizontal offset in the direction of tipping [m]"""

@@ -1,16 +1,17 @@
 """Motion of a body that rolls on a curved section, in linear parameters x, and its phi and k.
 
-theta is the tipping angle, phi the balance angle, k [rad/s^2] the rate of the tip at balance. With the centre
-of mass c at (-b, a) from the pivot point p at rest (horizontal in the direction of tipping, and up), m the
-mass, I_c the inertia about the axis through c, J = I_c / m + a^2 + b^2, s the height of c over the table, s'
-the horizontal distance from c to the contact, rho the section's radius of curvature there and M = I_c / m +
-s^2 + s'^2, rolling without sliding means (method 3)
+The section is the body's cross-section across the pivot axis. theta is the tipping angle, phi the balance
+angle, k [rad/s^2] the rate of the tip at balance. With the centre of mass c at (-b, a) from the pivot point p
+at rest (horizontal in the direction of tipping, and up), m the mass, I_c the inertia about the axis through
+c, J = I_c / m + a^2 + b^2, s the height of c over the table, s' the horizontal distance from c to the
+contact, rho the section's radius of curvature there and M = I_c / m + s^2 + s'^2, rolling without sliding
+means (method 3)
 
     M theta'' = -s' (g + rho theta'^2)
     M / J = 1 + m(theta) . x,    s' / J = f(theta) . x,    x = (1, a, b) / J
 
 The functions m and f depend on the section alone. Integrated are theta and the moment of momentum about the
-contact per mass,
+contact per mass (its second sign differs, because M changes with theta),
 
     Omega = M theta',    Omega' = -s' (g - rho theta'^2)
 """
@@ -50,7 +51,7 @@ def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array
     f . x the horizontal distance from the centre of mass to the contact over J.
 
     Args:
-        section: support function of the section.
+        section: support function of the body's cross-section.
         theta: (...) tipping angles [rad].
     """
     h, ahead, radius = section.evaluate(theta)
@@ -68,7 +69,7 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
         time: (n,) time [s].
         x: (c, 5) 1 / J, a / J, b / J (centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 +
             b^2), and at the first time theta and its rate [rad, rad/s].
-        section: support function of the section.
+        section: support function of the bodies' cross-section.
     """
     one, a, b = x[:, 0], x[:, 1], x[:, 2]
     body = x[:, :3]
@@ -103,10 +104,10 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
 def balance_angle(section: SupportFunction, body: Array) -> float | None:
     """Least tipping angle [rad] at which c passes over the contact; None if it never does up to 2 rad.
 
-    It is accurate to 0.3 deg: the last angle of a grid before the passage.
+    c is the centre of mass. The angle is accurate to 0.3 deg: the last one of a grid before the passage.
 
     Args:
-        section: support function of the section on which the body rolls.
+        section: support function of the cross-section on which the body rolls.
         body: (3,) 1 / J, a / J, b / J: centre of mass c at (-b, a) from the pivot point, J = I_c / m + a^2 +
             b^2.
     """

@@ -181,7 +181,7 @@ def _pose_near_plan(
     """Rotation (3, 3) from a marker's frame to the camera frame; None if its corners give no finite pose.
 
     A square has two pose solutions. If both fit the image and the marker's place on the object is known, the
-    one nearer the plan is taken, otherwise the one that fits better.
+    one nearer to the planned orientation is taken, otherwise the one that fits better.
 
     Args:
         corners_ideal: (4, 2) corners without lens distortion [ideal px].

@@ -145,7 +145,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 
 
 def verdict_of(motion: TipMotion) -> StrikeVerdict:
-    """Verdict on an analysed strike in the form in which the session reports it.
+    """Verdict on an analysed strike as a record for the user, the answer of `analyze watch`.
 
     It holds code and reason; balance angle phi and its sd [rad] and the energy ratio, None without a fit; and
     the largest tipping angle [rad] of an object that rocked back, None for other verdicts or if unknown.
@@ -170,10 +170,10 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
 
 
 def _judge_unseen(task: StrikeTask) -> Judgement | None:
-    """Verdict "unreadable" if a strike's images end before 0.2 s after the contact; None if they do not.
+    """Verdict "unreadable" if a strike's images end too early to show whether the object moved, else None.
 
-    Such a strike must not be reported as "not moved". None also if the end of the images is unknown, or there
-    are images and no measured contact time.
+    Too early is before 0.2 s after the contact, or no image at all. None also if it is unknown when the
+    images end, or if there are images but no measured contact time.
     """
     end = task.images_end_ns
     if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _MIN_SEEN_NS:
@@ -215,7 +215,7 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 
     Args:
         angle: theta(t).
-        course: its events (first motion, release, top, end).
+        course: events of the strike (first motion, release, top, end).
         reason: why no fit was possible; it becomes the reason of the verdict "unreadable".
     """
     if course.came_back and course.top_frame is not None:
@@ -249,7 +249,7 @@ def _alternatives(
 
     Args:
         angle: tipping angle theta(t) of the strike.
-        course: its events; the window begins at the first motion.
+        course: events of the strike; the window begins at the first motion.
         fit: the chosen fit; the window ends with its window.
         settings: width of the moving mean.
     """
@@ -295,7 +295,7 @@ def _result(
         task: the strike as planned and as carried out.
         judgement: its verdict.
         angle: tipping angle theta(t).
-        course: its events.
+        course: events of the strike.
         fit: the chosen fit; None if there is none, then there is no energy ratio.
         alternatives: fits by other estimators.
     """
@@ -313,7 +313,10 @@ def _result(
 
 
 def _energy_ratio(fit: MotionFit) -> float:
-    """Energy of the strike over the energy needed to reach the balance, for a hinge or a rolling contact."""
+    """Energy ratio of a fitted strike, for a hinge or a rolling contact.
+
+    It is the energy of the strike over the energy needed to reach the balance; 1 just reaches it.
+    """
     return (
         fit.rolling.energy_ratio
         if fit.rolling

@@ -3,10 +3,10 @@
 In the plane across the axis, x towards where the body tips and z up at rest, the body turned by theta touches
 the table where its outward normal is (sin theta, -cos theta). h(theta) is the height of the pivot point p
 over the table, h'(theta) the horizontal distance from p to the contact, and h + h'' = rho(theta) >= 0 the
-radius of curvature there. A mesh gives the curve by chords only: h' jumps at each facet, and rho is a comb of
-spikes. Here each run of short facets becomes a smooth curve through its corners, whose radius varies linearly
-along each facet and is never negative. A facet stays flat if the outline bends far less at its ends than
-beside it; a turn of more than 20 deg is a corner.
+radius of curvature there. A mesh gives a curve by chords only: h' jumps at each facet, and rho is zero except
+for spikes. In this module each run of short facets becomes a smooth curve through its corners, whose radius
+varies linearly along each facet and is never negative. A facet stays flat if the outline bends far less at
+its ends than beside it; a turn of more than 20 deg is a corner.
 
 The facets of a scan are as rough as its noise: noise of 20 um over facets of 0.4 mm makes the radius ten
 times too large at some corners and zero at others. If the bends at neighbouring corners scatter that much,
@@ -94,9 +94,10 @@ class SupportFunction:
         return row[..., 0], row[..., 1], row[..., 2]
 
     def centre(self, theta: float) -> tuple[float, float, float]:
-        """Centre of curvature (x, z) in the rest pose, and radius of curvature, of the contact at theta [m].
+        """Centre (x, z) and radius of the curvature at the contact, at a tipping angle: three numbers [m].
 
-        The centre is relative to the pivot point p; x points in the direction of tipping, z up.
+        The centre is in the rest pose, relative to the pivot point p; x points in the direction of tipping, z
+        up.
 
         Args:
             theta: tipping angle [rad].
@@ -109,6 +110,9 @@ class SupportFunction:
 
     def rolling_displacement(self, theta: Array) -> tuple[Array, Array]:
         """Displacement (n,) of the pivot point along and (n,) off the table [m], by rolling from rest.
+
+        Positive are the direction of tipping, and up. Below 0.5 deg, where the resting face may touch, the
+        motion is extrapolated.
 
         Args:
             theta: (n,) tipping angles [rad].
@@ -131,12 +135,12 @@ class SupportFunction:
         return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
 
     def curved_over(self, low: float, high: float, least: float) -> float:
-        """Range of tipping angles [rad] in which a curve of the shape of radius above `least` touches.
+        """Total of the tipping angles [rad] at which a curve of the shape touches, if its radius is large.
 
         Args:
             low: least tipping angle counted [rad].
             high: largest tipping angle counted [rad].
-            least: radius [m]; the smaller curves count as corners.
+            least: radius [m] that the curve must exceed; smaller curves count as corners.
         """
         inside = (self.angles >= low) & (self.angles <= high) & (self.radius > least)
         return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
@@ -241,10 +245,10 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
 
 
 def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: float) -> tuple[Array, Array]:
-    """Lowest corner of an outline, or centre of its rounding, (n, 2) [m], and that radius (n,) [m].
+    """Centre (n, 2) [m] and radius (n,) [m] of the rounded corner that touches, at n tipping angles.
 
-    Both are for each of n tipping angles; the points are in the outline's coordinates, those of the body at
-    rest. Corners that are part of a curve stay sharp.
+    A corner that is part of a curve counts as sharp: the corner itself is returned, with radius 0. The points
+    are in the outline's coordinates, those of the body at rest.
 
     Args:
         outline: the cross-section, with coordinates relative to the pivot point.

@@ -1,9 +1,10 @@
-"""Tipping angle theta per frame from the corners of all markers; one file, as both fits share their layout.
+"""Tipping angle theta per frame from the corners of all markers.
 
 The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's
 displacement along and off the table. Fitting only these, by Gauss-Newton on the reprojection of the corners,
 uses the direction of a face-on tag in the image, which is accurate, and not its tilt, which is not: the noise
-is 0.006 deg per frame for an 80 px tag, where a full pose gives some tenths of a degree.
+is 0.006 deg per frame for an 80 px tag, where a full pose gives some tenths of a degree. A second fit with
+all six unknowns of a frame serves a body that wobbles; both are in one file, because they share their arrays.
 """
 
 # scipy is only partly typed.
@@ -190,10 +191,10 @@ def _random_scale(theta: Array, sd: Array) -> float:
 def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
     """Standard deviation [rad] of the zero of the tipping angle theta, an error that all frames share.
 
-    The systematic error is the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each
-    corner, which need not show as a misfit. (Measured on 7 simulated cameras, whose lens blurs whole pixels
-    and so shifts edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.) The noise of the mean of the
-    resting frames is added.
+    Its systematic part is the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each
+    corner, which need not show as a misfit: on 7 simulated cameras, whose lens blurs whole pixels and so
+    shifts edges along the pixel grid by up to 0.03 px, the zero was off by 0.0075 deg rms. The noise of the
+    mean of the resting frames is added.
 
     Args:
         random: (n,) noise of each resting frame [rad].
@@ -208,7 +209,10 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
 
 
 def _scale(solution: _Solution) -> float:
-    """Factor on the corners' standard deviation that the median frame's residuals show, at least 1."""
+    """Factor on the corners' standard deviation that explains the residuals of a fit, at least 1.
+
+    It is the root of the median frame's chi^2 per degree of freedom.
+    """
     return float(np.sqrt(max(1.0, np.median(solution.chi2 / np.maximum(solution.freedom, 1)))))
 
 

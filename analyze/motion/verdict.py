@@ -1,4 +1,4 @@
-"""Verdict on a strike, with its numbers and the remedy in one sentence.
+"""Verdict on a strike, with measured values and the advice to the user in one sentence.
 
 A strike is one impact that should tip the object about an edge. The verdict `struck_twice` is decided where
 fits with one and two impacts are compared: fit_choice.py.
@@ -65,11 +65,11 @@ def _gaps(
     """Verdict on missing images or markers during a tip; None if enough were seen.
 
     "Marker lost" if too many frames in a row or in all lack a marker, or the tip is lost before its end;
-    "unreadable" if the camera left images out.
+    "unreadable" if the camera delivered no images for too long.
 
     Args:
         angle: tipping angle theta(t).
-        course: its events.
+        course: events of the strike.
         times: (n,) log times of the frames of the tip [ns].
         frame_ns: usual time between frames [ns].
         task: the strike, with the times of images without a marker.
@@ -121,10 +121,13 @@ def judge_contact(
 ) -> Judgement | None:
     """Verdict on a contact that lifted, twisted or slid within a window; None if it held.
 
+    The verdict is "airborne", "twisted" ("rolled" on a round rim) or "slid"; the first that applies is
+    returned.
+
     Args:
         motion: motion with slip and lift of the edge, and rotation about other axes (twist).
         window: frames [start, stop).
-        rolls: True if the edge is a round rim: a twist is then called "rolled".
+        rolls: True if the edge is a round rim.
         limits: limits of a clean tip.
     """
     used = slice(*window)
@@ -154,7 +157,7 @@ def judge_hard(
 
     Args:
         motion: motion with the lift of the edge.
-        course: its events; the free motion from release to end is checked.
+        course: events of the strike; the free motion from release to end is checked.
         energy_ratio: energy of the strike over the energy needed to tip.
         limits: limits of energy ratio and lift.
     """
