@@ -183,10 +183,14 @@ class PixelMap:
 
 @lru_cache(maxsize=4)
 def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: LensModel) -> PixelMap:
-    """Table of the ideal (distortion-free) coordinates of all pixels of a camera, cached by these values.
+    """Table of the ideal (distortion-free) coordinates of all pixels of a camera, cached by the arguments.
 
-    `K`, the (3, 3) camera matrix [px], and `distortion` are the bytes of float arrays, because arrays cannot
-    be keys of a cache.
+    Args:
+        width: width of the image [px].
+        height: height of the image [px].
+        K: bytes of the (3, 3) camera matrix [px]; bytes, because arrays cannot be keys of a cache.
+        distortion: bytes of the distortion coefficients, an array of floats.
+        model: kind of lens.
     """
     return PixelMap(
         CameraModel(

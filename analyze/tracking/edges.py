@@ -237,7 +237,8 @@ def _band(
 ) -> _Band | None:
     """Pixels near each edge of a square; None if an edge is too short, too long, or outside the image.
 
-    The limits are lengths of 6 px and 2000 px, and a tenth of an edge's pixels outside the image.
+    Too short is below 6 px, too long above 2000 px. An edge is outside if the image lacks more than a tenth
+    of its pixels.
 
     Args:
         shape: height and width of the image [px].
@@ -315,7 +316,8 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
 def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _EdgeFits | None:
     """Lines, blur and contrast of a square's four edges, fitted by Gauss-Newton; None if an edge is lost.
 
-    An edge is lost if its contrast falls to 1 grey level or less, or its equations become singular.
+    An edge is lost if its contrast falls to 1 grey level or less, or its pixels do not determine its five
+    unknowns (offset, tilt, blur, black, white).
 
     Args:
         grey: (4, s) grey values of the band's pixels.
@@ -365,8 +367,9 @@ def _breadth(band: _Band) -> Array:
 def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
     """Sums over an edge's pixels of the products of six columns, (4, 6, 6), and the pixel counts (4,).
 
-    They are the normal equations of the fit of four edges. Columns: minus the derivative of the edge's
-    profile (0 inside the square, 1 outside) by offset a, tilt b and blur s; 1 - profile; profile; grey value.
+    They are the normal equations of the fit of four edges. With the edge's profile a function of the distance
+    from its line that rises from 0 inside the square to 1 outside, the columns are: minus the profile's
+    derivatives by offset a, tilt b and blur s (three columns); 1 - profile; profile; grey value.
 
     Args:
         shape: (4, 3) a, b, s of each edge [px].
@@ -467,12 +470,13 @@ def _within(
 ) -> tuple[IntArray, IntArray]:
     """Clip the pixels of four edges' bands to the image, and clear `used` for those beyond it.
 
-    An edge's main direction is along the rows or along the columns, whichever is nearer to it.
+    A band consists of n cross-rows of nine pixels, one for each step along the edge; the main direction of an
+    edge is along the image's rows or its columns, whichever is nearer to it.
 
     Args:
-        along: (4, n) coordinate in the main direction of the band's middle pixels [px].
-        middle: (4, n) coordinate of these pixels across it [px].
-        used: (4, n * band) True for a pixel that is used, changed in place.
+        along: (4, n) coordinate, in the main direction, of each cross-row's middle pixel [px].
+        middle: (4, n) coordinate of these pixels across the main direction [px].
+        used: (4, 9 n) True for a pixel that is used, changed in place.
         length: (4,) size of the image in the main direction of each edge [px].
         breadth: (4,) size of the image across it [px].
 

@@ -1,8 +1,9 @@
 """Detection of square markers in an image, and verification of a known marker's code.
 
-OpenCV finds the squares and reads their code; its corners serve as a start only. Measured on OpenCV 5.0 with
-rendered tags of known corners: CORNER_REFINE_APRILTAG is biased by +0.45 px in x and y, SUBPIX and CONTOUR
-have no bias but 0.2-0.5 px of noise; the edge fit of the module `edges` has 0.011 px of noise and no bias.
+OpenCV finds the squares and reads their code; its corners serve only as a start for the edge fit of the
+module `edges`. Measured on OpenCV 5.0 with rendered tags of known corners: of OpenCV's own methods,
+CORNER_REFINE_APRILTAG is biased by +0.45 px in x and y, SUBPIX and CONTOUR have no bias but 0.2-0.5 px of
+noise; the edge fit has 0.011 px of noise and no bias.
 """
 
 from __future__ import annotations

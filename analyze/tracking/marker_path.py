@@ -44,8 +44,9 @@ class MarkerPath:
     def predict(self, time_ns: int) -> tuple[Array, Array, float]:
         """Expected corners (4, 2) [raw px] and (4, 2) [ideal px], and their uncertainty [px].
 
-        They move on at the velocity of the last two observations. After a single observation they stay in its
-        place, with an uncertainty of 4 px. The marker must have been found at least once.
+        They move on at the velocity of the last two observations, by at most four times the motion between
+        these. After a single observation they stay in its place, with an uncertainty of 4 px. The marker must
+        have been found at least once.
 
         Args:
             time_ns: log time of the frame for which the corners are expected [ns].

@@ -49,7 +49,7 @@ def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: A
         ideal: (n, 4, 2) corners as fitted to the images [ideal px].
         late_s: (n, 4) delay of the row of each corner against its frame's time [s].
         common_s: (n,) delay of the common time against each frame's time [s].
-        sd: standard deviation of a corner in one frame [px].
+        sd: standard deviation of a corner in one frame [px], one for all frames.
     """
     if len(frame_s) < 2:
         return ideal.copy()
@@ -108,13 +108,14 @@ def _starts(cubic: Array, seen_s: Array, n: int, sd: float) -> IntArray:
     """Index (n,) of the first frame of the four-frame stretch chosen for each of n frames.
 
     Chosen is the stretch that includes the frame and has the least cubic term, which counts double unless the
-    frame is one of the two in its middle.
+    frame is one of the two in its middle. A cubic term is compared by its size over one frame interval; sizes
+    below 3 sd are noise and count as 3 sd.
 
     Args:
         cubic: (m, 4, 2) cubic term of each stretch [px/s^3]; stretch i begins at frame i.
         seen_s: (n, 4) times of the corners [s].
         n: number of frames.
-        sd: standard deviation of a corner in one frame [px]; cubic terms below 3 sd count as noise.
+        sd: standard deviation of a corner in one frame [px].
     """
     last = len(cubic) - 1
     if last == 0:

@@ -155,8 +155,8 @@ class MarkerFollower:
 
         Tracks have poses in the camera frame. Once an expected marker is found, the markers that are not
         expected have no track, even if they were seen before. Unknown markers are those of the object's
-        families that it does not carry, seen in two full searches (in one, if there was only one frame). Both
-        are empty if no marker was seen. Times are log times [ns].
+        families that it does not carry, seen in two full searches (in one, if there was only one frame). If
+        no marker was seen, tracks and unknown markers are empty. Times are log times [ns].
 
         Raises:
             TrackingError: only markers that the object does not carry were seen, or the line time (delay from
@@ -192,10 +192,10 @@ class MarkerFollower:
         return TrackingReport(tracks, unknown, np.array(self._image_times_ns, dtype=np.int64))
 
     def _follow(self, frame: ImageFrame, path: MarkerPath) -> FoundMarker | None:
-        """Find a marker near its expected position, and return its fitted square; None if it is not there.
+        """Find a marker near its expected position: its fitted square and raw corners, or None.
 
         Tried are the edges at the expected corners, if it was found in the last frame, and then a search of
-        the region around them, unless the marker has been missing for `_MAX_LOCAL_SEARCHES` frames.
+        the region around them, unless the marker has been missing for `_MAX_LOCAL_SEARCHES` (8) frames.
 
         Args:
             frame: the image.
@@ -242,7 +242,8 @@ class MarkerFollower:
             frame: the image.
 
         Returns:
-            The followed markers in the frame, with corners accurate to about half a pixel.
+            List of the followed markers in the frame, with corners accurate to about half a pixel; empty if
+            none is there.
 
         Raises:
             TrackingError: a marker of the object is in the image twice.
