@@ -1,1 +1,1 @@
-"""Poses of an object's glued-on markers, found from how it rested and over which edges it tipped."""
+"""Poses of an object's glued-on markers, estimated from strikes that tip it over known edges."""

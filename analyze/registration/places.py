@@ -1,4 +1,8 @@
-"""Estimated poses of markers and tables, with the directions that the strikes leave open, and a remedy."""
+"""Estimated poses of markers and tables, with the directions in which they are too uncertain.
+
+A direction is undetermined if the standard deviation is above 0.5 deg (rotation, tilt) or 1 mm (position,
+height). For a marker, a sentence states which strikes or measurements would determine it.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +75,9 @@ class TablePlace:
 def marker_place(
     name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool
 ) -> MarkerPlace:
-    """Estimated pose of one marker, with the directions that the strikes leave open, and a remedy.
+    """Estimated pose of one marker, with the directions that the strikes do not determine.
+
+    If there are any, it states what the user can do to determine them.
 
     Args:
         name: name of the marker.
@@ -98,7 +104,7 @@ def marker_place(
 
 
 def _remedy(mine: Sequence[StrikeView]) -> str:
-    """Action, in words, that would determine the directions of a marker's pose that are still open.
+    """Advice to the user, in words, for a marker whose pose the strikes determine only in part.
 
     Args:
         mine: views of the strikes that show the marker.
@@ -119,7 +125,9 @@ def _remedy(mine: Sequence[StrikeView]) -> str:
 
 
 def _undetermined_directions(covariance: Array, limit: float) -> list[Array]:
-    """Unit vectors (3,) along which the standard deviation exceeds `limit`; empty if there are none.
+    """List of unit vectors (3,) along which the standard deviation exceeds `limit`; empty if none.
+
+    They are eigenvectors of the covariance, in its frame.
 
     Args:
         covariance: (3, 3) covariance of a turn [rad^2] or a place [m^2].
@@ -139,7 +147,9 @@ def _axis(vector: Array) -> str:
 
 
 def table_place(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
-    """Pose of the table in one recording, with the names of the tilts or height left undetermined.
+    """Pose of the table in one recording, with the names of the components that are undetermined.
+
+    Undetermined is a tilt with a standard deviation above 0.5 deg, or a height with one above 1 mm.
 
     Args:
         setup: number of the recording.

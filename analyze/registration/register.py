@@ -274,7 +274,10 @@ def _agreeing(
 
 
 def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
-    """True if two solutions agree on a marker's pose, within their errors and about 5 deg and 5 mm.
+    """True if two solutions agree on a marker's pose: they differ by less than 5 standard deviations.
+
+    The variance is that of both solutions together, plus (5 deg / 3)^2 for the rotation and (5 mm / 3)^2 for
+    the position.
 
     Args:
         one: solution of one strike alone.
@@ -291,10 +294,12 @@ def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
 def _placement_difference(view: StrikeView, found: Array, expected: Array) -> str:
     """Error of the object's placement before a strike, in words: turned, on another face or edge.
 
+    It follows from the pose of one marker on the object, T_object_marker, computed in two ways.
+
     Args:
         view: view of the strike.
-        found: (4, 4) pose T_object_marker of a marker, estimated from this strike as if placed as planned.
-        expected: (4, 4) its pose by the other strikes.
+        found: (4, 4) the pose by this strike alone, if the object was placed as planned.
+        expected: (4, 4) the pose by the other strikes.
     """
     turn = view.R_world_object @ found[:3, :3] @ expected[:3, :3].T @ view.R_world_object.T
     vector = vector_from_matrix(turn.T)
@@ -308,9 +313,13 @@ def _placement_difference(view: StrikeView, found: Array, expected: Array) -> st
 
 
 def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
-    """Ids of the strikes whose misfit to the joint fit exceeds `times` the median misfit.
+    """Set of the ids of the strikes whose misfit to the joint fit exceeds `times` the median misfit.
 
     The misfit is chi^2 per degree of freedom. The median counts as at least 0.1.
+
+    Args:
+        solution: the joint fit, with the misfit of each strike.
+        times: factor on the median.
     """
     usual = max(float(np.median(list(solution.misfit.values()))), MIN_USUAL_MISFIT)
     return {name for name, misfit in solution.misfit.items() if misfit > times * usual}
@@ -319,9 +328,9 @@ def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
 def _refuse_overlapping_markers(
     used: Sequence[StrikeView], solution: Solution, sizes: Mapping[int | str, float]
 ) -> None:
-    """Raise an error if two markers come out at one place.
+    """Raise an error if two markers come out at one place; otherwise do nothing.
 
-    One of them was then struck in a wrong placement. Otherwise nothing is done.
+    The cause is that, in the strikes of one of them, the object was not placed as planned.
 
     Args:
         used: views of the strikes that were used.
@@ -329,7 +338,8 @@ def _refuse_overlapping_markers(
         sizes: edge of each marker's black square [m].
 
     Raises:
-        EstimationError: two markers that face the same way are closer than the mean of their edges.
+        EstimationError: two markers that face about the same way (within 60 deg) are closer than the mean of
+            their edges.
     """
     names = list(solution.T_object_marker)
     for i, one in enumerate(names):

@@ -11,14 +11,14 @@ world frame W and the camera frame C::
     x_C = T_camera_world E x_W
 
 m: marker, s: strike, e: edge. R_m and t_m are the marker's pose on the object, theta is the tipping angle.
-kappa is the turn about the vertical by the impact, tau that while it tips per rad of theta, d_e the error of
-the edge's position across itself (U spans those directions). Of a placement, R_s is known except for its
-heading psi, and the centre line p_e of the edge's rounding is at the height of its radius rho over the table;
-psi, x and y are as the hand left them. While the body tips over the edge, theta, a small heading d_psi and
-the edge's position (d_x, d_y) along the table (it may slide) are free in every frame; its height d_z is known
-to be 0 to within FRAME_SD. E is the pose of the table relative to the recorded T_world_camera: two tilts and
-a height. Frames are eliminated one by one (Schur complement): docs/decisions/0028 gives the reason why this
-solver is not the dense one.
+kappa is the turn about the vertical by the impact, tau that while it tips per rad of theta, d_e (2 numbers)
+the error of the edge's position across itself, and U (3, 2) the two unit directions across the edge in O. Of
+a placement, R_s is known except for its heading psi, and the centre line p_e of the edge's rounding is at the
+height of its radius rho over the table; psi, x and y are as the hand left them. While the body tips over the
+edge, theta is free in every frame; a small heading d_psi, the edge's sliding (d_x, d_y) along the table and
+its height d_z are 0 to within FRAME_SD (0.05 deg; 20 mm and 0.2 mm; 0.03 mm). E is the pose of the table
+relative to the recorded T_world_camera: two tilts and a height. Frames are eliminated one by one (Schur
+complement): docs/decisions/0028 gives the reason why this solver is not the dense one.
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ class Problem:
         sizes: edge of each marker's black square [m].
         table: prior of the table against the recorded T_world_camera.
         surface: the body's surface, with the markers constrained to it.
-        twisted: ids of strikes whose impact turned the body about the vertical.
+        twisted: ids of the strikes whose impact clearly turned the body about the vertical; the prior
+            standard deviation of that turn is 3 deg for these, 0.05 deg for the others.
     """
 
     def __init__(
@@ -244,9 +245,9 @@ class Problem:
     def _off_surface(self, u: Unknowns) -> list[tuple[int, Array, Array]]:
         """Deviation from the surface of each marker held to it: list of (index, deviation, derivative).
 
-        The deviation (3,) is that of the marker's height from its card's thickness, and its two tilts against
-        the surface, over their standard deviations. The derivative (3, 6) is by the marker's turn [rad] and
-        position [m] in the object frame.
+        The index counts the markers of the problem, `markers`. The deviation (3,) is that of the marker's
+        height from its card's thickness, and its two tilts against the surface, over their standard
+        deviations. The derivative (3, 6) is by the marker's turn [rad] and position [m] in the object frame.
         """
         found: list[tuple[int, Array, Array]] = []
         for j, name in enumerate(self.markers):
@@ -322,16 +323,17 @@ class Problem:
         return normal, gradient, back
 
     def _jacobian(self, s: int, u: Unknowns) -> tuple[IntArray, Array, Array, Array]:
-        """Derivatives of strike s's corners, over their sd, by the unknowns, and the corners' residuals.
+        """Derivatives of strike s's expected corners, over their sd, by the unknowns, and the residuals.
 
         Args:
             s: index of the strike.
             u: values of the unknowns.
 
         Returns:
-            (c,) indices of the shared unknowns (of markers, strike, edge, table), derivatives of the expected
-            corners over their sd by these (f, k, c) and by a frame's own unknowns (f, k, 5), and residuals
-            over their sd (f, k), for f frames and k coordinates, 8 per marker.
+            For f frames and k corner coordinates (8 per marker): (c,) indices of the shared unknowns (of
+            markers, strike, edge, table); derivatives (f, k, c) by these; derivatives (f, k, 5) by a frame's
+            own unknowns; and residuals (f, k). Derivatives and residuals are those of the coordinates over
+            their sd.
         """
         view = self._views[s]
         e = self._edges.index(view.axis_id)

@@ -59,8 +59,9 @@ def table_rotation(table: Array) -> Array:
 def tilt_axes(table: Array) -> Array:
     """Axes (2, 3) in the world frame W about which the table turns as each of its two tilts changes.
 
-    Unit changes of a tilt give these rotation vectors: the derivative of the matrix exponential, to third
-    order, for tilts below 20 deg.
+    A small change of a tilt turns the table by this change times the axis. The axes are those of the
+    derivative of the table's rotation by its tilts, as a series up to the square of the tilts, for tilts
+    below 20 deg.
 
     Args:
         table: (3,) tilts about W's x and y [rad], and the height [m], which is not used.
