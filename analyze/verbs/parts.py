@@ -28,7 +28,7 @@ _MILLI, _CUBIC_CM = 1e3, 1e6
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def parts(object_file: Path, as_json: bool) -> None:
-    """List the closed bodies in an object's mesh, with the numbers that its labels use."""
+    """List the closed bodies in an object's mesh, with the numbers by which its [[labels]] name them."""
     files, bodies = read_bodies(object_file)
     if as_json:
         click.echo(json.dumps(bodies_json(files, bodies), allow_nan=False))

@@ -38,8 +38,9 @@ def gravity(
 ) -> None:
     """Measure the table's tilt from images or a recording of a plumb line.
 
-    A plumb line is a string with a weight in the camera's view. One string determines the tilt across the
-    camera's view, which affects tips; two or more, far apart in the image, determine both tilts.
+    A plumb line is a string with a weight in the camera's view. One string determines the tilt to the left or
+    right in the image, which affects tips; two or more, far apart in the image, also the tilt away from the
+    camera.
     """
     from math import radians
 
