@@ -37,9 +37,9 @@ def cluster_answers(
         limits: limits of time and memory per recording.
 
     Yields:
-        Iterator of recordings with their outcomes, in the order in which they finish. A task that fails
-        otherwise yields a failure of kind "died". The iterator raises ArchiveError if the scheduler is lost,
-        a worker has another version of Percuss, the results cannot be written, or the object file changed.
+        Iterator of recordings with their outcomes, in the order in which they finish. It raises ArchiveError
+        if the scheduler is lost, a worker has another version of Percuss, the results cannot be written, or
+        the object file changed. A task that fails for any other reason yields a failure of kind "died".
 
     Raises:
         ArchiveError: Dask is not installed, or the scheduler does not answer.

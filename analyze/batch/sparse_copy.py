@@ -156,7 +156,9 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[RemoteFile, list[ChunkEn
 
 
 def fetch_without_images(remote: RemoteFile, url: str) -> list[ChunkEntry]:
-    """Fetch a file except its image chunks, and write empty indexes of these into the copy.
+    """Fetch a file except its image chunks, and write empty message indexes for these into the copy.
+
+    Readers look at the indexes of a chunk even if they skip the chunk.
 
     Args:
         remote: the file; its copy is created or overwritten.
