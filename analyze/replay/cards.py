@@ -46,7 +46,7 @@ def write_card_scenes(
         plan: strikes to be drawn, in their order.
         model: exterior of the object.
         spec: object description with its tags.
-        camera: camera whose intrinsics are drawn; its pose is each planned strike's.
+        camera: camera whose intrinsics are drawn; its pose is taken from each planned strike instead.
         output: path of the file.
 
     Raises:
@@ -78,7 +78,7 @@ def log_scenes(
         plan: strikes to be drawn, in their order.
         model: exterior of the object.
         spec: object description with its tags.
-        camera: camera whose intrinsics are drawn; its pose is each planned strike's.
+        camera: camera whose intrinsics are drawn; its pose is taken from each planned strike instead.
     """
     _log_static(stream, model, spec)
     for card in placement_cards(plan, model, spec):
@@ -128,7 +128,7 @@ def _quads(fields: Array, height: float) -> Array:
     """Corners (n, 4, 3) [m] of rectangles in the marker's frame M, at z = `height` [m].
 
     Args:
-        fields: (n, 4) x, y, width and height of each rectangle [m].
+        fields: (n, 4) x and y of the corner where both are smallest, width and height of each rectangle [m].
         height: z of all corners [m].
     """
     x, y, width, high = fields.T

@@ -38,7 +38,8 @@ def send_event(timelines: Timelines, message: RecordedMessage, records: Sequence
     Args:
         timelines: timelines of the stream.
         message: message of a topic in `LOGGED_TOPICS`.
-        records: strikes as recorded; a message within a strike's time window gets that strike's time too.
+        records: strikes as recorded; a message within a strike's time window also gets its time since that
+            strike's contact.
 
     Raises:
         RecordingError: the message does not have its topic's type.
