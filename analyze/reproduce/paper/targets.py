@@ -211,7 +211,7 @@ def missed_targets(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
 
 
 def _over_naive(name: str, records: Sequence[SessionRecord]) -> Target:
-    """Target for the error of our region masses, in percent of the best naive answer's, on one object.
+    """Target for our region masses on one object: their error in percent of the best naive answer's error.
 
     A naive answer assumes the distribution, for example all mass in the shell.
 
