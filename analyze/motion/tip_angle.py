@@ -1,10 +1,10 @@
-"""Tipping angle theta per frame from the corners of all markers.
+"""Tipping angle theta per frame from markers' corners; one file, as its planar and full fit share arrays.
 
 The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's
 displacement along and off the table. Fitting only these, by Gauss-Newton on the reprojection of the corners,
 uses the direction of a face-on tag in the image, which is accurate, and not its tilt, which is not: the noise
 is 0.006 deg per frame for an 80 px tag, where a full pose gives some tenths of a degree. A second fit with
-all six unknowns of a frame serves a body that wobbles; both are in one file, because they share their arrays.
+all six unknowns of a frame serves a body that wobbles.
 """
 
 # scipy is only partly typed.

@@ -1,4 +1,4 @@
-"""Image source: a video file, with grey values, times, and for some codecs the compressed pictures.
+"""Image source of a video file; one file, as images, compressed pictures and timing read one stream.
 
 Any codec that FFmpeg reads is accepted. Images are in the sensor's orientation: a file's rotation tag is
 ignored, as in a calibration's images, since the lens belongs to the sensor, and the camera's orientation is
