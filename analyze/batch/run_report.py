@@ -75,7 +75,10 @@ class BatchProgress(Progress):
 
 
 def render_report(report: Report, output: Path) -> None:
-    """Print the counts of a batch run: analysed, unchanged, failed by kind, not tried again.
+    """Print how many recordings a batch run analysed, found unchanged, and could not analyse, by kind.
+
+    Further lines count recordings that failed in an earlier run and were not tried again, and state an
+    interruption.
 
     Args:
         report: outcomes of the run.

@@ -145,7 +145,7 @@ class _BatchArguments:
 @one_line
 @pass_options(_BatchArguments)
 def batch(arguments: _BatchArguments) -> None:
-    """Analyse every recording in folders, globs and buckets; later runs repeat only what changed."""
+    """Estimate from every recording in folders, globs and buckets; later runs repeat only what changed."""
     if arguments.summary:
         _summarise(arguments.output, arguments.save)
         return
