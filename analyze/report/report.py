@@ -64,11 +64,11 @@ def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None =
 
 
 def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
-    """Report of an estimate as HTML text.
+    """Report of an estimate as the text of one HTML page, with plots and camera images in it.
 
     Args:
         answer: estimate and its result.
-        images: camera images to embed.
+        images: camera images to embed, such as those of `camera_stills`.
         score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
     """
     estimate, result = answer.estimate, answer.result

@@ -171,8 +171,9 @@ def _strikes(answer: Answer) -> CsvTable:
 def _motions(motions: Sequence[TipMotion]) -> CsvTable:
     """Table of the tipping angle theta(t) of every strike with a tracked marker, one row per frame.
 
-    Time 0 is that of the fit's initial state, or the first frame if there is no fit. Fitted angle and
-    residual are None outside the fit's window.
+    Columns: id of the strike, log time [ns], time [s], name of the phase, theta with its standard deviation,
+    fitted theta, and residual (measured minus fitted), angles in rad. Time 0 is that of the fit's initial
+    state, or the first frame if there is no fit. Fitted angle and residual are None outside the fit's window.
     """
     rows: list[dict[str, Cell]] = []
     for motion in motions:
