@@ -28,7 +28,7 @@ def connect(socket: Path | str | None = None) -> DaemonClient:
             print(daemon.call("striker.strike", strike_id="1", tip_speed_m_s=0.3))
 
         with acquire.connect() as listener:
-            for event in listener.events():  # prompts, state changes, verdicts, problems
+            for event in listener.events():  # prompts, session states, what the newest image shows, problems
                 print(event)
 
     `call("striker.stop")` stops the striker at any time, also from another client. While a session is open,
