@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import shlex
 import subprocess
@@ -174,6 +175,7 @@ def renamed_documents(base: type[RenamedDocument] = RenamedDocument) -> list[typ
 
 
 def test_the_table_of_renamed_keys_names_every_document_that_has_some():
+    importlib.import_module("schemas.result")  # it defines the documents
     page = text_of(DOCS / "reference" / "renamed-keys.md")
     assert "../../schemas/renamed_keys.csv" in page
     documents = {document.__name__ for document in renamed_documents()} - {RenamedDocument.__name__}
