@@ -19,8 +19,8 @@ class StrikerState(enum.Enum):
 
     DISARMED: no strike allowed. HOMED: at a known place, torque on. ARMED: one strike allowed. COCKING:
     moving to the cocked (raised) angle. SETTLED: at rest there. RELEASED: swinging. CONTACT: retracting after
-    a contact, or because the tip is beyond the impact point. MISS: retracting because the arm neither met a
-    contact nor passed that point in time. CATCH: returning to the cocked angle. VERIFY: checking the servo;
+    a contact, or because the tip is beyond the impact point. MISS: retracting because neither happened within
+    the time limit of RELEASED. CATCH: returning to the cocked angle. VERIFY: checking the servo;
     DISARMED follows. Any state can go to FAULT, and only `home` and `close` leave it.
     """
 
@@ -41,7 +41,8 @@ class StrikerState(enum.Enum):
 class StrikeOutcome:
     """Measurements of one strike: contact time [ns], tip speed [m/s], impulse [N s], number of contacts.
 
-    Contact time (host monotonic) and impulse are None if the striker did not measure them.
+    The tip speed is that just before contact. Contact time (host monotonic) and impulse are None if the
+    striker did not measure them. Time, speed and impulse have standard deviations.
     """
 
     contact_time_ns: int | None
@@ -64,7 +65,10 @@ class StrikeOutcome:
 
 @dataclass(frozen=True)
 class ServoHealth:
-    """Supply voltage [V], temperature [deg C] and hardware error of the servo at one reading."""
+    """Supply voltage [V], temperature [deg C] and hardware error of the servo at one reading.
+
+    The hardware error is a text that describes it, or None if the servo reports none.
+    """
 
     read_ns: int
     """host monotonic time of the reading [ns]"""
@@ -123,7 +127,7 @@ class Striker(ABC):
 
         Args:
             stopped: function that returns True if a stop was requested after this homing was ordered; called
-                once stop requests received so far are cleared.
+                after the stop requests received so far were cleared.
 
         Raises:
             StrikerStopped: a stop was requested after this homing was ordered, or while the arm moves.
@@ -161,11 +165,11 @@ class Striker(ABC):
             tip_speed_m_s: tip speed to command [m/s].
 
         Returns:
-            Contact time (host monotonic) [ns], tip speed [m/s], impulse [N s] and number of contacts; time
-            and impulse are None if they were not measured.
+            Contact time (host monotonic) [ns], tip speed before contact [m/s], impulse [N s] and number of
+            contacts; time and impulse are None if they were not measured.
 
         Raises:
-            StrikerRefused: not armed and settled, the arming expired, or the speed is outside the servo's
+            StrikerRefused: not armed, not settled, the arming expired, or the speed is outside the servo's
                 limits.
             StrikerStopped: a stop was requested.
             StrikerError: the servo failed; its torque is off if it can be reached.

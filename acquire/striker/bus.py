@@ -52,9 +52,10 @@ class MonotonicClock(Protocol):
 
 
 def attempts(clock: MonotonicClock) -> Iterator[int]:
-    """Yield 0, 1, ... to count the attempts at a request to the servo, until they suffice to give up.
+    """Yield the number (0, 1, ...) of each attempt at a request to the servo; end when they suffice.
 
-    That is after at least MIN_ATTEMPTS (3) attempts and at least MIN_RETRY_S (0.5 s).
+    That is once MIN_ATTEMPTS (3) numbers were yielded and MIN_RETRY_S (0.5 s) have passed. The caller
+    leaves the loop when an attempt succeeds.
     """
     end_ns = clock.monotonic_ns() + round(MIN_RETRY_S * 1e9)
     count = 0
@@ -83,9 +84,9 @@ class Block:
 class ServoBus:
     """Register access to one servo; may be called from any thread, one transaction at a time.
 
-    `is_using` of the SDK's port is not a lock, and it stays True after an exception, so that every call after
-    an unplugged adapter returns COMM_PORT_BUSY for ever. Hence a lock of our own, and the flag is reset on
-    every exception.
+    It has a lock of its own, because the flag `is_using` of the port of dynamixel_sdk is no lock. That flag
+    is reset after every exception: otherwise it would stay True once the adapter was unplugged, and every
+    later call would return COMM_PORT_BUSY.
 
     Args:
         port: path of the serial port.

@@ -32,7 +32,9 @@ MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
 class MeasuredSwing:
     """One calibration swing in the air or at a body: commanded and reached tip speed, and its loss [m/s].
 
-    The loss of tip speed is that at the contact with the body, whose mass [kg] is given too.
+    The loss of tip speed is that at the contact with the body, whose mass [kg] is given too. In the air both
+    are None; the loss is also None if it was not significant. Reached speed and loss have standard
+    deviations.
     """
 
     command_m_s: float
@@ -51,7 +53,10 @@ class MeasuredSwing:
 
 @dataclass(frozen=True)
 class SwingRatio:
-    """Ratio of reached to commanded tip speed: mean, its standard deviation, scatter between swings."""
+    """Ratio of reached to commanded tip speed: mean, its standard deviation, scatter between swings.
+
+    The scatter is the standard deviation of the ratio of a single swing.
+    """
 
     mean: float
     """mean over the swings, weighted by inverse variance"""
@@ -102,7 +107,8 @@ def estimate_striker(prior: StrikerParameters, swings: Sequence[MeasuredSwing]) 
 
     Args:
         prior: m_s [kg] and e before the swings, with standard deviations, e.g. those of the rig file.
-        swings: swings in any order; only those at a body with a positive, significant loss of speed count.
+        swings: swings in any order. Those at a body with a positive loss of speed count; those in the air,
+            and those whose loss is None (not significant), do not.
 
     Returns:
         m_s [kg] and e with their standard deviations, e limited to 0-1; `prior` itself (not a copy) if no

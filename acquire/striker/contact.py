@@ -2,10 +2,11 @@
 
 The time is that of first contact, which can be compared with the images. A contact lasts a few milliseconds
 and the object is light, so that the arm loses 5-30 % of its speed: the reads do not show the beginning
-itself, only the course of the loss in two registers. It is fitted with contacts of two force laws (a damped
-linear spring; a sphere on a plane), whose damping follows from the restitution, and whose duration is known
-to half a millisecond. With 1000 reads per second the standard deviation of the time of first contact is
-0.2 ms, mostly due to that duration, the force law and the time of the sample within a read.
+itself, only the course of the loss in the servo's position and velocity registers. It is fitted with contacts
+of two force laws (a damped linear spring; a sphere on a plane), whose damping follows from the restitution,
+and whose duration is known to half a millisecond. With 1000 reads per second the standard deviation of the
+time of first contact is 0.2 ms, mostly due to that duration, the force law and the time of the sample within
+a read.
 """
 
 from __future__ import annotations
@@ -116,8 +117,9 @@ def fit_contact(
 
     Returns:
         Host monotonic time of first contact [ns], angular velocity before it and its drop [rad/s], with
-        standard deviations. None if fewer than two samples precede `turned_ns`; also if no significant drop
-        is found, and the tip did not come within 3 mm of the impact point or the arm did not move forward.
+        standard deviations. None if there are fewer than two samples up to `turned_ns`. If no significant
+        drop is found, None also if the tip ended more than 3 mm before the impact point, or if the arm did
+        not move forward.
     """
     swing = [s for s in samples if s.time_ns <= turned_ns]
     if len(swing) < 2:
@@ -251,12 +253,12 @@ class _ImpactFits:
 def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _ImpactFits:
     """Least-squares fits of all hypotheses on contact time, duration, force law and register model.
 
-    Contact times after the last read are left out, because they do not show. So are those in the first third
-    of the time before the reads' origin (their time 0) or over 20 ms before it, because too little of the
-    speed before the contact would be known.
+    The contact times tried end at the last read, because a later contact does not show. They begin 20 ms
+    before time 0 of the reads, but not in the first third of the time from the first read to time 0, so that
+    the speed before the contact is known.
 
     Args:
-        reads: reads of the swing near the contact.
+        reads: reads of the swing near the contact; time 0 is near the last of them.
         models: hypotheses about the velocity register (filter, lag, phase of renewal).
         restitution: restitution of the contact, 0-1.
 

@@ -65,9 +65,9 @@ def count_contacts(samples: Sequence[Sample], contact_ns: int, turned_ns: int, a
     """Number of contacts between arm and object that may have occurred in a strike, at least one.
 
     The count is one, plus every new approach of the arm to the object after the arm moved back. A second
-    contact while the arm brakes does not show in the samples. It is counted too, unless the arm was commanded
-    to turn back within 30 ms of the first: the struck object then still leaves faster than the arm follows.
-    If the samples never show the arm moving back, the number is two.
+    contact while the arm brakes would not show in the samples. So one more is counted, unless the arm was
+    commanded to turn back within 30 ms of the first contact, while the struck object is still faster than the
+    arm. If the samples never show the arm moving back, the number is two.
 
     Args:
         samples: samples of swing and retraction, in order.

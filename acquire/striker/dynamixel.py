@@ -144,7 +144,8 @@ class DynamixelStriker(Striker):
     def stop(self) -> None:
         """Request an immediate stop: motion ends, and no strike is allowed any longer.
 
-        Never blocks. A call that is running in another thread ends within its next read of the servo.
+        Never blocks. If a call in another thread is moving the arm, that call brakes the arm at its next
+        read of the servo and raises StrikerStopped.
         """
         self._stop_requested = True
         if self._call_lock.acquire(blocking=False):
@@ -162,7 +163,7 @@ class DynamixelStriker(Striker):
 
         Args:
             stopped: function that returns True if a stop was requested after this homing was ordered; called
-                once stop requests received so far are cleared.
+                after the stop requests received so far were cleared.
 
         Raises:
             StrikerStopped: a stop was requested after this homing was ordered, or while the arm moves.
@@ -238,12 +239,12 @@ class DynamixelStriker(Striker):
             tip_speed_m_s: tip speed to command [m/s].
 
         Returns:
-            Contact time (host monotonic) [ns], tip speed [m/s], impulse [N s] and number of contacts. Without
-            a contact, time and impulse are None, the others 0. The impulse is also None if no significant
-            loss of speed was measured.
+            Contact time (host monotonic) [ns], tip speed before contact [m/s], impulse [N s] and number of
+            contacts. Without a contact, time and impulse are None, the others 0. The impulse is also None if
+            no significant loss of speed was measured.
 
         Raises:
-            StrikerRefused: not armed and settled, the arming expired, or the speed is outside the limits.
+            StrikerRefused: not armed, not settled, the arming expired, or the speed is outside the limits.
             StrikerStopped: a stop was requested; it is a StrikerRefused.
             StrikerError: the servo reports a hardware error, refuses an order or does not answer, or the arm
                 does not settle; the state is FAULT then, and the torque is off if the servo can be reached.
@@ -355,12 +356,17 @@ class DynamixelStriker(Striker):
             self._emit(kind, host_time_ns=now_ns)
 
     def _run_guarded(self, action: Callable[[], Any]) -> Any:
-        """Run an action of the striker and return its result; a stop holds the arm, an error ends the torque.
+        """Call `action` and return its result; hold the arm after a stop, switch torque off after an error.
+
+        Args:
+            action: part of a call, e.g. the motions of a strike.
 
         Raises:
-            StrikerStopped: a stop was requested during the action.
+            StrikerStopped: a stop was requested during the action; the arm is held and the state DISARMED, or
+                FAULT if the servo fails.
             StrikerRefused: raised by the action; nothing else happens.
-            StrikerError: raised by the action; the state is FAULT then.
+            StrikerError: raised by the action; the torque is switched off if the servo can be reached, and
+                the state is FAULT.
         """
         try:
             return action()

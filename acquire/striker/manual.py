@@ -96,7 +96,7 @@ class ManualStriker(Striker):
             tip_speed_m_s: requested tip speed [m/s]; not checked.
 
         Raises:
-            StrikerRefused: not armed and cocked, or the arming expired.
+            StrikerRefused: not armed, not cocked, or the arming expired.
             StrikerStopped: stopped or closed while waiting; the striker is no longer homed then.
         """
         now_ns = self._clock.monotonic_ns()

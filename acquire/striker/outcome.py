@@ -25,15 +25,16 @@ def strike_outcome(
 ) -> StrikeOutcome:
     """Contact time [ns], tip speed [m/s], impulse [N s] and number of contacts of one strike.
 
-    All but the number have standard deviations. The impulse is m_s * (v - v'), with m_s the effective mass of
-    the tip, v and v' its speed before and after the contact; None if no significant loss of speed was
-    measured. Without an impact, contact time and impulse are None, the other measurements 0.
+    All but the number have standard deviations. The tip speed is v, that just before the contact. The impulse
+    is m_s * (v - v'), with m_s the effective mass of the tip and v' its speed after the contact; None if no
+    significant loss of speed was measured. Without an impact, contact time and impulse are None, the other
+    measurements 0.
 
     Args:
         config: section `striker` of the rig file, with arm length and effective mass.
         impact: the impact that the arm measured; None if it met nothing.
         samples: samples of swing and retraction, in order.
-        released_ns: host monotonic time at which the swing began [ns].
+        released_ns: host monotonic time at which the swing began [ns]; copied into the outcome.
         turned_ns: host monotonic time at which the retraction was commanded [ns].
     """
     length, mass = config.arm_length_m, config.effective_mass_kg

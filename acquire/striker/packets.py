@@ -30,7 +30,7 @@ _PING, _READ = 1, 2
 
 
 def never() -> bool:
-    """Return False: default of the functions that a waiting read calls to ask if it is interrupted."""
+    """Return False always: stands for an `interrupted` function where a wait cannot be interrupted."""
     return False
 
 

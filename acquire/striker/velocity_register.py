@@ -88,7 +88,7 @@ class RegisterModel:
 class Reads:
     """Samples of the servo as arrays (n,): time [s], arm angle [rad], velocity [rad/s], read duration [s].
 
-    Methods give the standard deviations of these values.
+    Methods give the standard deviations of angle and velocity, and the age of the velocity register's values.
     """
 
     origin_ns: int
@@ -188,9 +188,9 @@ def low_pass(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
 def cubic_splines(
     time: NDArray[np.float64], start: float, count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cubic B-splines on uniform knots (n, count) and their derivatives (n, count) [1/s] at given times.
+    """Values (n, count) of cubic B-splines at given times, and their derivatives (n, count) [1/s].
 
-    Source: de Boor 1978, ch. IX.
+    The knots are KNOT_SPACING_S apart. Source: de Boor 1978, ch. IX.
 
     Args:
         time: (n,) times [s].
@@ -276,8 +276,10 @@ def _scores(reads: Reads) -> NDArray[np.float64]:
     """Minus twice the log-likelihood of the reads, for each hypothesis about the velocity register.
 
     A hypothesis has one phase of the renewals, one filter time constant and one lag. The motion is the smooth
-    one (cubic spline) that fits the values of position and velocity registers best. The time of the first
-    read must be near 0.
+    one (cubic spline) that fits the values of position and velocity registers best.
+
+    Args:
+        reads: reads of the run-up or of the retraction, in order; the time of the first must be near 0.
 
     Returns:
         Array (phases, time constants, lags) in the order of PHASES_NS, TAU_GRID_S and LAG_GRID_S, up to a
