@@ -41,8 +41,8 @@ class AravisCamera(Camera):
     """A GigE Vision camera. Order of calls: open, start, read (repeatedly), stop, close.
 
     Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or
-    crashes (#453). The buffers lie in a BufferPool, and a frame's image is a view of its buffer. Never reopen
-    a camera that was lost: make a new one.
+    crashes (#453). A frame's image is a view of its buffer in memory that the camera's BufferPool owns; the
+    buffer is filled again after its release. Never reopen a camera that was lost: make a new one.
 
     Args:
         config: section `camera` of the rig file.

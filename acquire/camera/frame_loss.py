@@ -25,8 +25,8 @@ class FrameLoss:
         """Number of frames lost between the previous complete frame and the one given; 0 for the first frame.
 
         Call once for every complete frame, in order. Lost frames are counted both by id and by time, and the
-        larger count is returned. The count by id is ignored where it is implausible, more than twice that by
-        time plus 1000: a camera that repeats its ids does not count frames.
+        larger count is returned. A count by id that exceeds twice the count by time by more than 1000 is
+        implausible and ignored: the ids of such a camera repeat, and do not number its frames.
 
         Args:
             frame_id: block id of the frame, 16 bits (1-65535, then 1 again) or longer.

@@ -78,8 +78,8 @@ class CameraStream:
         make_camera: function that makes a new, unopened camera; called again for every reconnection.
         config: section `camera` of the rig file.
         clock: the host's clock.
-        on_frame: called on the frame thread with every complete frame, its host time set. A frame whose
-            buffer it does not borrow is released when the call returns.
+        on_frame: called on the frame thread with every complete frame, its host time set. To keep the image
+            it calls `frame.buffer.borrow()`; a buffer that is not borrowed is released when the call returns.
         on_clock: called on the clock thread with every reading of the camera's clock.
         on_text: called on the frame thread with a line when the camera is lost or back, with its warnings
             after a return, and for lost frames (collected, once a second).
