@@ -46,7 +46,12 @@ thread"""
 
 
 class WorldSource:
-    """Image source that renders the poses in the virtual world's pose ring (ring buffer in a mapped file)."""
+    """Image source that renders the poses in the virtual world's pose ring (ring buffer in a mapped file).
+
+    Args:
+        ring: the pose ring, open for reading.
+        renderer: renderer of object and arm in the view of the camera.
+    """
 
     def __init__(self, ring: PoseRing, renderer: Renderer) -> None:
         self._ring, self._renderer = ring, renderer
@@ -60,9 +65,10 @@ class WorldSource:
         return self._ring.latest_time_ns()
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """Image (height, width), uint8, of the selected region for one exposure.
+        """Image (height, width), uint8, of one exposure, cut to the region of the sensor in `settings`.
 
-        If the newest pose is more than 60 ms later than `start_ns`, at most two poses are rendered.
+        It is the mean of 1 to 4 poses during the exposure, which gives motion blur. If the newest pose is
+        more than 60 ms later than `start_ns`, the camera is late, and at most 2 poses are used to save time.
 
         Args:
             start_ns: host monotonic time at which the exposure starts [ns].

@@ -25,8 +25,9 @@ RIM_SPHERES = 72
 def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
     """Centres (n, 3) [m, in O, the object's frame] of the spheres with which the body touches the table.
 
-    Their radius is `virtual_object.edge_radius_m`. A cylinder has a ring of them at each rim; any other shape
-    has one at each corner of its convex hull.
+    Their radius is `virtual_object.edge_radius_m`. The centres lie this radius inside the body, so that the
+    spheres touch its faces from within. A cylinder has a ring of them along each rim. Any other shape has
+    them at the corners of its convex hull with every face moved inwards by the radius.
     """
     cylinder = virtual_object.spec.shape.cylinder
     if cylinder is not None:
@@ -35,9 +36,10 @@ def contact_centres(virtual_object: VirtualObject) -> NDArray[np.float64]:
 
 
 def rim_centres(radius: float, height: float, edge_radius: float) -> NDArray[np.float64]:
-    """Sphere centres (2 * RIM_SPHERES, 3) [m] at both rims of a cylinder about z, centred on the origin.
+    """Sphere centres (2 * RIM_SPHERES, 3) [m] along the rims of a cylinder about z, centred on the origin.
 
-    The rim's polygon has the circle's radius as its mean radius.
+    They lie inside the cylinder, `edge_radius` from its end planes. Those of a rim form a regular polygon
+    with the perimeter of a circle of radius `radius - edge_radius`.
 
     Args:
         radius: radius of the cylinder [m].

@@ -128,7 +128,7 @@ def _accumulate_coverage(
     width: int,
     height: int,
 ) -> NDArray[np.float32]:
-    """Image (height, width): for each pixel the sum of areas added to it, or left of it in its row.
+    """Image (height, width): each pixel has the sum of its own areas and those of the pixels left of it.
 
     Args:
         pixel: (n,) pixel of each area, as row * (width + 1) + column.

@@ -283,8 +283,8 @@ class DynamixelServo:
     def _handle(self, packet: Packet, now_ns: int) -> bytes:
         """Execute a packet received at `now_ns` (host monotonic), and return the bytes of the servo's answer.
 
-        Empty if the servo does not answer: to a sync write, to a packet for another servo or with a servo's
-        answer, or to a damaged packet for all servos.
+        Empty if the servo does not answer: to a sync write, a packet for another servo, an answer of another
+        servo, a damaged packet or a write for all servos, or as the register Status Return Level demands.
         """
         if packet.instruction == Instruction.SYNC_WRITE:
             if packet.intact and len(packet.parameters) >= 4:

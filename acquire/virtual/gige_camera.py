@@ -93,7 +93,11 @@ class ImageSource(Protocol):
 
 @dataclass(frozen=True)
 class CameraStatistics:
-    """Frames sent by the virtual camera since it was made, with rendering time and delays [ms]."""
+    """Frames sent by the virtual camera since it was made, mean rendering time and largest delay [ms].
+
+    An image's delay is the time from the end of its exposure until it is rendered. An image counts as late
+    if its delay exceeds two frame periods.
+    """
 
     frames: int
     """number of frames sent"""
@@ -222,7 +226,10 @@ class VirtualGigeCamera:
 
     @property
     def statistics(self) -> CameraStatistics:
-        """Frames sent since the camera was made, with mean rendering time [ms] and delays [ms]."""
+        """Frames sent since the camera was made, mean rendering time and largest delay [ms], late images.
+
+        Late are images rendered more than two frame periods after the end of their exposure.
+        """
         return CameraStatistics(
             self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
         )

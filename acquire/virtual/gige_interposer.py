@@ -64,7 +64,7 @@ class ControlRelay:
 
     Args:
         control: socket bound to the camera's control port.
-        inner: private socket that the fake polls instead.
+        inner: private socket that the fake polls instead of one at the control port.
         device_now_ns: function that returns the time of the camera's clock [ns].
         period_us: frame period at the start [us].
         on_acquisition: called on the relay's thread when acquisition starts (True) or stops (False).

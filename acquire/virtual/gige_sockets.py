@@ -66,7 +66,8 @@ def claim_control_port(address: str, clock: Clock) -> socket.socket:
 def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:
     """Replace the control sockets of Aravis's fake camera by a private loopback socket, and return that.
 
-    The fake's listening address can only be set to that of a network interface, which 127.0.0.21 is not.
+    The fake listens only at the address of a network interface; most loopback addresses, such as 127.0.0.21,
+    belong to none.
     `dup2` swaps the file behind the descriptor that the fake's thread polls. If the fake has several sockets,
     the others are replaced by sockets that never receive anything.
 

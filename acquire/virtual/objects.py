@@ -172,7 +172,8 @@ def _fill(name: str, spec: ObjectSpec, rng: np.random.Generator) -> HiddenBody:
     """True mass properties of the object called `name`, with a mass distribution perturbed by `rng`.
 
     `rng` perturbs the masses of shell, upper and lower part, the plane that divides the interior, and the
-    centres of the balls of mass, if the object has such. `spec` gives total mass and shell thickness.
+    centres of the balls of mass, if the object has such. `spec` is the parsed object file, which gives total
+    mass and shell thickness.
     """
     recipe = _RECIPES[name]
     masses = np.array(recipe.masses_kg) * (1 + rng.uniform(-0.05, 0.05, 3))

@@ -2,8 +2,9 @@
 
 The daemon is the process that runs the rig; its prompts ask a person to place the object for the next strike.
 The placing has a person's accuracy: yaw and position of the object and the striker's stand are off by a
-little each time. Not modelled: a wrong face, a strike with the object turned on the table (it is refused), an
-object that slips from the hand, an operator who forgets.
+little each time. A prompt for a strike with the object turned about the vertical is answered with a refusal,
+because the virtual striker stands on one side only. Not modelled: a wrong face, an object that slips from the
+hand, an operator who forgets.
 """
 
 from __future__ import annotations

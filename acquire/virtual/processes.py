@@ -79,7 +79,7 @@ def running_process(name: str, folder: Path, module: str, *arguments: str) -> It
 
     It runs in its own terminal session, so that this process handles Ctrl-C and ends the processes in the
     right order; the rig's processes end by themselves if this process ends. At the end of the block it is
-    terminated, and its standard error is copied to that of this process.
+    terminated, and its standard error is copied to that of this process if it had become ready.
 
     Args:
         name: name of the process for messages, and of its standard error's file, `<name>.err`.

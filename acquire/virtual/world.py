@@ -227,11 +227,11 @@ class World:
         self._on_tick(self.state())
 
     def _tick_near(self, torque: float, reach: float) -> None:
-        """Step one tick (1 ms) in which the object moves, is pushed, or may be near the striker's tip.
+        """Step one tick (1 ms), after measuring the gap between the striker's tip and the object.
 
-        Only the arm is integrated if the object rests, is not pushed, and the tip cannot touch it: it is
-        farther from the object than `reach` [m], or still passes through it after a placing. `torque` is the
-        motor's torque on the arm [N m].
+        Arm and object are stepped if the object moves or is pushed, or if the gap is less than `reach` [m].
+        Otherwise only the arm is. After a placing the tip passes through the object until it was clear of it;
+        until then the gap does not count. `torque` is the motor's torque on the arm [N m].
         """
         data = self._data
         clearance = self._clearance()
@@ -254,9 +254,10 @@ class World:
         self._update_rest(near=near or pushed)
 
     def _apply_push(self) -> bool:
-        """Apply to the object the force of a push under way, for this millisecond; True if there was one.
+        """Apply the force of a push under way to the object for this millisecond; True if a force acts.
 
-        After its last millisecond the push is removed and reported as a contact; the result is then False.
+        In the millisecond after its last force the push is removed and reported as a contact, and the result
+        is False.
         """
         push = self._push
         applied = self._data.xfrc_applied[self._object_body]
@@ -329,9 +330,9 @@ class World:
     def _contact_age_ns(self, distance: float) -> int:
         """Time [ns] from the tip's first touch of the object to the end of the present time step.
 
-        It is one time step, plus at most one more: the penetration at the step's begin over the tip's present
-        speed. `distance` is the signed gap [m] between tip and object at the step's begin, negative where
-        they overlap.
+        It is one time step, plus the time (at most one more step) in which the tip, at its present speed,
+        covers the penetration at the step's begin. `distance` is the signed gap [m] between tip and object at
+        the step's begin, negative where they overlap.
         """
         speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
         return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))

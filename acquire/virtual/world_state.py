@@ -45,8 +45,8 @@ class WorldState:
 class StrikerContact:
     """Completed contact of the striker's tip with the object, or completed push by a finger.
 
-    It has time of first contact (host monotonic) [ns], impulse [N s], point in W, the world frame [m], and
-    duration [s].
+    It has time of first contact (host monotonic) [ns], magnitude of the impulse [N s], point (3,) of first
+    contact in W, the world frame [m], and duration [s].
     """
 
     time_ns: int
