@@ -54,8 +54,8 @@ class MonotonicClock(Protocol):
 def attempts(clock: MonotonicClock) -> Iterator[int]:
     """Yield the number (0, 1, ...) of each attempt at a request to the servo; end when they suffice.
 
-    That is once MIN_ATTEMPTS (3) numbers were yielded and MIN_RETRY_S (0.5 s) have passed. The caller
-    leaves the loop when an attempt succeeds.
+    That is once MIN_ATTEMPTS (3) numbers were yielded and MIN_RETRY_S (0.5 s) have passed on `clock`. The
+    caller leaves the loop when an attempt succeeds.
     """
     end_ns = clock.monotonic_ns() + round(MIN_RETRY_S * 1e9)
     count = 0
@@ -263,7 +263,9 @@ class ServoBus:
         )
 
     def write(self, register: Register, value: int) -> None:
-        """Write one register; repeated if the answer is lost, which is safe for a write.
+        """Write the integer `value` to one register; repeat it if the answer is lost, which is safe.
+
+        Negative values are written as two's complement.
 
         Raises:
             StrikerLost: no answer after several attempts, or the port failed or is closed.
@@ -288,7 +290,7 @@ class ServoBus:
         )
 
     def write_unanswered(self, register: Register, value: int) -> None:
-        """Write one register twice without waiting for any answer, not even to an earlier request.
+        """Write `value` to one register, twice, without waiting for any answer, even to an earlier request.
 
         The packet is a sync write to this one servo: servos do not answer it, so that it can be repeated at
         once and a lost packet costs no time.
@@ -307,7 +309,7 @@ class ServoBus:
         self._exchange(send, waits=False)
 
     def unanswered_packet(self, register: Register, value: int) -> bytes:
-        """Bytes of a packet that writes one register and that the servo does not answer (a sync write).
+        """Bytes of a packet that writes `value` to one register and is not answered (a sync write).
 
         Another process can send them as they are.
 
@@ -351,7 +353,7 @@ class ServoBus:
 
 
 def _refuse_unstuffed(register: Register, value: int, data: bytes) -> None:
-    """Raise StrikerRefused if `data`, the bytes sent to write `value`, holds FF FF FD.
+    """Raise StrikerRefused if `data`, the bytes sent to write `value` to `register`, holds FF FF FD.
 
     The protocol requires a stuffing byte after these three; the SDK's txPacket builds the stuffed packet,
     then sends the plain one (protocol2_packet_handler.addStuffing).

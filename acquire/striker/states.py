@@ -107,16 +107,16 @@ def unhomed_status(now_ns: int) -> StrikerStatus:
 def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool:
     """True if a strike was allowed more than `expires_s` [s] before `now_ns` and has not begun since.
 
-    The state is then ARMED, COCKING or SETTLED. `now_ns` is host monotonic time.
+    The state in `status` is then ARMED, COCKING or SETTLED. `now_ns` is host monotonic time [ns].
     """
     waiting = status.state in {_S.ARMED, _S.COCKING, _S.SETTLED}
     return waiting and status.armed_ns is not None and now_ns - status.armed_ns > expires_s * 1e9
 
 
 def is_overdue(status: StrikerStatus, now_ns: int) -> bool:
-    """True if the striker's state has lasted longer, at `now_ns`, than its limit in the table GUARD_S [s].
+    """True if the state in `status` has lasted longer, at `now_ns`, than its limit in GUARD_S [s].
 
-    False if GUARD_S has no limit for the state. `now_ns` is host monotonic time [ns].
+    False if that table has no limit for it. `now_ns` is host monotonic time [ns].
     """
     guard_s = GUARD_S.get(status.state)
     return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9
