@@ -119,7 +119,7 @@ def box_depth(half: NDArray[np.float64]) -> Depth:
 
 
 def cylinder_depth(radius: float, half_height: float) -> Depth:
-    """Depth function of a cylinder about the z axis, centred on the origin; radius and half height in m.
+    """Depth function of a cylinder about z, centred on the origin; `radius` and `half_height` in m.
 
     It maps points (n, 3) [m] to their depths (n,) [m] below lateral surface or end plane, whichever is
     nearer; negative outside.

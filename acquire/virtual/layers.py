@@ -130,7 +130,7 @@ def compose(front_to_back: Sequence[Layer]) -> Layer:
 
 
 def paint(scene: NDArray[np.float32], item: Layer) -> None:
-    """Draw a layer of grey levels over the image `scene` (height, width), in place.
+    """Draw the layer `item` of grey levels over the image `scene` (height, width), in place.
 
     The layer hides the image in proportion to the fraction of each pixel that it covers.
     """
@@ -140,7 +140,7 @@ def paint(scene: NDArray[np.float32], item: Layer) -> None:
 
 
 def paint_shadow(scene: NDArray[np.float32], item: Layer, depth: float) -> None:
-    """Darken the image `scene` (height, width) in place where the layer covers it.
+    """Darken the image `scene` (height, width) in place where the layer `item` covers it.
 
     A fully covered pixel loses the fraction `depth` (0..1) of its grey level.
     """
