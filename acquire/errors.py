@@ -46,7 +46,7 @@ class CameraLost(CameraError):
 
 
 class CameraSettingError(CameraError):
-    """A setting of the camera reads back differently from what was written."""
+    """A setting of the camera is refused, or reads back differently from what was written."""
 
 
 class StrikerError(AcquireError):

@@ -148,7 +148,8 @@ class Daemon:
     def _for_owner(self, handler: Callable[[Connection, dict[str, Any]], dict[str, Any]]) -> Any:
         """Restrict a request to the client that opened the recording, while a recording is open.
 
-        Other clients may make only the unrestricted requests: look, stop the arm, end the recording.
+        Other clients may still make the unrestricted requests: look, stop the arm, answer a prompt, end the
+        recording or the daemon.
 
         Args:
             handler: function that carries out the request, given connection and parameters.

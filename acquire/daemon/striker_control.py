@@ -119,19 +119,21 @@ class StrikerControl:
         return self._state()
 
     def strike(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Strike once with the armed striker.
+        """Strike once with the armed and cocked striker.
 
         Args:
             params: `strike_id`, and `tip_speed_m_s`, the commanded speed of the arm's tip [m/s].
 
         Returns:
             Fields of StrikeOutcome: contact time [ns], speed of the arm's tip [m/s] and impulse [N s], each
-            with 1 sigma; number of contacts; time at which the swing began [ns]. Times are host monotonic.
+            with 1 sigma; number of contacts; time at which the swing began [ns]. Times are host monotonic;
+            contact time and impulse are None if not measured (a miss, a strike by hand).
 
         Raises:
             StrikerStopped: a stop was requested.
             StrikerRefused: another order is being carried out, the daemon is stopping, the striker is not
-                armed, or the speed is outside the limits.
+                armed and cocked, or the speed is outside the limits.
+            StrikerError: the striker failed.
         """
         if not self._lock.acquire(timeout=0.1):
             raise StrikerRefused("the striker is busy with another order")

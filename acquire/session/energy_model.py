@@ -38,8 +38,8 @@ class EnergyModel:
 
     z has d entries, each a deviation from its expected value in prior standard deviations: position of the
     centre of mass c (3), scale of the moments of inertia, effective striker mass m_s, 1 + e with restitution
-    e, swing ratio (reached over commanded tip speed), and one model error of ln E (E: energy ratio) per pivot
-    axis. `size` is d.
+    e, swing ratio (reached over commanded tip speed), and one model error of ln E per pivot axis, with E the
+    energy ratio (kinetic energy after the strike over that needed to reach balance). `size` is d.
 
     Args:
         plan: the strike plan; its hypothesis (assumed centre of mass, mass and striker), if it has one, gives

@@ -58,7 +58,8 @@ class Quantity(enum.Enum):
 class Observation:
     """One number that a strike measured, or one bound that it gave, with its standard deviation.
 
-    Angles are in rad; tip speeds and energy ratios are natural logarithms.
+    Angles are in rad. Tip speeds (of the striker) and energy ratios (kinetic energy after the strike over
+    that needed to reach balance) are natural logarithms.
     """
 
     axis: int

@@ -228,8 +228,9 @@ class SessionMachine:
     def on_judged(self, event: Judged) -> list[Action]:
         """React to the verdict: write the strike's record, learn from it, and repeat it or go on to the next.
 
-        A strike is repeated if its verdict is not good or its energy ratio is outside ENERGY_ACCEPTED, until
-        it was attempted MAX_ATTEMPTS times. Without a verdict it is not repeated. A swing that met nothing is
+        A strike is repeated if its verdict is not good or its energy ratio (kinetic energy after the strike
+        over that needed to reach balance) is known and outside ENERGY_ACCEPTED, until it was attempted
+        MAX_ATTEMPTS times. Without a verdict it is not repeated. A swing that met nothing is
         not learned from.
 
         Returns:

@@ -97,9 +97,9 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
 def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
     """Unit normal (3,) of an equi-plane, n = (`up` turned by -phi about l) x l, in the object frame O.
 
-    The plane passes through the centre line of the pivot edge's rounding and the centre of mass (VISAPP 2013,
-    eq. 4). With p a point on the centre line and c a point of the plane at distance R from that line,
-    d(n.(c - p))/dphi = -R.
+    An equi-plane is the plane that a strike measures: it passes through the centre line of the pivot edge's
+    rounding and the centre of mass (VISAPP 2013, eq. 4). With p a point on the centre line and c a point of
+    the plane at distance R from that line, d(n.(c - p))/dphi = -R.
 
     Args:
         direction: (3,) unit pivot axis l in O; a positive turn about it tips the object.

@@ -66,7 +66,8 @@ def paper_centre_of_mass(
     no such point, `err` grows by a quarter until there is one.
 
     Args:
-        planes: Equi-planes (pivot line, phi) in the object frame O, one per strike.
+        planes: Equi-planes (planes through pivot line and centre of mass, given by pivot line and phi) in the
+            object frame O, one per strike.
         cells: Cells of the body, of which only the bounding box counts.
         err: Half-angle of the regions [rad].
 
@@ -181,7 +182,7 @@ def paper_axis_inertia(
 
 
 def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
-    """Distance R [m] of `point` (3,) [m, in the object frame O] from the equi-plane's pivot line."""
+    """Distance R [m] of `point` (3,) [m, in the object frame O] from a strike's pivot line."""
     arm = point - plane.point
     return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
 

@@ -287,10 +287,10 @@ class _Programme:
 
 
 def with_scaled_k(plane: EquiPlane, factor: float) -> EquiPlane:
-    """Copy of a strike's equi-plane with k and its errors multiplied by `factor`.
+    """Copy of a strike's equi-plane with k, its sd and its covariance with phi multiplied by `factor`.
 
-    k is the rate constant of the strike's motion [rad/s^2]. A plane without k, or without its sd, is returned
-    unchanged.
+    An equi-plane passes through pivot line and centre of mass; k is the rate constant of the strike's motion
+    [rad/s^2], phi the balance angle. A plane without k, or without its sd, is returned unchanged.
     """
     if plane.k is None or plane.sd_k is None:
         return plane

@@ -54,7 +54,7 @@ def rolling_curve(
 
 
 def is_curved(section: SupportFunction, phi: float) -> bool:
-    """True if the section rolls on a curve of its shape, from rest to 25 deg past `phi`.
+    """True if the section rolls on a curve of its shape, from 1 deg past rest to 25 deg past `phi`.
 
     It does if curves of more than 0.5 mm radius touch the table over more than 15 deg of that range, and no
     flat face (a bevel) of 0.5 mm or more does.

@@ -67,8 +67,9 @@ def analyse_strike(
 ) -> TipMotion:
     """Analyse one strike: motion, phases, fits and verdict, from the tracks of its markers.
 
-    A bad strike raises no error: its verdict names the fault, and balance angle phi and rate k are given if
-    they could be fitted.
+    A bad strike raises no error: its verdict names the fault. Balance angle phi [rad] and rate constant k of
+    the tip [rad/s^2] (theta'' = -k sin(phi - theta), theta the tipping angle) are given if the motion could
+    be fitted and phi is certain enough.
 
     Args:
         tracks: the object's markers through the strike's window.
@@ -78,8 +79,8 @@ def analyse_strike(
         settings: limits; None for the defaults.
 
     Returns:
-        The motion with its verdict; tipping angle, phases, fit and energy ratio are None where they could
-        not be determined.
+        The motion with its verdict; tipping angle, phases, fit and energy ratio (kinetic energy after the
+        strike over that needed to reach balance) are None where they could not be determined.
     """
     settings = settings or MotionSettings()
     if (unseen := _judge_unseen(task)) is not None:
@@ -101,8 +102,9 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         settings: limits of the fit's window, of a clean tip and of the contact.
 
     Returns:
-        The motion with its verdict. Fit and energy ratio are None if the object did not tip, nothing fits, or
-        the balance angle is too uncertain; tipping angle and phases too if the images end too early.
+        The motion with its verdict. Fit and energy ratio (kinetic energy after the strike over that needed to
+        reach balance) are None if the object did not tip, nothing fits, or the balance angle is too
+        uncertain; tipping angle and phases too if the images end too early.
     """
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
@@ -147,8 +149,9 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 def verdict_of(motion: TipMotion) -> StrikeVerdict:
     """Verdict on an analysed strike as a record for the user, the answer of `analyze watch`.
 
-    It holds code and reason; balance angle phi and its sd [rad] and the energy ratio, None without a fit; and
-    the largest tipping angle [rad] of an object that rocked back, None for other verdicts or if unknown.
+    It holds code and reason; balance angle phi and its sd [rad] and the energy ratio (kinetic energy after
+    the strike over that needed to reach balance), None without a fit; and the largest tipping angle [rad] of
+    an object that rocked back, None for other verdicts or if unknown.
     """
     fit, top = motion.fit, None
     if (
@@ -290,6 +293,8 @@ def _result(
     alternatives: tuple[MotionFit, ...],
 ) -> TipMotion:
     """TipMotion (result) of an analysed strike, with its phases and energy ratio.
+
+    The energy ratio is the kinetic energy after the strike over that needed to reach balance.
 
     Args:
         task: the strike as planned and as carried out.

@@ -47,8 +47,9 @@ def paper_estimate(
 ) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
     """The paper's centre of mass and region masses, markers included, with the equi-planes used.
 
-    If at least `MIN_TIPS` strikes tipped over the balance, only those are used; otherwise also strikes that
-    rocked back. The paper is VISAPP 2013; regions are the shell and the interior on either side of a plane.
+    An equi-plane, one per strike, passes through its pivot line and the centre of mass. If at least
+    `MIN_TIPS` strikes tipped over the balance, only those are used; otherwise also strikes that rocked back.
+    The paper is VISAPP 2013; regions are the shell and the interior on either side of a plane.
 
     Args:
         evidence: fitted strikes, of which the plan is used.

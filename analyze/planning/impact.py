@@ -105,17 +105,18 @@ def impact_points(
 ) -> list[ImpactPoint]:
     """Impact points on the object that the striker's tip, a sphere, can meet with its front.
 
-    The tip moves along +x at y = 0 of W, the world frame at rest: x in the direction in which the object
-    tips, y along the pivot edge, z up, y = 0 at the strike. Heights are `HEIGHT_STEP` apart. Left out are
-    heights at which the sphere's flank meets another part first, those whose surface within `HEIGHT_ERROR`
-    has an edge or is too oblique, those less than `MIN_DEPTH_BELOW_TOP` below the top, and those out of the
-    striker's reach.
+    The sphere moves along +x in the plane y = 0 of W, the world frame at rest: x in the direction in which
+    the object tips, y along the pivot edge (0 at `axis.point`), z up. Heights are `HEIGHT_STEP` apart. Left
+    out are heights at which the sphere's flank meets another part first, those whose surface within
+    `HEIGHT_ERROR` has a step or is too oblique (over `MAX_GLANCE`), those less than `MIN_DEPTH_BELOW_TOP`
+    below the top, and those out of the striker's reach.
 
     Args:
         model: Shape of the object.
         axis: Pivot axis (edge about which the object tips).
-        swings: Expected swing (parameters of the tip), then swings for other places of the centre of mass.
-            Each point has the friction needed for the first, and the largest one needed for any.
+        swings: Expected swing (parameters of the object's tipping), then swings for other places of the
+            centre of mass. Each point has the friction needed for the first, and the largest one needed for
+            any.
         cards: Centre (3,) [m, in the object frame] and edge [m] of the black square of each marker.
         striker: Striker, for its reach.
 

@@ -74,8 +74,8 @@ def register(
         sizes: edge of each marker's black square [m].
         thickness: thickness of each marker's card [m].
         model: the object's exterior.
-        table: prior of the table against the recorded T_world_camera; UNKNOWN_TABLE to estimate its tilts and
-            height.
+        table: prior sd of the table's tilts [rad] and height [m] in W of the recorded camera pose; both are
+            always estimated. LAID_BOARD: the board lay on the table; UNKNOWN_TABLE: hardly anything is known.
 
     Returns:
         Pose of each marker, strikes left out, the joint fit, and the table's pose in each recording.

@@ -75,7 +75,8 @@ def send_strike_inside(
 ) -> None:
     """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, interior regions.
 
-    Nothing is sent for a strike without a tipping angle at two or more frames, or one that the plan lacks.
+    The equi-plane passes through the strike's pivot line and the centre of mass. Nothing is sent for a strike
+    without a tipping angle at two or more frames, or one that the plan lacks.
 
     Args:
         timelines: timelines of the stream.

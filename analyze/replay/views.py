@@ -46,7 +46,10 @@ class DrawnRegion:
 
 @dataclass(frozen=True)
 class DrawnAnswer:
-    """Parts of an estimate that a replay draws: equi-planes, centre of mass, mass regions, voxels, result."""
+    """Parts of an estimate that a replay draws: equi-planes, centre of mass, mass regions, voxels, result.
+
+    An equi-plane, one per strike, passes through the strike's pivot line and the centre of mass.
+    """
 
     result: Result
     """Result document of the estimate."""

@@ -240,10 +240,10 @@ def pack_chunk_of_one(
 
 
 def chunk_messages(chunk: ChunkRecord) -> memoryview:
-    """Message records of a chunk, decompressed where needed, after checks of their size and CRC.
+    """Bytes of all records of a chunk, decompressed where needed, after checks of their size and CRC.
 
-    A CRC of 0 means that the chunk has none. Without compression the result is a view of the chunk's own
-    bytes.
+    The records are messages; in other programs' files also schemas and channels. A CRC of 0 means that the
+    chunk has none. Without compression the result is a view of the chunk's own bytes.
 
     Raises:
         ContainerError: the chunk is damaged, or its compression is neither lz4 nor zstd.
