@@ -24,7 +24,8 @@ import numpy as np
 
 from acquire.clock.clock import Clock, SystemClock
 from acquire.errors import AcquireError
-from acquire.virtual.gige_camera import ImageSource, StreamSettings, VirtualGigeCamera
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.image_source import ImageSource, StreamSettings
 from acquire.virtual.pose_ring import PoseRing, PoseRingError
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from acquire.clock.clock import Clock
+from acquire.virtual.image_source import ImageSource, StreamSettings
 
 SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 DRIFT = 37e-6
@@ -53,42 +54,6 @@ _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
 _VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x934, 4
 # Not "Prosilica": Aravis takes vendor-specific code paths for that name.
 VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
-
-
-@dataclass(frozen=True)
-class StreamSettings:
-    """Settings made by the client: region of the sensor [px], exposure [us] and gain [dB]."""
-
-    width: int
-    """width of the region [px]"""
-    height: int
-    """height of the region [px]"""
-    offset_x: int
-    """first column of the region [px]"""
-    offset_y: int
-    """first row of the region [px]"""
-    exposure_us: float
-    gain_db: float
-
-
-class ImageSource(Protocol):
-    """Source of the virtual camera's images (rendered world or test pattern).
-
-    Called from the camera's render thread only.
-    """
-
-    def latest_time_ns(self) -> int:
-        """Host monotonic time [ns] up to which exposures can be rendered."""
-        ...
-
-    def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """Image (height, width), uint8, of the exposure that starts at the host monotonic time `start_ns`.
-
-        Args:
-            start_ns: start of the exposure [ns], which ends at or before `latest_time_ns()`.
-            settings: region, exposure and gain; the image has the region's size.
-        """
-        ...
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from acquire.clock.clock import SystemClock
-from acquire.virtual.gige_camera import StreamSettings, VirtualGigeCamera
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.image_source import StreamSettings
 
 TAG, EDGE_PX = 5, 96
 

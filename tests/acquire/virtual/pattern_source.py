@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from acquire.clock.clock import Clock
-    from acquire.virtual.gige_camera import StreamSettings
+    from acquire.virtual.image_source import StreamSettings
 
 _STAMP_BYTES = 16
 

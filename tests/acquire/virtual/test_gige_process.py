@@ -17,7 +17,7 @@ import pytest
 
 from acquire.camera.discovery import identify_camera
 from acquire.virtual.camera_process import STATISTICS_FILE, WorldSource
-from acquire.virtual.gige_camera import StreamSettings
+from acquire.virtual.image_source import StreamSettings
 from acquire.virtual.pose_ring import PoseRing
 from tests.loopback import loopback
 
