@@ -204,8 +204,7 @@ class McapWriter:
         places: list[tuple[int, int]] = []
         hashed: list[HashedMessage] = []
         at = crc = 0
-        # The checksums release the GIL and are taken outside the lock, so that small topics never wait for
-        # them.
+        # The checksums are taken outside the lock: small topics do not wait for those of a whole batch.
         for message in messages:
             time_ns = message.log_time_ns
             self._refuse_unset_time(channel, time_ns)

@@ -32,10 +32,10 @@ class CloudNoise:
 
 
 def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
-    """Noise (scatter about the surface) and spacing of a point cloud.
+    """Noise (1 sigma of the scatter about the surface) and spacing of a point cloud, both in m.
 
-    The noise is the scatter of small patches of points about quadrics fitted to them; the flattest quarter of
-    the patches counts, as the others may contain an edge. Patches are enlarged until their radius exceeds
+    The noise is the lower quartile, over small patches of points, of the scatter about a quadric fitted to
+    each patch: patches of larger scatter may contain an edge. Patches are enlarged until their radius exceeds
     four times the noise found, since smaller ones underestimate it, or until they would include the object's
     shape. Clouds of fewer than 96 points are given the noise 0.
 

@@ -81,7 +81,8 @@ def _remark(lines: list[str]) -> list[str]:
 def _note(prepared: PreparedImport, clip: Clip, window: StrikeWindow) -> str:
     """Note on a strike for the table's last column; "" if there is nothing to note.
 
-    Notes: no tip or several tips are seen in the source; no tag that the plan expects is seen.
+    Notes: no tip is seen in a source that was searched; several tips are seen and only the first is used (not
+    if the source was split into its strikes); none of the tags that the plan expects is seen at the tip.
     """
     if window.onset is None:
         why = f"no tip is seen, the whole source is used: {clip.why_no_strike}"

@@ -76,10 +76,12 @@ def rest_pose(
     def linearise(pose: tuple[Array, Array]) -> Linearised:
         # The rotation is R exp(w): derivatives about the marker's own axes, so that the prior separates tilt
         # from direction.
-        """Residuals (11,) at a pose over their sd, and derivatives (11, 6) by turn [rad] and position [m].
+        """Residuals (11,), observed less expected, and derivatives (11, 6) of the expected values.
 
-        The pose is that of the marker in the camera frame. The residuals are those of eight corner
-        coordinates, and of three angles from the planned orientation (the prior).
+        Both are divided by the standard deviations. The pose is that of the marker in the camera frame. The
+        derivatives are by a turn about the marker's own axes [rad] and by its position in the camera frame
+        [m]. The residuals are those of eight corner coordinates, and of three angles from the planned
+        orientation (the prior).
         """
         R, p = pose
         in_camera = points @ R.T + p

@@ -41,7 +41,7 @@ _MAX_ERROR_RATIO = 2.0
 
 @dataclass(frozen=True)
 class Scene:
-    """Markers found in one image, and its brightness."""
+    """Markers found in one image, share of its saturated pixels, and a coarse copy of it."""
 
     time_ns: int
     """log_time of the image [ns]"""
@@ -58,7 +58,7 @@ class Scene:
 def read_scene(
     frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)
 ) -> Scene:
-    """Markers in one image, with sub-pixel corners [raw px], and the image's brightness.
+    """Markers in one image, with sub-pixel corners [raw px], share of saturated pixels, and a coarse copy.
 
     A marker whose edges cannot be fitted keeps the detector's corners. Of a marker found twice, the larger
     view is kept, and its id is listed in `duplicate_ids`.

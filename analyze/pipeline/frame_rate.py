@@ -198,7 +198,8 @@ def _mass_points(evidence: Evidence, cells: Cells) -> Array:
 def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
     """Median [s] of the standard deviations of the contact times of the strikes with ids `used`.
 
-    A contact time is found from the onset of the motion. None if no strike has one.
+    A contact time is found by extrapolating the fitted tipping motion back to angle 0. None if no strike has
+    one.
     """
     fits = [motion.fit for motion in evidence.motions if motion.strike_id in used]
     times = [contact_time(fit) for fit in fits if fit is not None]

@@ -63,9 +63,10 @@ class UsableAxis:
 
 @dataclass(frozen=True)
 class _Reached:
-    """Axis of which two checks are passed: a marker is in view and an impact point in reach.
+    """Axis that passed the first checks: balance angle, a marker in view, an impact point in reach.
 
-    Whether its edge holds is still to be checked.
+    The marker counts only if marker poses are known. Whether the edge holds and the tip speed is in reach is
+    still to be checked.
     """
 
     axis: PivotAxis

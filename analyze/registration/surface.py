@@ -28,7 +28,7 @@ inaccurate as a placement by hand"""
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """Height of a marker over the body's surface, and how accurately it lies on the surface."""
+    """Constraint of a marker to the body's surface: its stated height, sds of height [m] and tilt [rad]."""
 
     thickness: float
     """height of its centre over the surface [m]"""

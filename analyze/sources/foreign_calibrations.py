@@ -127,9 +127,9 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
         The calibration, and True if the entries have the camera's pose `T_world_camera`.
 
     Raises:
-        CalibrationError: the entries contain no lens of a known model, or its principal point lies outside
-            the image.
-        DocumentError: an entry has a value that is not allowed.
+        CalibrationError: camera matrix or image size is missing, the lens model is not known, an entry has
+            the wrong number or kind of values, or the principal point lies outside the image.
+        DocumentError: `T_world_camera` is not a pose, or `line_time_s` is not allowed.
     """
     K = _camera_matrix(entries, name)
     width, height = _size(entries, name)

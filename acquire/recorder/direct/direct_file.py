@@ -191,7 +191,10 @@ class DirectFile:
         return at
 
     def _accept_until(self, at: int) -> None:
-        """Set the size of the file to `at` [bytes], and wake the writing thread if enough bytes wait."""
+        """Accept the copied bytes up to offset `at`: the writing thread may write them from now on.
+
+        The thread is woken if enough bytes wait.
+        """
         self.size = self._committed = at
         if at - self._written >= self._gather:
             with self._change:
