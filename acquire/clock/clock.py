@@ -218,10 +218,10 @@ def _mean_line(lines: LineBounds, newest: ClockReading) -> _Line:
 
 
 def _fit(points: list[_Point]) -> _Line:
-    """Fit a line from device time to host time to frame arrivals, by weighted least squares.
+    """Fit the line host time over device time to frames' arrivals, by weighted least squares.
 
-    The drift (the line's rate) is expected to be 0 with 1 sigma DRIFT_PRIOR_SD, which enters as one
-    more observation.
+    The line's rate is the drift, host time gained per device time. Its prior, 0 with 1 sigma DRIFT_PRIOR_SD,
+    enters as one more observation.
 
     Args:
         points: pairs of device and host time [ns], with the host time's sd; at least one, oldest first.

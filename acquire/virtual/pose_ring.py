@@ -58,7 +58,7 @@ class SampledPoses:
     """(n, 3) point on the arm's hinge in W [m]"""
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
-        """Iterate over four arrays: positions, quaternions, arm angles and hinge points.
+        """Iterate over the four arrays: object positions, quaternions, arm angles, points on the arm's hinge.
 
         This allows `p, q, angle, axis = ring.poses_at(times)`.
         """
@@ -187,8 +187,8 @@ class PoseRing:
         """Newest poses in order of time: times (n,) [ns], rows (n, 11), and the number of the first pose.
 
         They reach back to `oldest_ns` if the ring still holds a pose of that time. A row is position (3) [m],
-        quaternion (4), arm angle [rad], hinge point (3) [m]. Poses are numbered from 0, counting all ever
-        written.
+        quaternion (4), arm angle [rad], point on the arm's hinge (3) [m]. Poses are numbered from 0,
+        counting all ever written.
 
         Raises:
             PoseRingError: the ring is empty.

@@ -30,7 +30,7 @@ class TruthWriter:
 
     Args:
         path: path of the file.
-        body: true mass properties and station; written first.
+        body: true mass properties, with friction, table tilt, camera pose and seed; written first.
     """
 
     def __init__(self, path: Path, body: pb.TruthBody) -> None:

@@ -94,7 +94,7 @@ def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
 
     Args:
         start: (n, 2) first positions, good to about a pixel [px].
-        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
         width: image width [px].
         height: image height [px].
     """
@@ -116,7 +116,7 @@ def fit_saddles(
     Args:
         image: (height, width) grey values.
         start: (n, 2) first positions [px].
-        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
         rim: white margin between a tag and the edge of its square [square sides].
         patch: pixels around the corners, from `patches`.
         straight: (n, m, 2) undistorted positions of the patch's pixels relative to `start` [px].
@@ -189,13 +189,14 @@ class _Pixels:
 
 
 def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
-    """True (n, m) for pixels within `_EXTENT` squares of their corner along the board's x and y.
+    """True (n, m) for those of m pixels around each of n board corners that are near the corner.
 
-    False where a pixel has no undistorted position (NaN).
+    Near is within `_EXTENT` squares of the board, along its x and along its y. False where a pixel has no
+    undistorted position (NaN).
 
     Args:
-        at: positions of the pixels.
-        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        at: undistorted positions of the pixels, relative to their corner.
+        per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
     """
     to_squares = np.linalg.inv(per_square)[:, :, :, None]
     across = to_squares[:, 0, 0] * at.x + to_squares[:, 0, 1] * at.y
@@ -224,7 +225,7 @@ def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bo
     Args:
         x: (n, 9) parameters of the corners' fits (`_PARAMETERS`).
         at: positions of the pixels.
-        per_square: (n, 2, 2) shift in the image for one square along the board's x and y, in columns [px].
+        per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
         rim: white margin between a tag and the edge of its square [square sides], foreshortened like the
             square.
     """

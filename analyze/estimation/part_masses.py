@@ -57,7 +57,7 @@ def whitening_matrix(covariance: Array) -> Array:
 class MeasuredMoments:
     """Measured mass, centre of mass c and moments of inertia about axes through c, with covariance.
 
-    The letter a in the shapes below is the number of these axes.
+    There are a axes; c and the axes are in the object frame O, units are SI.
     """
 
     mass: float

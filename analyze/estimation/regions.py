@@ -265,9 +265,10 @@ class _Chains:
 
     @classmethod
     def of_planes(cls, planes: DividingPlanes) -> _Chains:
-        """Chains that stand at the dividing planes `planes`, with the log posterior of each plane.
+        """One Metropolis chain (random walk) at each of the b planes, with the planes' log posteriors.
 
-        The log posterior is -1e300 for a plane with next to nothing of the interior on one side.
+        Each plane divides the interior in two. The log posterior is -1e300 for a plane with next to nothing
+        of the interior on one side.
         """
         possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
         return cls(planes, possible)

@@ -186,11 +186,11 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
-    """Depth of points in a closed mesh (distance to the nearest face, negative outside), and its gradient.
+    """Depth (n,) [m] of points in a closed mesh, negative outside, and its gradient (n, 3).
 
-    The sign follows from ray crossings. Only the faces of the `NEAREST_SAMPLES` nearest samples are examined.
-    The gradient is the unit vector straight inwards; for a point on the surface it is minus the face's
-    normal.
+    The depth is the distance to the nearest face; only the faces of the `NEAREST_SAMPLES` nearest samples of
+    the surface are examined. The sign follows from the winding number. The gradient is the unit vector
+    straight inwards; for a point on the surface it is minus the face's normal.
 
     Args:
         index: Index of the mesh's surface.

@@ -137,9 +137,9 @@ def body_volumes(vertices: Array, faces: IntArray, body: IntArray) -> Array:
 
 
 def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
-    """Volume, centroid and inertia of a uniform solid (Blow and Binstock 2004).
+    """Volume, centroid, and inertia per kilogram about the centroid, of a uniform solid.
 
-    They are in the frame of the vertices.
+    They are in m^3, m and m^2, in the frame of the vertices (Blow and Binstock 2004).
 
     Args:
         vertices: (n, 3) vertices [m].

@@ -95,9 +95,9 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
 def _cut(
     model: ObjectModel, corners: Array, pitch: float, shell_thickness: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Parts in the body and in its shell of cubes that the surface or the shell's inner side cuts.
+    """Fraction of each cube in the body and in its shell (outer wall), with first moments.
 
-    Each cube is divided into subcells.
+    It is meant for cubes that the surface or the shell's inner side cuts. Each is divided into subcells.
 
     Args:
         model: Shape of the object.

@@ -219,12 +219,15 @@ def driven_theta(
     found[0] = state[0]
 
     def rate(state: Array, s: Array, z: Array) -> Array:
-        """Time derivative (2, c) of the state: tipping angle [rad], and Omega [rad/s].
+        """Time derivative (2, c) of the state of c motions: of tipping angle and Omega [rad/s, rad/s^2].
+
+        Omega is the angular speed plus a term in the edge's speed: `driven_theta` has the formula. k is the
+        rate constant of the tip [rad/s^2], g gravity.
 
         Args:
-            state: (2, c) tipping angle, and Omega, the angular speed plus the part by the edge's motion.
-            s: (c,) speed of the edge along the table, times k / g.
-            z: (c,) speed of the edge off the table, times k / g.
+            state: (2, c) tipping angle [rad] and Omega [rad/s].
+            s: (c,) speed of the edge along the table, times k / g [rad/s].
+            z: (c,) speed of the edge off the table, times k / g [rad/s].
         """
         psi = phi - state[0]
         sin, cos = np.sin(psi), np.cos(psi)

@@ -170,11 +170,12 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 
 
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """Offset (2,) [m] of the assumed point from an edge that stayed in place, and its covariance (2, 2).
+    """Offset (2,) [m] of the followed point from the true edge, if that stayed in place; its covariance.
 
-    The offset is along and off the table at rest, its covariance in m^2. None if rotation about a fixed edge
-    leaves more than 0.06 mm of slip or lift beyond noise, or with fewer than ten frames. The offset may
-    exceed 1.5 mm, for example with a tag whose place is unknown, or that is not printed to scale.
+    The followed point is where the edge was assumed to be on the object. The offset is along and off the
+    table at rest, its covariance (2, 2) in m^2. None if rotation about a fixed edge leaves more than 0.06 mm
+    of slip or lift beyond noise, or with fewer than ten frames. The offset may exceed 1.5 mm, for example
+    with a tag whose place is unknown, or that is not printed to scale.
 
     Args:
         theta: (n,) tipping angle [rad].

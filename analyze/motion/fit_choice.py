@@ -287,14 +287,15 @@ def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: Verd
 
 
 def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[MotionFit, ...]:
-    """Fit of a strike as a hinge (edge in place), for comparison with a better one; empty if it fails.
-
-    The single fit returned names in `violated` the assumption that the strike breaks.
+    """Fit of the motion as a pendulum about a fixed edge (hinge), to compare with a better fit.
 
     Args:
         angle: tipping angle theta(t).
         window: frames [start, stop).
-        violated: the assumption in words.
+        violated: the hinge's assumption that the strike breaks, in words; stored in the fit.
+
+    Returns:
+        The one fit; empty if it fails.
     """
     try:
         return (replace(pivot_fit(angle, window), violated=(violated,)),)

@@ -50,7 +50,10 @@ class Flight:
 
 @dataclass(frozen=True)
 class FlightBody:
-    """Centre of mass c and gravity g, fitted to free flights of one body."""
+    """Centre of mass c [m, in O] and gravity g [m/s^2], fitted to free flights of one body.
+
+    O is the object frame.
+    """
 
     com: Array
     """(3,) c in O [m]"""

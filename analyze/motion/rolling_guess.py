@@ -70,7 +70,10 @@ class ComPrior:
         )
 
     def values(self) -> Array:
-        """Right side (3,) of the prior's equations (left side: `rows`), in standard deviations."""
+        """Right side (3,) of the linear equations `rows` . unknowns = values, each divided by its sd.
+
+        They state the prior of the centre of mass and of the inertia.
+        """
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 
 

@@ -81,9 +81,13 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
     found[0] = theta
 
     def rate(state: Array) -> Array:
-        """Time derivative (2, c) of the state: tipping angle [rad], and speed times (1 + m . x) [rad/s].
+        """Time derivative (2, c) of the state of c bodies: of tipping angle and momentum.
 
-        1 + m . x is the inertia about the contact, over that about the pivot point at rest.
+        The momentum [rad/s] is the angular speed times the inertia about the contact, over the inertia about
+        the pivot point at rest.
+
+        Args:
+            state: (2, c) tipping angle [rad] and momentum [rad/s].
         """
         theta, turn = state
         h, ahead, radius = section.evaluate(theta)
@@ -147,14 +151,15 @@ def balance_parameters(section: SupportFunction, body: Array, start: float) -> t
 
 
 def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float, omega: float) -> float:
-    """Energy ratio: energy at (theta, omega) over that at balance phi, both relative to rest at theta = 0.
+    """Energy ratio: energy of a rolling body over the energy needed to reach balance; 1 just reaches it.
 
-    The first is kinetic plus potential energy, the second potential energy; 1 just reaches the balance.
+    The first is kinetic plus potential energy at (theta, omega), the second potential energy at balance phi;
+    both are relative to rest at theta = 0.
 
     Args:
         section: support function of the section on which the body rolls.
-        body: (3,) 1 / J, a / J, b / J: centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 +
-            b^2.
+        body: (3,) 1 / J, a / J, b / J, with the centre of mass at rest a [m] above the pivot point and -b [m]
+            from it in the direction of tipping, J = I_c / m + a^2 + b^2 [m^2] (I_c about the centre of mass).
         phi: balance angle [rad].
         theta: tipping angle [rad].
         omega: angular speed there [rad/s].

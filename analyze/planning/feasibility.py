@@ -305,9 +305,10 @@ class _Bodies:
         self._advance(dt, turning, u, load / (m * g))
 
     def _advance(self, dt: Array, turning: Array, u: Array, load: Array) -> None:
-        """Update state, largest slip and smallest load of n simulated strikes, in place.
+        """Update motion, largest slip and smallest load of n simulated strikes by a time step, in place.
 
-        Cases (strikes) whose tip is over are marked as ended.
+        The motion is tipping, sliding and yaw (turn about the vertical). After the striker's push, strikes
+        that reach balance, rock back, lift off or slip by more than `most_slip` are marked as ended.
 
         Args:
             dt: (n,) time steps [s].

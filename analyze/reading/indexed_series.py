@@ -98,10 +98,10 @@ class IndexedSeries:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of a video that a decoder needs for a range of times, in file order.
 
-        They begin with the last message, not after the range's first one in the file, where a decoder can
-        begin (`is_start`) and whose time is not after any message of the range; with the topic's first
-        message if there is none. They end with the range's last message in the file. An empty range yields
-        none.
+        The first is a message where a decoder can begin (`is_start`): the last such message that precedes
+        all messages of the range in the file, or is the first of them, and is not later in time than any.
+        If there is none, it is the topic's first message. The last is the range's last message in the file.
+        An empty range yields none.
 
         Args:
             topic: topic of the video.

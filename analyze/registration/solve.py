@@ -211,7 +211,9 @@ class Problem:
         return np.where(self._seen[s], 1.0 / self._views[s].sd, 0.0)
 
     def _residual(self, s: int, in_camera: Array) -> Array:
-        """Residuals (f, m, 4, 2) of strike s: corners seen less those modelled, over their sd.
+        """Residuals (f, m, 4, 2) of strike s: corners seen less those modelled, in sd, within ±1e6.
+
+        There are f frames, m markers of four corners, and two image coordinates.
 
         Args:
             s: index of the strike.

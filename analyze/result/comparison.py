@@ -100,7 +100,8 @@ class SessionComparison:
     def may_merge(self) -> bool:
         """True if one centre of mass fits all sessions, so that their recordings may be merged.
 
-        It fits if the decrease of chi squared by one for each session is within its critical value.
+        It fits if chi squared with one centre for all exceeds that with one for each session by at most the
+        critical value of this test.
         """
         return self.together.holds
 

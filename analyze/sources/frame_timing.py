@@ -82,9 +82,10 @@ class FrameTiming:
 
     @cached_property
     def _step_ns(self) -> tuple[int, int]:
-        """Duration of one stamp step as captured [ns], as numerator and denominator.
+        """Capture time [ns] between time stamps n and n + 1, as numerator and denominator.
 
-        Arithmetic with whole numbers is faster than with fractions.
+        In slow motion it is shorter than the time in playing. Arithmetic with whole numbers is faster than
+        with fractions.
         """
         return (self.unit / self.slowed * 10**9).as_integer_ratio()
 

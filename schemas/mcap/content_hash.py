@@ -81,7 +81,7 @@ class ContentHash:
             topics: name of the topic by channel id.
 
         Returns:
-            Number of messages in the chunk, with those under /truth/.
+            Number of all messages in the chunk, those of topics under /truth/ included.
 
         Raises:
             ContainerError: a message is damaged, or its channel is not in `topics`.

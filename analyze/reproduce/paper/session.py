@@ -75,9 +75,10 @@ class Sweeps:
 
 
 def default_sweeps(name: str) -> Sweeps:
-    """Default noise levels for an object: all of them for the carton, as in the paper.
+    """Default levels of added noise at which an object's session is analysed again.
 
-    For other objects it is one level: the noise of the angles that the paper states.
+    For the carton they are all levels of balance angles, moments and scan, as in the paper (VISAPP 2013);
+    for other objects only the angle noise that the paper states.
 
     Args:
         name: name of the object.

@@ -90,9 +90,10 @@ def time_table(times: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _topic(contents: McapContents, name: str) -> dict[str, Any]:
-    """JSON values of the topic called `name`: message types, encodings, number of channels, `time_table`.
+    """JSON values of the topic called `name`: message types, encodings, number of channels, times.
 
-    `out_of_order` counts messages older than the one before; it is None with several channels.
+    The times are the entries of `time_table`: count, first and last time, rate and gaps. `out_of_order` is
+    the number of messages older than the one before; None with several channels.
     """
     channels = contents.channels_of(name)
     found = [

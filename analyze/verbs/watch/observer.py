@@ -201,9 +201,8 @@ class Observer:
         """Time [ns] of the last evaluated image before any marker moved; 0 if no marker was seen.
 
         Only images from `start` to `end` [ns] count. A marker has moved if a corner is more than `MOVED_PX`
-        from its first place in them. The result stands for a time of contact that the striker did not
-        measure. It takes less time than following a marker through all images of a strike by hand, which may
-        last seconds.
+        from its first place in them. The result replaces the time of contact if no striker measured it. It
+        needs no tracking of markers through all images, which is slow for a strike by hand (seconds long).
         """
         rest: dict[int | str, Any] = {}
         before = 0
