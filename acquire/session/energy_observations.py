@@ -152,8 +152,8 @@ def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[
         verdict: answer of `analyze watch`: good (the object tipped over) or rocked back (it fell back).
 
     Returns:
-        A lower bound of 0 if the object tipped over; an upper bound of 0 if it fell back, and its largest
-        angle if that is known.
+        If the object tipped over, the observation that ln E is above 0. If it fell back, that ln E is below
+        0, and its largest tipping angle [rad] if that is known.
     """
     if verdict.code is Verdict.GOOD:
         return [Observation(axis, Quantity.LOG_ENERGY_ABOVE, 0.0, BOUND_SD, log_speed)]

@@ -275,8 +275,9 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
 def _scores(reads: Reads) -> NDArray[np.float64]:
     """Minus twice the log-likelihood of the reads, for each hypothesis about the velocity register.
 
-    A hypothesis has one phase of the renewals, one filter time constant and one lag. The motion is the smooth
-    one (cubic spline) that fits the values of position and velocity registers best.
+    The servo renews the register once a millisecond with a filtered, delayed velocity. A hypothesis states
+    the phase of these renewals within the millisecond, the filter's time constant, and the lag after it. The
+    motion is the smooth one (cubic spline) that fits the values of position and velocity registers best.
 
     Args:
         reads: reads of the run-up or of the retraction, in order; the time of the first must be near 0.

@@ -32,9 +32,9 @@ _CYLINDER_SEGMENTS = 96
 
 @dataclass(frozen=True)
 class _Lump:
-    """Ball of mass inside the parcel: nominal centre [m], radius [m] and share of the interior's mass.
+    """Ball of mass inside the virtual object "parcel": nominal centre [m], radius [m], share of mass.
 
-    The share is of the mass on the ball's side of the plane that divides the interior.
+    A plane divides the interior; the share is of the interior's mass on the ball's side of it.
     """
 
     centre_m: tuple[float, float, float]

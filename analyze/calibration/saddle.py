@@ -65,7 +65,7 @@ blur"""
 
 @dataclass(frozen=True)
 class Saddles:
-    """Result of fitting n chessboard corners in an image: positions, covariances, blur, and success."""
+    """Result of fitting n chessboard corners in an image: positions [px], covariances, blur, and success."""
 
     place: Array
     """(n, 2) column and row: the first position plus the fitted shift [px]"""

@@ -60,7 +60,7 @@ class Tilt:
     """Angle [rad], positive."""
 
     def matrix(self) -> Array:
-        """Rotation matrix (3, 3) of the tilt, in the world frame."""
+        """Rotation matrix (3, 3) of the object's tilt about a horizontal axis, in the world frame."""
         return matrix_from_vector(np.cross(np.array([0.0, 0.0, 1.0]), TOWARDS[self.towards]) * self.angle)
 
     def instruction(self) -> str:

@@ -264,11 +264,10 @@ class _Grid:
         self.log = prior - 0.5 * self.chi2 - 0.5 * np.linalg.slogdet(self.precision)[1]
 
     def near(self) -> tuple[float, float]:
-        """Lowest and highest level [m] that a finer grid must cover, about the level of the smallest chi^2.
+        """Lowest and highest fill level [m] that a finer grid of levels must cover, from this grid's chi^2.
 
-        Each level's chi^2 is that of its best thickness. Between two levels of this grid it may be lower;
-        levels where it may be within `_MAX_CHI2_EXCESS` of the smallest are covered, and the next level on
-        either side.
+        They enclose the levels whose chi^2, with the best shell thickness, is within `_MAX_CHI2_EXCESS` of
+        the smallest or may be so between two levels of the grid, and the next level on either side.
         """
         least = np.min(self.chi2, axis=0)
         padded = np.concatenate([[np.inf], least, [np.inf]])
@@ -293,11 +292,14 @@ class _Grid:
         return self._moments.com + first, float(np.sqrt(max(self.chi2[t, h], 0.0) / len(self._target)))
 
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
-        """Mean, sd and 95 % interval of level, filled share, masses, density and shell thickness.
+        """Fill level, filled share, masses of shell and filling, its density, and shell thickness.
 
-        They are taken from `DRAWS` random draws. Draws of masses outside their bounds are rejected; if fewer
-        than `MIN_DRAWS` remain, masses are clipped to the bounds instead. `whole` holds the lowest and the
-        highest possible level [m], to which drawn levels are clipped.
+        Each has mean, sd and 95 % interval, from `DRAWS` random draws. Draws of masses outside their bounds
+        are rejected; if fewer than `MIN_DRAWS` remain, masses are clipped to the bounds instead.
+
+        Args:
+            whole: lowest and highest possible level [m], to which drawn levels are clipped.
+            rng: generator of the draws.
         """
         weight = np.exp(self.log - np.max(self.log)).ravel()
         place = rng.choice(len(weight), DRAWS * DRAWS_PER_KEPT, p=weight / weight.sum())

@@ -193,9 +193,14 @@ class _Side:
 
     @classmethod
     def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
-        """Distributions of u, the first of three shares, on a side of the triangle of possible shares.
+        """Distributions of u, the first of three shares, if the second or the third share is zero.
 
-        On this side the first two shares are (u, v) = start + u along; `start` and `along` are (2,).
+        The shares then lie on a side of the triangle of possible shares.
+
+        Args:
+            shares: b distributions of three shares, before this condition.
+            start: (2,) first and second share (u, v) at u = 0 on this side.
+            along: (2,) change of (u, v) per unit of u: (u, v) = start + u along.
         """
         off = shares.mean - start
         towards = np.einsum("i,bij,bj->b", along, shares.precision, off)

@@ -115,8 +115,11 @@ def _sd(information: Array) -> Array:
 
 
 def _measured(information: Array) -> BoolArray:
-    """Mask (6,) of the inertia tensor's entries that count as measured with `information` (6, 6).
+    """Mask (6,) of the inertia tensor's entries that count as measured, in the order of `TENSOR_ENTRIES`.
 
-    Their standard deviation is below `MEASURED_FRACTION` of the prior's.
+    Their standard deviation is below `MEASURED_FRACTION` of the prior's (the assumption from the shape).
+
+    Args:
+        information: (6, 6) Fisher information about the entries, in units of their prior sd.
     """
     return _sd(information) < MEASURED_FRACTION

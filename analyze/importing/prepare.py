@@ -131,7 +131,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
 
 
 def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
-    """Check that the disk has room for the videos that will be stored as coded.
+    """Check that the disk has room for the videos that go into the recording without recoding.
 
     Args:
         folder: folder on the disk; None for no check.

@@ -72,7 +72,7 @@ def render_written(written: Written, shown: list[str]) -> None:
 
 
 def _remark(lines: list[str]) -> list[str]:
-    """Print the lines to standard error, and return them unchanged."""
+    """Print remarks on the import, one per line, to standard error, and return them unchanged."""
     for line in lines:
         click.echo(line, err=True)
     return lines

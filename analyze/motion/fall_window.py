@@ -139,10 +139,10 @@ def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
 
 
 def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int) -> FallWindow | None:
-    """Stretch of a fall, extended frame by frame along its own curve; None if it is no fall.
+    """Extend a stretch of a fall frame by frame while the next frame lies on its curve.
 
-    The two end frames of the extended stretch are left out: a hand or the ground may still have touched the
-    tag there. None if fewer than 8 frames or a fall of less than 0.2 m remain.
+    The curve is a polynomial of third degree. The two end frames of the extended stretch are left out: a hand
+    or the ground may still have touched the tag there.
 
     Args:
         number: (n,) number of each frame on an even grid of frames.
@@ -150,6 +150,10 @@ def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int)
         sd: (3,) those standard deviations [m].
         start: index of the stretch's first frame.
         stop: index after its last frame.
+
+    Returns:
+        The stretch, with the distance fallen [m]; None if fewer than 8 frames or a fall of less than 0.2 m
+        remain.
     """
     noise = max(1.0, _Curve(number[start:stop], scaled[start:stop]).rms)
     while stop < len(number) and _continues(number, scaled, sd, (start, stop), stop, noise):
@@ -179,7 +183,9 @@ class _Curve:
         self.rms = float(np.sqrt(np.sum(left**2) / max(3 * (len(number) - 4), 1)))
 
     def fall(self, sd: Array) -> float:
-        """Fall 1/2 a T^2 [m] over the curve's duration T, with a its acceleration.
+        """Distance fallen from rest [m] over the stretch's duration T: 1/2 a T^2, with a the acceleration.
+
+        The acceleration is that of the polynomial fitted to the tag's positions.
 
         Args:
             sd: (3,) standard deviations by which the positions were scaled [m].
@@ -187,13 +193,14 @@ class _Curve:
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a frame's position from the curve along each axis, in standard deviations.
+        """Distance (3,) of a position from the fitted fall curve along each axis, in standard deviations.
 
-        The standard deviation is that of the position and the fitted curve together.
+        The curve is the polynomial of third degree fitted to a stretch of the track; the standard deviation
+        is that of position and curve together.
 
         Args:
-            frame: number of the frame on an even grid of frames.
-            position: (3,) its position over the standard deviations of a position.
+            frame: number of the position's frame on an even grid of frames.
+            position: (3,) the position, divided by the standard deviations by which all positions are scaled.
         """
         at = ((frame - self._middle) / self._half) ** np.arange(4)
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)
@@ -202,15 +209,17 @@ class _Curve:
 def _continues(
     number: IntArray, scaled: Array, sd: Array, window: tuple[int, int], frame: int, noise: float
 ) -> bool:
-    """True if a frame beside a stretch lies on the stretch's own curve, at most 4 missing frames away.
+    """True if a frame belongs to a stretch of a tag's fall: its position continues the stretch's curve.
+
+    The curve is the cubic fitted to the stretch's positions. At most 4 frames may be missing in between.
 
     Args:
-        number: (n,) number of each frame on an even grid of frames.
-        scaled: (n, 3) positions over their standard deviations.
+        number: (n,) number of each frame on an even grid of frames, missing ones counted.
+        scaled: (n, 3) positions of the tag over their standard deviations.
         sd: (3,) those standard deviations [m].
         window: the stretch, indices [start, stop).
-        frame: index of the frame.
-        noise: rms distance of the stretch's frames from the curve, in standard deviations.
+        frame: index of the frame, before or after the stretch.
+        noise: rms distance of the stretch's positions from the curve, in standard deviations.
     """
     start, stop = window
     if abs(int(number[frame] - number[start if frame < start else stop - 1])) > MAX_MISSING + 1:

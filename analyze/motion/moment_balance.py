@@ -67,7 +67,11 @@ class Contact:
 
 @dataclass(frozen=True)
 class BalancedBody:
-    """Centre of mass c, inertia per mass about it and edge rounding of a body, fitted to its contacts."""
+    """Centre of mass c, inertia per mass about c and edge rounding of a body, fitted to its motion.
+
+    The motion is that of contacts: stretches in which the body touches the table at one edge or corner only.
+    O is the object frame.
+    """
 
     com: Array
     """(3,) c in O [m]"""
@@ -89,7 +93,7 @@ class BalancedBody:
 
     @property
     def inertia_sd(self) -> Array:
-        """Standard deviations (3, 3) of the entries of the inertia per mass about centre of mass c [m^2]."""
+        """Standard deviations (3, 3) of the entries of `inertia` (per mass, about c, axes of O) [m^2]."""
         return tensor(np.sqrt(np.diag(self.covariance)[3:9]))
 
     @property

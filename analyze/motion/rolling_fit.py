@@ -130,14 +130,15 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 
 
 def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
-    """Prior (place and sd) of the centre of mass: near the middle of a known section, otherwise wide.
+    """Prior (place and sd) of the centre of mass before the fit of a body that rolls on its cross-section.
 
-    If the section is only a circle (`middle_sd` infinite), the prior's place is where a solid body with the
-    sample's first guess of phi and k has its centre of mass; its sd is the distance from there to the pivot.
+    Its place is near the middle of a known section. If the section is only a circle (`middle_sd` infinite),
+    it is where a solid body with the first guess of phi and k has its centre of mass, and the sd is wide: the
+    distance from there to the pivot. Places are relative to the pivot point at rest.
 
     Args:
-        sample: measured tipping angle with a first guess of balance angle phi and rate k.
-        section: cross-section on which the body rolls.
+        sample: measured tipping angle with a first guess of balance angle phi and rate constant k of the tip.
+        section: support function of the cross-section.
     """
     if math.isfinite(section.middle_sd):
         ahead, above = section.middle

@@ -31,11 +31,12 @@ MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
 
 @dataclass
 class Unknowns:
-    """Values of all unknowns of the registration: markers, strikes, edges, tables and frames.
+    """Unknowns of the registration, which estimates the poses of an object's markers from strikes.
 
-    O is the object frame, M a marker's, W the world frame. Of a strike, psi is the heading of the object as
-    put down, x and y its place on the table, kappa its turn about the vertical by the impact, and tau that
-    turn while it tips, per rad of tipping angle theta.
+    They are those of markers, strikes, pivot edges, tables and video frames. O is the object frame, M a
+    marker's, W the world frame. Of a strike, psi is the heading of the object as put down, x and y its place
+    on the table, kappa its turn about the vertical by the impact, and tau its further turn about the vertical
+    while it tips, per rad of tipping angle theta.
     """
 
     R: list[Array]

@@ -65,9 +65,10 @@ class Sender:
     # --- pages
 
     def add_pages(self, records: Sequence[pb.StrikeRecord], *, more: bool) -> None:
-        """Add pages for strikes and send the layout with the newest in front, or the first if no more follow.
+        """Add a page (tab of the viewer) for each strike, and send the layout with one page in front.
 
-        Without any strike the answer's page is in front; a page that the user asked for takes precedence.
+        In front is the page that the user asked for, else the newest strike's, or the first strike's if no
+        more follow; without any strike it is the answer's.
 
         Args:
             records: strikes as recorded.
@@ -102,10 +103,10 @@ class Sender:
         self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
     def shown_moment_s(self) -> float:
-        """Time since contact [s] at which the page in front shows an object near its balance.
+        """Time since contact [s] at which the replay's front page shows an object near its balance.
 
-        It is that of the strike whose page the user asked for, else of the first strike with verdict good;
-        0.2 s if there is neither, or if its motion was not measured.
+        It is the time near balance of the strike whose page the user asked for, else of the first strike with
+        verdict good; 0.2 s if there is neither, or if its motion was not measured.
         """
         from analyze.replay.views import balance_moment
         from schemas.strike_result import Verdict
@@ -138,14 +139,14 @@ class Sender:
             self.damage.append(str(error))
 
     def analyse_strike(self, source: StrikeSource, record: pb.StrikeRecord, *, more: bool) -> None:
-        """Measure a strike's motion and send it, or the reason why it cannot be measured.
+        """Measure a strike's motion and send it to the viewer, or the reason why it cannot be measured.
 
-        The first call imports the numerical modules and sends the object's shape. A damaged file is added to
-        `damage`, an object or plan that cannot be used to `no_answer`.
+        The first call imports the numerical modules and sends the object's shape. The error text of a damaged
+        file is added to the list `damage`, that of an object or plan that cannot be used to `no_answer`.
 
         Args:
             source: recording.
-            record: the strike as recorded; its page must have been added.
+            record: the strike as recorded; its page (tab of the viewer) must have been added.
             more: True if further strikes may follow.
         """
         from analyze.pipeline.read_evidence import read_strike

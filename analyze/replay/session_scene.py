@@ -83,13 +83,14 @@ def _send_event(timelines: Timelines, message: RecordedMessage, records: Sequenc
 
 
 def send_state_names(timelines: Timelines, strike_ids: Iterable[str] = ()) -> None:
-    """Send names and colours for the states of the session, and of the striker on all pages that show it.
+    """Send to the viewer the names and colours of the states of the session and of the striker.
 
-    These are the session's page and the pages of the given strikes.
+    The striker's are sent for each page (tab of the viewer) that shows it: the session's, and those of the
+    given strikes.
 
     Args:
         timelines: timelines of the stream.
-        strike_ids: strikes whose pages show the striker's state.
+        strike_ids: ids of strikes whose pages show the striker's state.
     """
     timelines.name_states("/session/state", SESSION)
     timelines.name_states("/session/striker", STRIKER)

@@ -66,7 +66,7 @@ class DrawnAnswer:
 
 @dataclass(frozen=True)
 class MotionCurves:
-    """Motion of a strike in n frames: tipping angle, rate and acceleration over time."""
+    """Motion of a strike in n frames: tipping angle [rad], rate [rad/s] and acceleration [rad/s^2]."""
 
     time_ns: IntArray
     """(n,) log times [ns]."""
@@ -117,17 +117,18 @@ def balance_moment(motion: TipMotion | None) -> float:
 
 
 def measured_curves(angle: TipAngle) -> MotionCurves:
-    """Measured angle, rate and acceleration of a strike of two or more frames."""
+    """Measured tipping angle [rad] with its rate [rad/s] and acceleration [rad/s^2], at n frames, n >= 2."""
     time = (angle.time_ns - angle.time_ns[0]).astype(np.float64) * 1e-9
     _, alpha = angular_acceleration(angle, MotionSettings().smoothing_points)
     return MotionCurves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
 
 
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
-    """Fitted motion at the frames of the fit's window; rate and acceleration by differences.
+    """Fitted tipping angle, its rate, acceleration and residual, at the frames of the fit's window.
 
-    None if the fit has no k (rate constant of the motion), or if its window has fewer than three frames.
-    `angle` is the measured tipping angle that was fitted.
+    Units are rad and s; rate and acceleration are differences of the fitted angle. None if the fit has no k
+    (rate constant of the motion), or if its window has fewer than three frames. `angle` is the measured
+    tipping angle that was fitted.
     """
     first, last = fit.window
     time_ns = angle.time_ns[first:last]

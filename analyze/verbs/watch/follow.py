@@ -122,12 +122,12 @@ class _Watcher:
         """requests with the time until which they may wait for images"""
 
     def run(self) -> None:
-        """Follow the recording until the requests end or the reader of the output closes it.
+        """Follow the growing recording and judge strikes on request, until the input or output is closed.
 
-        When the requests end, all that are pending are judged first.
+        Requests are lines of the input. At its end, all pending requests are judged first.
 
         Raises:
-            RecordingError: the file is no recording or is damaged, or has not appeared when the requests end.
+            RecordingError: the file is no recording or is damaged, or has not appeared by the input's end.
         """
         try:
             while True:
