@@ -123,7 +123,10 @@ class TipAngle:
 
 @dataclass(frozen=True)
 class Phases:
-    """Frame ranges [start, stop) of a strike's phases in a TipAngle; None if a phase did not occur."""
+    """Frame ranges [start, stop) of a strike's phases, from rest to landing; None for one that did not occur.
+
+    A range holds indices into the arrays of the strike's TipAngle, its measured tipping angle by frame.
+    """
 
     rest: tuple[int, int] | None
     """object at rest, before the contact"""
@@ -302,7 +305,10 @@ class TableTilt:
 
 @dataclass(frozen=True)
 class CentreOfMass:
-    """Centre of mass c in the object frame O from all strikes used, with covariance and residuals."""
+    """Centre of mass c in the object frame O from all strikes used, with covariance.
+
+    The residuals are its distances from the strikes' equi-planes (planes through pivot line and c).
+    """
 
     position: Array
     """(3,) c [m]"""

@@ -50,7 +50,7 @@ def frame_sd(tag_px: float) -> float:
 
 @dataclass(frozen=True)
 class TrackedSwing:
-    """Expected swing (parameters of the tip) of a strike, with the noise of the measured tipping angle."""
+    """Expected swing of a strike (balance angle, rate constant k, energy) and the tipping angle's noise."""
 
     expected: Swing
     """Expected swing, of which phi and k are used."""

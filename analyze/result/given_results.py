@@ -30,7 +30,8 @@ RECORDING_SUFFIX = ".mcap"
 class EarlierResults:
     """Earlier results of an object, from which its next plan of strikes starts.
 
-    They are centre of mass, inertia and strikes made, merged from all files, and the impacts measured.
+    They are centre of mass, inertia and strikes made, merged from all files, and the striker's recorded
+    impacts.
     """
 
     given: EarlierResult
