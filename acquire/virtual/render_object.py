@@ -68,9 +68,10 @@ class ObjectPainter:
         self._vertices = virtual_object.mesh_vertices
 
     def layer(self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]) -> Layer | None:
-        """Layer of object and tags, averaged over k poses of one exposure; None if they are out of view.
+        """Image layer (grey levels and cover) of object and tags, averaged over the k poses of an exposure.
 
-        The visible faces and tags, their order and their shading are those of the middle pose.
+        None if they are out of view. The cover is the covered fraction of each pixel. The visible faces and
+        tags, their order and their shading are those of the middle pose.
 
         Args:
             p_world_object: (k, 3) positions of the object's origin in W, the world frame [m].
@@ -101,11 +102,11 @@ class ObjectPainter:
     def shadow(
         self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]
     ) -> Layer | None:
-        """Layer whose cover is the object's shadow on the table; None if it is out of view.
+        """Image layer whose cover (share of each pixel) is the object's shadow; None if it is out of view.
 
-        The shadow is the image of the convex hull of the object's vertices, projected along the light onto
-        z = 0, and softened by a mean over 9 px along the rows and 5 px along the columns. The layer's light
-        equals its cover and has no meaning.
+        The shadow lies on the table: it is the image of the convex hull of the object's vertices, projected
+        along the light onto z = 0, and softened by a mean over 9 px along the rows and 5 px along the
+        columns. The layer's light equals its cover and has no meaning.
 
         Args:
             p_world_object: (3,) position of the object's origin in W, the world frame [m].

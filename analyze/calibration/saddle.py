@@ -209,7 +209,7 @@ def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
 
     Args:
         x: (n, 9) parameters of the corners' fits: position, directions of the two lines, ... (`_PARAMETERS`).
-        at: positions of the pixels.
+        at: undistorted positions of m pixels around each corner, relative to its first position [px].
 
     Returns:
         Distances (n, m) from the first line, and from the second.
@@ -224,7 +224,7 @@ def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bo
 
     Args:
         x: (n, 9) parameters of the corners' fits (`_PARAMETERS`).
-        at: positions of the pixels.
+        at: undistorted positions of m pixels around each corner, relative to its first position [px].
         per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
         rim: white margin between a tag and the edge of its square [square sides], foreshortened like the
             square.

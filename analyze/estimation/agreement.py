@@ -175,9 +175,9 @@ def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> Estimator
 
 @dataclass(frozen=True)
 class CentreDifference:
-    """Distance between the centre of mass by the paper's method and the joint estimate of it, also in sd.
+    """Distance of the paper's centre of mass from the joint estimate of it, in m and in sd.
 
-    The paper is VISAPP 2013.
+    The paper is VISAPP 2013; the joint estimate uses all strikes together.
     """
 
     distance: float

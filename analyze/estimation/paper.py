@@ -275,10 +275,10 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Sweep:
-    """All b positions of the plane that divides the interior, with centroids and moments of the regions.
+    """All b tried planes that divide the interior, with centroids and moments of the regions they make.
 
-    The regions are the shell, and the interior above and below the plane; the moments are second moments per
-    kilogram.
+    The regions are the shell, and the interior above and below the plane. Lengths are in the object frame O
+    [m]; the moments are second moments about O's origin, per kilogram of the region [m^2].
     """
 
     normals: Array

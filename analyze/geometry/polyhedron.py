@@ -25,7 +25,10 @@ frame."""
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Volume, centroid and inertia of a uniform solid, in the frame of its vertices."""
+    """Volume [m^3], centroid [m] and inertia of a uniform solid, in the frame of its vertices.
+
+    The inertia is about the centroid, per kilogram [m^2].
+    """
 
     volume: float
     """Volume [m^3]."""

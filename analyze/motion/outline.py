@@ -95,9 +95,10 @@ def simplified_polygon(corners: Array) -> Outline:
 
 
 def _polygon(corners: Array) -> Outline:
-    """Outline through `corners` (n, 2) [m], anticlockwise.
+    """Outline of a body's cross-section from its `corners` (n, 2) [m], given anticlockwise.
 
-    Its first facet is the one whose angle against the table at rest, from -180 to 180 deg, is the least.
+    Corners are relative to the pivot point: x in the direction of tipping, z up. The corners are put in an
+    order in which the angles of the facets against the table at rest, from -180 to 180 deg, ascend.
     """
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])
@@ -172,7 +173,7 @@ class Curve:
     """indices of the facets, in order"""
 
     def contacts(self, outline: Outline, theta: Array) -> tuple[IntArray, Array, Array]:
-        """Contact points of this curve with the table at tipping angles theta (n,) [rad].
+        """Contact points of this curved part of the body's outline with the table, by tipping angle.
 
         Args:
             outline: the outline to which the curve's facets belong.

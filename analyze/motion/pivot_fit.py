@@ -115,7 +115,7 @@ def hinge_model(time: Array, radius: float) -> Model:
 
 
 def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sample:
-    """Cut a window out of theta(t), with a first guess of the pendulum's parameters.
+    """Cut a window out of theta(t), and guess the parameters of a pendulum that moves like it.
 
     Args:
         angle: tipping angle theta(t) of the strike.
@@ -123,9 +123,10 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
         parameters: number of parameters that will be fitted.
 
     Returns:
-        The window's times, angles, standard deviations and first guess. The guess is the linear least-squares
-        solution; if that has no phi between 0 and 2 rad or no k above 1 rad/s^2, it is a rough one from the
-        largest angle.
+        The window's times since its first frame [s], angles [rad], their standard deviations, and the guess:
+        balance angle phi [rad], rate constant k [rad/s^2], and angle [rad] and speed [rad/s] at the first
+        frame. The guess is the linear least-squares solution; if that has no phi between 0 and 2 rad or no k
+        above 1 rad/s^2, it is a rough one from the largest angle.
 
     Raises:
         EstimationError: the window has fewer than `MIN_FRAMES` (8) or `parameters` + 3 frames.

@@ -44,15 +44,19 @@ class TwoImpactFit:
 
 
 def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> TwoImpactFit | None:
-    """Best fit of the pendulum with one jump in speed; None if no such motion fits theta(t).
+    """Best fit of a pendulum's motion with one jump in speed, as by a second impact, to theta(t).
 
-    None also if the window has fewer than 8 frames, or if the mean squared residual of the best fit is at
-    least 6 times the frames' variance.
+    The pendulum is the object that tips over its edge.
 
     Args:
         angle: tipping angle theta(t) of the strike.
         window: frames [start, stop).
         radius: radius of the edge's rounding [m]; 0 for a sharp edge.
+
+    Returns:
+        The fit, and the jump: its frame, size [rad/s], and squared ratio to its standard deviation. None if
+        the window has fewer than 8 frames, no such motion fits, or the mean squared residual of the best fit
+        is at least 6 times the frames' variance.
     """
     try:
         sample = cut_sample(angle, window, 5)

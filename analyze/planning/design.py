@@ -57,7 +57,7 @@ class Design:
 
     @property
     def com_covariance(self) -> Array:
-        """Predicted covariance (3, 3) of the centre of mass [m^2], in the object frame."""
+        """Predicted covariance (3, 3) of the estimated centre of mass [m^2], in the object frame."""
         return self.covariance[COM, COM]
 
     @property
@@ -67,15 +67,15 @@ class Design:
 
 
 def choose_design(information: Information, strikes: int, most_axes: int | None = None) -> Design | None:
-    """Design with the smallest loss among those that the search meets.
+    """Design (axes to tip about, strikes on each) with the smallest loss that the search finds.
 
     The loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln sqrt(det P) + `AXIS_PENALTY` for each axis, with c the
     centre of mass and P the covariance of the inertia tensor's six entries, both in units of their prior 1
-    sigma. Sets are excluded if their equi-planes (planes through edge and c at balance), together with those
-    of the strikes made, leave a direction of c unknown. The search starts from the best sets of three axes
-    (fewer if fewer strikes are asked for, or if axes were struck before), adds one axis at a time, and
-    improves each set by exchanging single axes (Fedorov 1972). The same candidates in the same order give the
-    same design.
+    sigma. Sets of axes are excluded if their equi-planes (planes through edge and c at balance), together
+    with those of the strikes made, leave a direction of c unknown. The search starts from the best sets of
+    three axes (fewer if fewer strikes are asked for, or if axes were struck before), adds one axis at a time,
+    and improves each set by exchanging single axes (Fedorov 1972). The same candidates in the same order give
+    the same design.
 
     Args:
         information: Candidates, prior knowledge and errors.

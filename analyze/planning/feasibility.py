@@ -84,9 +84,10 @@ class StrikeCase:
 
 @dataclass(frozen=True)
 class TipOutcomes:
-    """Results of n simulated strikes: slip, smallest load on the edge, and whether balance is reached.
+    """Results of n simulated strikes: slip [m], smallest load on the edge, and whether balance is reached.
 
-    A strike is simulated up to balance, or to the instant at which its tip ends before it.
+    The load is the table's normal force over the object's weight. A strike is simulated up to balance, or to
+    the instant at which its tip ends before it.
     """
 
     slip: Array

@@ -159,7 +159,8 @@ def strikes_for(
         most_axes: Largest number of different axes; None for the limit of `choose_design`.
 
     Returns:
-        Number of strikes and design; None if `most` strikes do not reach the target.
+        Number of strikes, and the design: axes to tip about and strikes on each. None if `most` strikes do
+        not reach the target.
     """
 
     def design_of(many: int) -> Design | None:

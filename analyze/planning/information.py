@@ -209,28 +209,34 @@ class Information:
         return shared * self.units, own
 
     def weight(self, each: Candidate, strikes: int) -> Array:
-        """Inverse covariance (2, 2) of phi [rad] and ln k from the strikes on an axis at the usual heading.
+        """Inverse covariance (2, 2) of phi [rad] and ln k from strikes on one axis, made and planned.
 
-        It covers the strikes made before on the axis `each`, and `strikes` more. phi is the balance angle, k
-        the rate constant of the tip; a heading is the turn of object and striker about the vertical.
+        phi is the balance angle, k the rate constant of the tip. Of the strikes made, those at the usual
+        heading (turn of object and striker about the vertical) count.
+
+        Args:
+            each: the axis.
+            strikes: number of planned strikes, added to those made.
         """
         return strikes * self._linearised(each)[2] + self.belief.made.get(each.axis.id, {}).get(
             USUAL_HEADING, np.zeros((2, 2))
         )
 
     def measurements(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
-        """Measurements of an axis at each of its h headings, including `strikes` more at the usual one.
+        """What strikes on one axis measure at each of its h headings, as a linear model.
 
-        A heading is the turn [rad] of object and striker about the vertical; the usual one always counts. The
-        table's tilt towards the world's +x changes phi at heading a by cos a of what it does at the usual
-        one. At a further heading the camera sees another tag, which has its own angle error.
+        A heading is the turn [rad] of object and striker about the vertical; the usual one always counts.
+        Included are the strikes made before, and `strikes` more at the usual heading. The table's tilt
+        towards the world's +x changes phi at heading a by cos a of what it does at the usual one. At a
+        further heading the camera sees another tag, which has its own angle error.
 
         Args:
             each: Axis, with its expected swing and the noise of one strike.
             strikes: Number of further strikes on it.
 
         Returns:
-            Derivatives (2h, 14) by the shared unknowns, in units of their prior 1 sigma, and (2h, 3 + h) by
+            Derivatives (2h, 14) by the shared unknowns (centre of mass, inertia, errors common to all
+            strikes, in the order of `units`), in units of their prior 1 sigma; derivatives (2h, 3 + h) by
             those of the axis: its line's place towards the tip and upwards, an angle error, an error of ln k,
             and one more angle error for each further heading; and the inverse covariance (2h, 2h). Rows are
             phi (balance angle, rad) and ln k (k the tip's rate constant) of each heading, the usual one

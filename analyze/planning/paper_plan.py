@@ -71,7 +71,7 @@ class PaperStrike:
     def energy(self) -> float:
         """Energy of the tip over weight m g: rise [m] of the centre of mass to balance.
 
-        The centre of mass is assumed at the impact point, so the rise h2 - h1 of the paper's eq. (2) is the
+        The centre of mass is assumed at the impact point, so the rise h2 - h1 of eq. (2), VISAPP 2013, is the
         impact point's distance from the rotation point less its height over it.
         """
         lever = self.impact_point - self.rotation_point
@@ -190,7 +190,10 @@ def impact_force(
 def _strikes_on(
     model: ObjectModel, plane: RestingPlane, cloud: Array, weight: float
 ) -> Sequence[PaperStrike]:
-    """Impact points for the four rotation points of a resting plane (VISAPP 2013, 3.1.3).
+    """Impact point for each of the four rotation points of a resting plane (VISAPP 2013, 3.1.3).
+
+    A rotation point, about which the object tips, lies on the rim of the plane's support polygon. The impact
+    point is on the shape's hull, on the far side from it. Each has the force needed [N].
 
     Args:
         model: Shape of the object.

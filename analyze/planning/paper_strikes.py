@@ -93,9 +93,11 @@ def paper_strike_plan(prepared: PreparedObject, object_sha256: str, strikes: int
 
 
 def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> PivotAxis:
-    """Pivot axis at a rotation point of the paper, on the centre line of the edge's rounding.
+    """Pivot axis for one impact point of the paper's plan (VISAPP 2013), in the object frame.
 
-    The face that rises from the edge is taken as vertical; the axis's point lies beside the impact point.
+    It runs along the centre line of the rounding of the edge that holds the rotation point (the point about
+    which the object tips, at the rim of the resting face). The face that rises from the edge is taken as
+    vertical; the axis's point lies beside the impact point.
 
     Args:
         prepared: Object, with its edge radius.

@@ -150,7 +150,10 @@ class _Inspection:
         """log times of messages outside of chunks, by channel"""
 
     def run(self) -> None:
-        """Inspect the file up to its footer or its last whole record; fill the `contents` given before."""
+        """Inspect the MCAP file up to its footer or its last whole record.
+
+        All findings are entered in the `McapContents` that the constructor was given.
+        """
         found, data, magic = self._found, self._data, container.MAGIC
         at, ended = len(magic), False
         for opcode, start, body in walk(data, len(magic)):

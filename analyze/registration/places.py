@@ -75,15 +75,17 @@ class TablePlace:
 def marker_place(
     name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool
 ) -> MarkerPlace:
-    """Estimated pose of one marker, with the directions that the strikes do not determine.
-
-    If there are any, it states what the user can do to determine them.
+    """Estimated pose of one marker on the object, and the directions that the strikes leave undetermined.
 
     Args:
         name: name of the marker.
         solution: the joint fit.
         used: views of the strikes that were used.
         on_surface: True if the marker was constrained to the body's surface.
+
+    Returns:
+        Pose T_object_marker with its covariance; the undetermined directions, in words, and what the user can
+        do to determine them; both are empty if there are none.
     """
     covariance = solution.covariance[name]
     mine = [view for view in used if name in view.marker_ids]

@@ -92,15 +92,16 @@ def send_pictures(
 
 
 class _ImagesBeforeContact:
-    """Sender of images before a strike's contact without encoding.
+    """Sender of a strike's images before its contact, without encoding, to a replay.
 
-    It sends about ten at equal intervals, or all with `choice.every_frame`; none outside a strike.
+    It sends about ten at equal intervals, or all with `choice.every_frame`.
 
     Args:
         timelines: timelines of the stream.
         path: entity of the images.
         first: first image of the strike; from its time on, images are sent.
-        contact_ns: log time of the strike's contact [ns]; None outside a strike.
+        contact_ns: log time of the strike's contact [ns]; None if the images belong to no strike: nothing is
+            sent then.
         choice: selection and encoding of the images.
     """
 

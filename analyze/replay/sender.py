@@ -41,10 +41,12 @@ class ReplayOptions:
 
 
 class Sender:
-    """Sender of one recording's pages to the stream of a replay.
+    """Sender of what a replay shows of one recording, to the stream that the viewer or a file receives.
+
+    A replay has pages (tabs of the viewer): one for the answer, one per strike, one for the session.
 
     Args:
-        timelines: timelines of the stream.
+        timelines: timelines of the stream, and the stream.
         name: name of the recording, for display.
         options: options given by the user.
     """

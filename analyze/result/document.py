@@ -204,7 +204,7 @@ def parts_document(found: PartMasses) -> Parts:
     sd = np.sqrt(np.diag(found.covariance))
 
     def quantities(i: int, unit: str, per: float) -> Quantity:
-        """Quantity (value, sd, interval, `unit`) of part `i`: its mass divided by `per`.
+        """Value, sd and 95 % interval, in `unit`, of the mass of labelled part `i` divided by `per`.
 
         `per` is 1 for the mass [kg], and the part's volume [m³] for the density.
         """

@@ -19,7 +19,10 @@ def warning(code: WarningCode, text: str) -> ResultWarning:
 
 
 def names_text(items: Sequence[str]) -> str:
-    """Text of names separated by commas; of more than `MAX_NAMES`, the first and the number of the rest."""
+    """Text of names separated by commas; the names after the first `MAX_NAMES` are only counted.
+
+    Example: "s1, s2 and 3 more", if `MAX_NAMES` were 2.
+    """
     return (
         ", ".join(items)
         if len(items) <= MAX_NAMES

@@ -156,7 +156,10 @@ def project(camera: CameraModel, points_camera: Array) -> Array:
 
 
 def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
-    """Derivative (..., 2, 3) [px/m] of ideal pixels by the points' positions (..., 3) in the camera frame."""
+    """Derivative (..., 2, 3) [px/m] of the ideal pixels at which points are seen by the points' positions.
+
+    Ideal pixels are free of lens distortion. The positions (..., 3) [m] are in the camera frame.
+    """
     K = camera.K
     X, Y, Z = points_camera[..., 0], points_camera[..., 1], points_camera[..., 2]
     zero = np.zeros_like(Z)
@@ -173,7 +176,7 @@ class PixelMap:
     """Look-up table of the ideal (distortion-free) coordinates of every pixel centre of one camera."""
 
     def __init__(self, camera: CameraModel) -> None:
-        """Compute the table for all pixels of `camera`."""
+        """Compute the ideal (distortion-free) coordinates of all pixels of `camera`, once."""
         columns, rows = np.meshgrid(
             np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float)
         )

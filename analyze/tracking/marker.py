@@ -91,7 +91,11 @@ class _CodePattern:
 
 @cache
 def _code_pattern(name: int | str) -> _CodePattern:
-    """Cells (black and white fields) of the marker of this name, prepared to verify its code; cached."""
+    """White and black cells (fields) of the named marker, in the form used to verify its code; cached.
+
+    The form is the cells' colours, centres, weights for the means of both colours, and the number of cells
+    that may be misread.
+    """
     family, tag_id = family_and_id(name)
     dictionary = _dictionary(family)
     across = dictionary.markerSize + 2  # with the black border

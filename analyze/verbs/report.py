@@ -122,7 +122,10 @@ def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str,
 
 
 def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    """Functions that make the report on the agreement of sessions, one file each (HTML, tables, JSON)."""
+    """Functions that make the report on how well sessions of one object agree (HTML, tables, JSON).
+
+    Each file is one session.
+    """
     from analyze.report.comparison_page import comparison_json, comparison_tables, write_comparison
 
     found = compare_files(files, object_file, exclude)

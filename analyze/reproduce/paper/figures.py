@@ -295,7 +295,14 @@ def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
-    """Draw an object's silhouette with the true and estimated centres of mass of all its sessions."""
+    """Draw an object's silhouette with the true and estimated centres of mass of all its sessions.
+
+    The drawing is in x and z of the object frame [mm].
+
+    Args:
+        axes: matplotlib axes that receive it.
+        records: sessions of the object; the silhouette is the first one's.
+    """
     section = records[0].section
     if section is not None:
         axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor=BODY, edgecolor=INK, lw=0.9))

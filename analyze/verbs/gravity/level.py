@@ -67,7 +67,10 @@ class GravityAnswer:
 
     @property
     def places_px(self) -> list[float]:
-        """Image column [undistorted px] of each plumb line's visible middle, in the order of `lines`."""
+        """Image column [undistorted px] of each plumb line (hanging string), in the order of `lines`.
+
+        It is that of the middle of the visible part of the string.
+        """
         return [float((line.bottom + line.top)[0] / 2) for line in self.lines]
 
     def refuse_undetermined(self) -> None:

@@ -204,11 +204,11 @@ def _clocks(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
-    """Number of clock samples, median round trip [s], and drift against the host's clock [ppm].
+    """JSON values of a device clock's samples: number, median round trip [s], drift [ppm].
 
-    A sample is one reading of a device's clock; its round trip is the time that the reading took.
-
-    The drift is None if all samples are of one time.
+    A sample is one reading of the device's clock between two readings of the host's; the time between those
+    two is its round trip. The drift is that of the device's clock against the host's; None if all samples are
+    of one time.
     """
     device = np.array([sample.device_time_ns for sample in samples], dtype=np.int64)
     before = np.array([sample.host_before_ns for sample in samples], dtype=np.int64)
