@@ -27,7 +27,10 @@ NO_HUBER = float("inf")
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose of the board in the camera's frame: x_camera = R x_board + translation, R from `rotation`."""
+    """Pose of the board in the camera's frame, as rotation vector and translation.
+
+    x_camera = R x_board + translation [m], R the matrix of the rotation vector.
+    """
 
     rotation: Array
     """(3,) rotation vector [rad]"""

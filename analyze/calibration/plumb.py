@@ -99,10 +99,10 @@ class TableLean:
 
     @property
     def contradicts_prior(self) -> bool:
-        """True if the lean by the lines is implausibly large: a line is no plumb line, or the prior is wrong.
+        """True if the plumb lines show an implausibly large lean of the vertical.
 
-        That is, `lean_by_lines` towards either axis exceeds `MAX_PRIOR_SIGMAS` times its prior sd (before the
-        lines were used).
+        Then a line is no plumb line, or the prior is wrong. Implausible is a `lean_by_lines` towards x or y
+        of more than `MAX_PRIOR_SIGMAS` times its prior sd (before the lines were used).
         """
         return bool(np.max(np.abs(self.lean_by_lines)) > MAX_PRIOR_SIGMAS * self.lines_prior_sd)
 

@@ -212,8 +212,8 @@ def paper_regions(
 ) -> PaperRegions | None:
     """Masses of shell, upper and lower interior by the method of VISAPP 2013, 3.3.2.
 
-    The plane that divides the interior, and the moment I about the edge, are swept over ranges of values. The
-    paper is read as follows where it is ambiguous:
+    The plane that divides the interior, and the moment of inertia about the pivot edge, are swept over ranges
+    of values. The paper is read as follows where it is ambiguous:
 
     - m_j is the mass of region j: the sums over the N_j voxels of a region, which multiply m_j in eq. 9, are
       divided by N_j;
@@ -222,7 +222,7 @@ def paper_regions(
     - the dividing plane sweeps along the body's principal directions.
 
     Args:
-        planes: Equi-planes (for their pivot lines) in the object frame O, one per axis.
+        planes: Equi-planes (through pivot line and c) in the object frame O, one per axis, for their lines.
         com: (3,) centre of mass c [m, in O], taken as exact.
         i_edge: Moment of inertia about the edge by axis id [kg m^2]; axes without one are left out.
         mass: Mass of the object [kg].

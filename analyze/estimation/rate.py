@@ -254,16 +254,17 @@ class _Programme:
     """(3, 2) lower and upper bounds of c along these directions [m]."""
 
     def extreme(self, tolerance: Array, sign: float) -> float | None:
-        """Smallest or largest s = 1 / r^2 at which some shares of mass have all strikes' moments.
+        """Smallest or largest s = 1 / r^2 for which some distribution of the mass explains all strikes.
 
-        r is the true over the stated frame rate; a moment is that of inertia about an edge, per kilogram.
+        r is the true over the stated frame rate. A distribution explains a strike if it has the strike's
+        moment of inertia about the edge, per kilogram, at that r.
 
         Args:
-            tolerance: (strikes,) relative tolerance of the moments about the edges.
+            tolerance: (strikes,) relative tolerance of the moments.
             sign: 1 for the smallest s, -1 for the largest.
 
         Returns:
-            s; None if no shares have these moments.
+            s; None if no distribution explains the strikes at any s.
         """
         size = float(self.about.mean())
         below = np.column_stack([(1 - tolerance)[:, None] * self.about, -self.stated]) / size

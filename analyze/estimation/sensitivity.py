@@ -52,7 +52,7 @@ class ErrorSource(enum.Enum):
 
 @dataclass(frozen=True)
 class Influence:
-    """Change of the centre of mass with one strike's balance angle phi and ln k (its derivatives).
+    """Derivatives of the centre of mass c by one strike's balance angle phi and by its ln k.
 
     k is the rate constant of the strike's motion. The robust weights of the strikes are kept as they are.
     """
@@ -137,9 +137,15 @@ def _rows(solution: JointSolution) -> Array:
 
 
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
-    """Yield the influence of each strike on the centre of mass, in the order of `solution.model.planes`.
+    """Yield the influence of each strike: derivatives (3,) of the centre of mass by its phi and ln k.
 
-    `factor` multiplies them: the mass with markers over that without, if the markers are subtracted.
+    phi is the strike's balance angle [m/rad], k the rate constant of its motion [m]; vectors are in the
+    object frame O. Strikes are in the order of `solution.model.planes`.
+
+    Args:
+        solution: joint solution of all strikes.
+        factor: mass with markers over the mass without them, if they are subtracted, else 1; it multiplies
+            the derivatives.
     """
     rows, precisions, weight = _rows(solution), solution.data.precisions, solution.weight
     information = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)

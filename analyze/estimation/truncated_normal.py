@@ -135,9 +135,10 @@ class ShareDistribution:
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:
-        """Distributions of u, the first of three shares: a set for second share 0, one for third share 0.
+        """Distributions of u, the first of three shares, if the second share is 0, then if the third is.
 
-        These are two sides, (u, 0) and (u, 1 - u), of the triangle of possible first and second shares.
+        Their shares (u, v), v the second, lie on two sides, (u, 0) and (u, 1 - u), of the triangle of
+        possible shares.
         """
         return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])
@@ -179,9 +180,10 @@ class ShareDistribution:
 
 @dataclass(frozen=True)
 class _Side:
-    """Set of b normal distributions of u, the first of three shares, if the second or third is zero.
+    """Normal distributions of a share u, the first of three that add up to 1, while another one is zero.
 
-    The shares then lie on a side of the triangle of possible shares; u is truncated to 0..1.
+    All possible shares form a triangle; those with the second (or the third) equal to 0 are one of its sides,
+    on which u runs from 0 to 1. There are b distributions, truncated to that range.
     """
 
     mean: Array

@@ -136,7 +136,7 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
-    """Offset (2,) [m] of the assumed point from an edge that may slide, and its covariance (2, 2) [m^2].
+    """Offset (2,) [m] of the assumed edge from the true, sliding one, and its covariance (2, 2) [m^2].
 
     The offset is along and off the table at rest. It follows from the lift alone, with a prior of 0 and a
     standard deviation of 0.5 mm. An offset of 1.5 mm or more is taken for a real lift: then the prior itself
@@ -144,7 +144,7 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 
     Args:
         theta: (n,) tipping angle [rad].
-        lift: (n,) height of the point over its position at rest [m].
+        lift: (n,) height of the assumed edge over its position at rest [m].
         sd: (n,) standard deviation of the lift [m].
     """
     A = displacement_per_offset(theta)[:, 1]

@@ -306,7 +306,7 @@ def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[
 def _with_second_impact(
     motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str, radius: float
 ) -> StrikeFits:
-    """Fits with a jump in speed by a second impact, for a motion that no single hinge fits.
+    """Fits with a jump in speed by a second impact, for a motion that no hinge (edge in place) fits.
 
     Args:
         motion: the motion with slip and lift of the true edge.

@@ -226,10 +226,11 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     )
 
     def balance(x: Array) -> tuple[Array, Array]:
-        """Residuals (n,) of the moment balance at x (10,), and derivatives (n, 10).
+        """Residuals (n,) of the moment balance at x (10,), and their derivatives (n, 10) by x.
 
-        x holds the centre of mass (3), inertia per mass about the object frame's origin (6), and the
-        rounding.
+        A residual is the time integral of the moment per mass about a contact, over the root of the contact's
+        duration [m^2/s^1.5]. x holds, in the object frame O, the centre of mass [m] (3) and the inertia per
+        mass about O's origin [m^2] (6), then the radius of the edges' rounding [m].
         """
         power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
         matrix, level = np.einsum("p,prc->rc", power, by_power[0]), power @ by_power[1]
@@ -245,9 +246,10 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         prior_row[9] = spread / radius[1]
 
         def residual(x: Array) -> Array:
-            """Residuals (n + 1,) of the moment balance and of the rounding's prior at x (10,).
+            """Residuals of the moment balance (n), then of the prior of the edges' radius (1), at x (10,).
 
-            x holds centre of mass (3), inertia per mass (6) and rounding.
+            x holds, in the object frame O, the centre of mass [m] (3) and the inertia per mass about O's
+            origin [m^2] (6), then the radius of the edges' rounding [m].
             """
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 

@@ -62,7 +62,7 @@ class Outline:
         return len(self.length)
 
     def turn(self, i: int) -> float:
-        """Angle [rad] by which the outline turns at corner i, from facet i - 1 to facet i."""
+        """Angle [rad] by which the outline turns at corner i, between the sides (facets) i - 1 and i."""
         return float((self.angle[i % len(self)] - self.angle[(i - 1) % len(self)]) % (2 * math.pi))
 
     @cached_property
@@ -97,8 +97,8 @@ def simplified_polygon(corners: Array) -> Outline:
 def _polygon(corners: Array) -> Outline:
     """Outline of a body's cross-section from its `corners` (n, 2) [m], given anticlockwise.
 
-    Corners are relative to the pivot point: x in the direction of tipping, z up. The corners are put in an
-    order in which the angles of the facets against the table at rest, from -180 to 180 deg, ascend.
+    Corners are relative to the pivot point: x in the direction of tipping, z up. The outline begins at the
+    facet whose angle against the table at rest, from -180 to 180 deg, is the least.
     """
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])

@@ -41,7 +41,7 @@ _PARAMETERS = 4
 
 @dataclass(frozen=True)
 class PredictedValues:
-    """Balance angle phi and rate k of a strike, as predicted from other strikes, with errors."""
+    """Balance angle phi and rate k of a strike, as predicted from other strikes, with covariances."""
 
     phi: float
     """balance angle [rad]"""

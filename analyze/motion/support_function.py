@@ -127,9 +127,12 @@ class SupportFunction:
         return travelled - ahead + ahead0 + height0 * begun, height - height0 + ahead0 * begun
 
     def touches_curve(self, theta: float) -> bool:
-        """True if a curve of the shape touches the table at theta [rad], not a corner with a stated rounding.
+        """True if a curved part of the cross-section, not a corner, touches the table at a tipping angle.
 
-        False beyond the grid of angles.
+        A corner with a stated rounding counts as a corner. False beyond the grid of angles.
+
+        Args:
+            theta: tipping angle [rad].
         """
         place = round((theta - self.start) / self.step)
         return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
@@ -146,7 +149,11 @@ class SupportFunction:
         return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
 
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
-        """Least and greatest radius [m] of the contact at 50 tipping angles from `low` to `high` [rad]."""
+        """Least and greatest radius of curvature [m] at the contact, over a range of tipping angles.
+
+        The contact is the point of the body's outline on the table. 50 angles from `low` to `high` [rad] are
+        evaluated.
+        """
         _, _, radius = self.evaluate(np.linspace(low, high, 50))
         return float(np.min(radius)), float(np.max(radius))
 
@@ -168,7 +175,7 @@ class SupportFunction:
 
     @cached_property
     def angles(self) -> Array:
-        """Tipping angles (n,) of the grid [rad]."""
+        """Tipping angles (n,) [rad] at which the support function is tabulated."""
         return self.start + self.step * np.arange(len(self.height), dtype=np.float64)
 
     @cached_property

@@ -177,10 +177,14 @@ class _Search:
     def _sums(self, members: tuple[int, ...], each: int) -> tuple[Array, Array]:
         """Information (14, 14) from one set of axes, and sum (3, 3) of n n^T over the axes.
 
-        The information is about the 14 unknowns that strikes share; n is the unit normal of the plane through
-        an axis's edge and the centre of mass at balance. Both include the strikes made before, the
-        information also the priors. `members` are the indices of the candidates, `each` is the number of
-        further strikes on each.
+        It is Fisher information about the 14 unknowns that strikes share (centre of mass, inertia, common
+        errors), in units of their prior 1 sigma. n is the unit normal, in the object frame, of the plane
+        through an axis's edge and the centre of mass. Both include the strikes made before, the information
+        also the priors.
+
+        Args:
+            members: Indices of the set's axes among the candidates.
+            each: Number of further strikes on each axis.
         """
         index = list(members)
         normals = np.vstack([self._made, self._normals[index]])

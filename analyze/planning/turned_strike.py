@@ -42,14 +42,14 @@ def turnable_axes(
     camera: CameraModel,
     errors: SharedErrors,
 ) -> list[TurnableAxis]:
-    """Axes with a marker visible when the object is turned by 180 degrees.
+    """Axes that can also be struck with object and striker turned by 180 degrees on the table.
 
-    The axis that measures the table's tilt most precisely comes first. Striker and object turn together:
-    impact height, speed and friction needed are those of the usual strike. If no marker has a pose, all axes
-    count.
+    The camera must see a marker then; if no marker has a pose, all axes count. Impact height, speed and
+    friction needed are those of the usual strike. Strikes both ways measure the table's tilt; the axis that
+    measures it most precisely comes first.
 
     Args:
-        usable: Axes that passed every check.
+        usable: Axes (edges to tip about) that passed every check.
         model: Shape of the object.
         spec: Name and markers.
         camera: Camera at the usual heading.
@@ -95,9 +95,10 @@ def with_tilt_measured(information: Information, by: TurnableAxis) -> Informatio
 
 
 def best_turnable(turnables: Sequence[TurnableAxis], chosen: Collection[int]) -> TurnableAxis:
-    """Axis that measures the table's tilt most precisely, among those in `chosen`.
+    """Axis, preferably in `chosen`, whose usual and turned strike measure the table's tilt most precisely.
 
-    If none of the axes is in `chosen`, it is the most precise of all.
+    For the turned strike, object and striker are turned by 180 degrees about the vertical. If none of the
+    axes is in `chosen`, it is the most precise of all.
 
     Args:
         turnables: Axes in order of precision, at least one.

@@ -87,7 +87,11 @@ class Problem:
         surface: Surface,
         twisted: Collection[str] = (),
     ) -> None:
-        """Lay out the unknowns: markers, strikes, edges and tables, in this order."""
+        """Lay out the vector of unknowns: of markers, strikes, edges and tables, in this order.
+
+        They are the markers' poses, the strikes' placements, and corrections of the edges' places and of the
+        tables' planes.
+        """
         self._impact_turn_sd = [TWISTED_SD if view.strike_id in twisted else IMPACT_TURN_SD for view in views]
         self._views = list(views)
         self._surface = surface
@@ -316,7 +320,7 @@ class Problem:
             kept.append((columns, of_frames, across, right))
 
         def back(step: Array) -> list[Array]:
-            """Steps (f - 1, 5) of each strike's frames, for a step (n,) of the shared unknowns."""
+            """Steps of the frames' own unknowns for a step (n,) of the shared: (f - 1, 5) per strike."""
             return [
                 (inverse @ (right - across @ step[columns])[..., None])[..., 0]
                 for columns, inverse, across, right in kept

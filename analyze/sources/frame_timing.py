@@ -91,7 +91,10 @@ class FrameTiming:
 
     @cached_property
     def _steady_steps(self) -> float:
-        """Playing interval of the frames at the constant rate `steady_s` [steps]; meaningless without one."""
+        """Interval of the frames as the file plays at its constant rate, in steps of the time stamps.
+
+        Meaningless if the rate is not constant (`steady_s` is None).
+        """
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
