@@ -70,7 +70,7 @@ class BufferPool:
         return self._memory[slot, : width * height].reshape(height, width)
 
     def buffer(self, slot: int) -> PooledBuffer:
-        """Handle of circulating buffer number `slot`, for the frame that was received into it."""
+        """Handle of buffer number `slot`, into which the camera's stream received a frame."""
         return PooledBuffer(self, slot)
 
     def copy(self, frame: Frame) -> Frame | None:

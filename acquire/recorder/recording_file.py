@@ -9,7 +9,7 @@ from schemas.mcap.records import Buffer
 
 
 class BorrowedRun(NamedTuple):
-    """Bytes of a file to append: pages of images in borrowed camera buffers, and bytes around them.
+    """Bytes of a file to append: memory pages of images in borrowed camera buffers, and bytes around them.
 
     The pages do not change until their buffers are released; the other bytes are copied.
     """

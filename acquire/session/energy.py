@@ -190,10 +190,9 @@ class EnergyLearner:
         return log_energy + 2 * self._model.log_swing_ratio(states) + LOG_ENERGY_SD * self._draws[:, -1]
 
     def _posterior_draws(self) -> Array:
-        """Draws (DRAW_COUNT, d) of the model's state from its posterior; d is the number of its entries.
+        """Draws (DRAW_COUNT, d) of the d unknowns of striker and object from their posterior.
 
-        Each entry has the prior N(0, 1). The first three entries, which stand for the position of the centre
-        of mass, are clipped to REGION_HALF_EDGE_SDS on either side of 0, or to the posterior's mode where the
+        Each unknown has the prior N(0, 1). The first three, which stand for the position of the centre of mass, are clipped to REGION_HALF_EDGE_SDS on either side of 0, or to the posterior's mode where the
         mode is farther from 0.
         """
         states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
@@ -204,9 +203,9 @@ class EnergyLearner:
         return states
 
     def _solve(self) -> None:
-        """Set the posterior's mode and covariance, found by damped Gauss-Newton steps from the last mode.
+        """Fit the model of striker and object to all observations: set its posterior's mode and covariance.
 
-        The first iterations weight all measurements fully: otherwise an object or striker far from the prior
+        Damped Gauss-Newton steps start from the last mode. The first iterations weight all measurements fully: otherwise an object or striker far from the prior
         would make every measurement an outlier and could never be learned.
         """
         z = self._mode
@@ -233,7 +232,7 @@ class EnergyLearner:
     def _residuals(self, z: Array) -> Array:
         """Residuals (k, n) of all observations, then of the prior, for k states z (k, d) of the model.
 
-        They are in standard deviations. The prior of each entry of z is N(0, 1), so its residuals are z
+        z are the unknowns of striker and object. The residuals are in standard deviations. The prior of each entry of z is N(0, 1), so its residuals are z
         itself; n is the number of observations plus d.
         """
         if not self._observations:

@@ -61,7 +61,8 @@ class Card:
         """Direction along the pivot line in words: "towards the camera" or "away from the camera".
 
         With `near` True it is the direction towards the eye of the pictures, else the opposite one. The eye
-        is on the camera's side; for a turned strike it is on the side opposite the camera.
+        is on the camera's side; for a turned strike (object turned by 180° on the table) it is opposite the
+        camera.
         """
         return "towards the camera" if near != self.turned else "away from the camera"
 

@@ -49,9 +49,9 @@ class Turn:
 
 @dataclass(frozen=True)
 class Tilt:
-    """Tilt of an object about a horizontal axis, which moves its top in one of the directions `TOWARDS`.
+    """Tilt of an object by an angle [rad] about a horizontal axis, given by the direction its top moves in.
 
-    These are towards and away from the striker and the camera.
+    The top moves towards or away from the striker or the camera (`TOWARDS`).
     """
 
     towards: str
@@ -64,7 +64,7 @@ class Tilt:
         return matrix_from_vector(np.cross(np.array([0.0, 0.0, 1.0]), TOWARDS[self.towards]) * self.angle)
 
     def instruction(self) -> str:
-        """Instruction in words for the tilt, in whole degrees, with the direction in which the top moves."""
+        """Instruction in words to tilt the object: whole degrees, and the direction that its top moves in."""
         degrees = round(np.degrees(self.angle))
         if degrees == 180:
             return f"turn it upside down, moving its top {self.towards}"

@@ -71,7 +71,7 @@ class _LogTimes:
     """latest log time [ns]; 0 without images"""
 
     def add_range(self, at_ns: int, times_ns: NDArray[np.int64], window: StrikeWindow) -> None:
-        """Extend the log times by those images of a source that lie in a strike's window.
+        """Extend first and last log time to the images of a source that lie in a strike's window.
 
         Args:
             at_ns: log time of the source's start [ns].
@@ -151,11 +151,12 @@ class _Session:
     def _images(
         self, source: FrameSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
-        """Write the images in a source's strike windows, each with its FrameMeta (frame metadata).
+        """Write a source's images of strikes to the recording, each with its FrameMeta (frame metadata).
 
         Args:
             source: the source.
-            windows: for each strike in the source, its log times, which are updated, and its window.
+            windows: for each strike in the source, the log times of its first and last image, which are
+                updated here, and its window (time span whose images are written).
             missing: counter of the source's missing frames, which is updated.
         """
         for seen, window in windows:

@@ -26,7 +26,7 @@ _DEFAULT_SIZE_M = 0.15
 
 @dataclass(frozen=True)
 class StrikePage:
-    """Page of one strike, named by the strike's id and its verdict."""
+    """Page (tab of the viewer) that shows one strike; its title is the strike's id and verdict."""
 
     strike_id: str
     """Id of the strike."""
@@ -35,9 +35,9 @@ class StrikePage:
 
 
 def timeline_of(page: str | None) -> str:
-    """Name of the timeline of a page: "session" for the page SESSION_PAGE, "since_contact" for all others.
+    """Name of the timeline that a page (tab) of the replay uses: "session" or "since_contact".
 
-    Without a page (None) it is "since_contact" too.
+    It is "session" for the page SESSION_PAGE, "since_contact" for all others and without a page (None).
     """
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 

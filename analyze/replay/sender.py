@@ -204,9 +204,10 @@ class Sender:
     # --- the answer
 
     def send_answer(self, head: RecordingHead) -> None:
-        """Send the estimate from all strikes, or the reason why there is none, and put the answer in front.
+        """Send the estimate from all strikes, or the reason why there is none, and put its page in front.
 
-        The reason becomes the only entry of `no_answer`. A page that the user asked for stays in front.
+        The reason becomes the only entry of the list `no_answer`. A page that the user asked for stays in
+        front.
 
         Args:
             head: identity of the recording.

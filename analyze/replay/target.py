@@ -32,7 +32,7 @@ class Target(Protocol):
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Deliver what the stream holds by now; this includes the images of at least one strike.
+        """Deliver the replay's stream so far to this destination; it holds at least one strike's images.
 
         It is called once for a complete recording, and repeatedly for one that is still being written.
         """

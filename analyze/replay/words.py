@@ -46,7 +46,7 @@ def answer_text(name: str, result: Result) -> str:
 
 
 def waiting_text(name: str, done: int, total: int | None) -> str:
-    """Text of the answer's page before there is an answer.
+    """Markdown text of the replay's page "answer" before there is an answer.
 
     Args:
         name: name of the recording.
@@ -62,7 +62,7 @@ def waiting_text(name: str, done: int, total: int | None) -> str:
 
 
 def no_answer_text(name: str, problems: Sequence[str]) -> str:
-    """Text of the answer's page when the recording gives no answer.
+    """Markdown text of the replay's page "answer" if the recording gives no answer.
 
     Args:
         name: name of the recording, the heading.

@@ -164,7 +164,7 @@ def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]
 
     Args:
         axes: axes of the plot, changed in place.
-        planes: equi-planes of the strikes, with their pivot axes.
+        planes: equi-planes (through pivot line and centre of mass) of the strikes, with their pivot axes.
         view: horizontal and vertical axis of the object frame O, as indices.
         com: (3,) centre of mass in O [m]; names are written on the far side of the dot.
     """

@@ -36,7 +36,7 @@ ANGLE_SD = math.radians(0.05)
 
 
 def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
-    """Centre of mass from the strikes that the paper's planner chooses, with exact angles.
+    """Errors of the centre of mass from the paper's choice of strikes, with true balance angles.
 
     Args:
         estimate: result of the session, for its shape, stated errors and cells.

@@ -320,7 +320,9 @@ def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
     """Silhouette along O's y axis, and estimated and true regions in a slice normal to this axis.
 
-    O is the object frame. The slice passes through the estimated centre of mass.
+    O is the object frame. The slice passes through the estimated centre of mass. The silhouette is given by
+    its corners (x, z) [m], the slice by the middles (x, z) [m] of its cells with the region of each (shell,
+    upper or lower part).
     """
     cells, distribution = estimate.cells, estimate.distribution
     outline = estimate.evidence.model.vertices[:, [0, 2]]
