@@ -116,7 +116,11 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         return math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
 
     def residual(x: Array) -> Array:
-        """Weighted residuals (n,) of the tipping angle at parameters x (ln k, theta0, omega0), phi held."""
+        """Weighted residuals (n,) of the tipping angle theta, with the balance angle phi held.
+
+        Args:
+            x: (3,) ln k, and theta [rad] and its rate [rad/s] at time 0.
+        """
         nonlocal columns
         model, _, columns = trajectory(tip.time, phi, rate(x), float(x[1]), float(x[2]), tip.radius)
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)

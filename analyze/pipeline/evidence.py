@@ -180,7 +180,7 @@ class Evidence:
     def recording_of(self, strike_id: str) -> RecordingHead:
         """Head (identity and contents) of the recording that holds the strike with id `strike_id`.
 
-        The head of the first recording for an id that `recorded_in` does not list.
+        It is the first recording's if no recording is known for this id.
         """
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 

@@ -91,9 +91,10 @@ def strike_covariances(strikes: Sequence[TrackedSwing], frame_rate: float = FRAM
 
 
 def _covariance(theta: Array, strike: TrackedSwing, frames_per_row: float) -> Array:
-    """Covariance (2, 2) of balance angle phi [rad] and ln k (rate constant) from one strike.
+    """Covariance (2, 2) of balance angle phi [rad] and ln k (rate constant of the tip) from one strike.
 
-    The derivatives of the motion are differences of motions with one unknown changed.
+    The unknowns are phi, ln k, and theta_0 and ln omega_0 (tip angle and rate at release); derivatives of the
+    motion by them are differences of motions with one unknown changed.
 
     Args:
         theta: (times, 9) tip angles [rad]: of the expected motion, then with phi, ln k, theta_0 and ln

@@ -149,7 +149,7 @@ class LiveRecording:
                 yield meta
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Yield the kept images of the first camera in order of time.
+        """Yield the images of the first camera that are still kept in memory, in order of time.
 
         Args:
             start_ns: first log time [ns]; None for no limit.

@@ -101,9 +101,8 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
 def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
     """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
 
-    `regions` is the sentence on the masses of shell and interior parts, yielded if it begins with doubt. If
-    it does not, and the strikes leave a direction of the centre of mass open, a sentence with this reason
-    doubts these masses.
+    The masses of shell and interior parts are doubted if `regions`, the sentence on them, begins with doubt
+    (it is then yielded), or if the strikes leave a direction of the centre of mass open.
     """
     observed = estimate.com.observed
     if not observed:
