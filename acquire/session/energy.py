@@ -192,7 +192,8 @@ class EnergyLearner:
     def _posterior_draws(self) -> Array:
         """Draws (DRAW_COUNT, d) of the d unknowns of striker and object from their posterior.
 
-        Each unknown has the prior N(0, 1). The first three, which stand for the position of the centre of mass, are clipped to REGION_HALF_EDGE_SDS on either side of 0, or to the posterior's mode where the
+        Each unknown has the prior N(0, 1). The first three, which stand for the position of the centre of
+        mass, are clipped to REGION_HALF_EDGE_SDS on either side of 0, or to the posterior's mode where the
         mode is farther from 0.
         """
         states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
@@ -205,8 +206,9 @@ class EnergyLearner:
     def _solve(self) -> None:
         """Fit the model of striker and object to all observations: set its posterior's mode and covariance.
 
-        Damped Gauss-Newton steps start from the last mode. The first iterations weight all measurements fully: otherwise an object or striker far from the prior
-        would make every measurement an outlier and could never be learned.
+        Damped Gauss-Newton steps start from the last mode. The first iterations weight all measurements
+        fully: otherwise an object or striker far from the prior would make every measurement an outlier and
+        could never be learned.
         """
         z = self._mode
         residual = self._residuals(z[None])[0]
@@ -232,8 +234,8 @@ class EnergyLearner:
     def _residuals(self, z: Array) -> Array:
         """Residuals (k, n) of all observations, then of the prior, for k states z (k, d) of the model.
 
-        z are the unknowns of striker and object. The residuals are in standard deviations. The prior of each entry of z is N(0, 1), so its residuals are z
-        itself; n is the number of observations plus d.
+        z are the unknowns of striker and object. The residuals are in standard deviations. The prior of each
+        entry of z is N(0, 1), so its residuals are z itself; n is the number of observations plus d.
         """
         if not self._observations:
             return z

@@ -83,9 +83,10 @@ class MeshSections:
     """Outline and landing angle of a mesh object for each strike, to judge it while the session runs.
 
     The outline is that of the curved flank on which the object rolls, the landing angle the tipping angle
-    from which its next face may land. The shape is loaded once, on first use. All answers are None if it was not available then, that is if its
-    file was not recorded yet or cannot be used. They are None too for a primitive (box, cylinder), which has
-    no file, and for a point cloud: fitting its surface takes seconds, and the estimate does it later.
+    from which its next face may land. The shape is loaded once, on first use. All answers are None if it was
+    not available then, that is if its file was not recorded yet or cannot be used. They are None too for a
+    primitive (box, cylinder), which has no file, and for a point cloud: fitting its surface takes seconds,
+    and the estimate does it later.
 
     Args:
         spec: the object's file: mass, shape, markers.

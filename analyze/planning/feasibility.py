@@ -46,8 +46,8 @@ class StrikeCase:
     """One strike on one edge, in the world frame W at rest.
 
     W has x in the direction in which the object tips, y along the edge with y = 0 at the impact point, z up
-    and the table at z = 0. c is the object's centre of mass; the edge is rounded, and its centre line is the axis of
-    the rounding.
+    and the table at z = 0. c is the object's centre of mass; the edge is rounded, and its centre line is the
+    axis of the rounding.
     """
 
     distance: float
