@@ -30,7 +30,7 @@ WRITE_TIMEOUT_S: Final = 30.0
 
 @dataclass(frozen=True)
 class WindowReport:
-    """Content of a closed window (the time span of one strike): times and numbers of its images.
+    """Content of a closed window (the time span of one strike): its times, numbers of images and losses.
 
     `start_ns` and `end_ns` are log times [ns] of its first and last image, or start and end of the window if
     it has no image.
@@ -248,9 +248,10 @@ class FrameRecorder(ABC):
         self._path.close()
 
     def _last_ns_of(self, window: _Window) -> int:
-        """Latest mid-exposure time of frames that belong to the window, host monotonic [ns].
+        """Latest mid-exposure time of frames that belong to a strike's window, host monotonic [ns].
 
-        This is the window's end if it is closing, else `max_window_s` after the time at which it was opened.
+        The window is the time span whose images are recorded. The time is its end if it is closing, else
+        `max_window_s` after its start.
         """
         return window.start_ns + self._max_window_ns if window.end_ns is None else window.end_ns
 

@@ -60,14 +60,18 @@ class ObservedView:
 
 
 def weighted_corners(view: View, points: Array) -> ObservedView:
-    """Corners of a view with their weights in the fit.
+    """Corners of the board in a view, with the matrices that weight them in the fit.
 
     A corner's weight is the inverse of its covariance matrix [px^2]. To the covariance, `MODEL_PX` squared is
     added along both image axes first, so that no corner counts as more accurate than `MODEL_PX`.
 
     Args:
-        view: corners of the board in one image.
+        view: the m corners seen in one image.
         points: (n, 3) all corners of the board in the board's frame [m].
+
+    Returns:
+        Of the corners seen: places in the board's frame (m, 3) [m] and in the image (m, 2) [px], and matrices
+        root (m, 2, 2) [1/px], with root^T root the weight.
     """
     covariance = view.covariance + MODEL_PX**2 * np.eye(2)
     return ObservedView(
@@ -102,7 +106,7 @@ def fit_pose(view: ObservedView, lens: Lens) -> Pose:
 def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
     """Pose of the board near `start` that fits a view's corners best by Huber's loss, by Gauss-Newton.
 
-    The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
+    The pose is in the camera's frame. The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
     """
 
     def linearise(pose: Pose) -> Linearised:

@@ -52,7 +52,10 @@ class View:
     """median standard deviation of the edges' blur [px]"""
 
     def only(self, kept: NDArray[np.bool_]) -> View:
-        """Copy with only those corners that have a True in `kept` (n,); the median blur stays."""
+        """Copy of a view of the board with only those of its n corners that are True in `kept` (n,).
+
+        The median blur stays that of all corners.
+        """
         return View(
             self.index[kept], self.place[kept], self.covariance[kept], self.per_square[kept], self.blur
         )

@@ -47,7 +47,7 @@ class Coverage:
 
     @property
     def share(self) -> float:
-        """Share of the image's cells with at least one corner, 0 to 1."""
+        """Share, 0 to 1, of the cells of a grid over the image that have at least one board corner."""
         return float(np.mean(self.count > 0))
 
 
@@ -58,6 +58,9 @@ def coverage(places: Sequence[Array], width: int, height: int) -> Coverage:
         places: positions (n, 2) of the corners in each view [px].
         width: image width [px].
         height: image height [px].
+
+    Returns:
+        Number of corners per cell; the image is divided into the columns and rows of cells in `CELLS`.
     """
     points = np.concatenate(list(places))
     count, _, _ = np.histogram2d(

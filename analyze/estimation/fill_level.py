@@ -103,9 +103,9 @@ class Marginal:
 
 @dataclass(frozen=True)
 class FillLevel:
-    """Posterior of a filling (level, filled share, mass, density) and of the shell around it.
+    """Posterior of a filling (level, filled share, mass, density) and of the shell (wall) around it.
 
-    Each quantity has mean, sd and 95 % interval.
+    Each quantity has mean, sd and 95 % interval, in SI units.
     """
 
     along: Array
@@ -195,8 +195,15 @@ def _refined_grid(
 class _Grid:
     """Posterior of shell thickness and fill level on a grid of t thicknesses times h levels.
 
-    The masses of shell and filling are integrated out. The inside is the space within the shell. The
-    arguments are those of `_refined_grid`, with the levels of the grid in place of their range.
+    The masses of shell and filling are integrated out. The inside is the space within the shell.
+
+    Args:
+        moments: measured mass, centre of mass and moments of the whole object.
+        shells: cells for one or more shell thicknesses, thinnest first.
+        along: (3,) unit vector in the object frame O, along which levels are measured.
+        density: density of the filling; None if it is not known.
+        levels: (h,) levels of the grid [m].
+        about: (3,) point about which the model's moments of inertia are taken [m], in O.
 
     Attributes:
         levels: (h,) levels from the origin of the object frame O [m].

@@ -220,8 +220,10 @@ class RegionProblem:
     def _explaining(self, contents: Array) -> Array:
         """Whitened moments (..., k) that the body would have with all its mass uniformly in one part of it.
 
-        They are per kilogram, in the order of `target`. `contents` (..., 10) are the part's volume, first and
-        second moments at unit density.
+        They are the k values to compare with the measured ones: centre of mass (3), and the moment of inertia
+        per kilogram about each struck axis. Whitened means that the measurements' errors are independent and
+        of unit sd. `contents` (..., 10) are the part's volume (1), first (3) and second (6) moments at unit
+        density.
         """
         return (contents[..., 1:] / np.maximum(contents[..., :1], 1e-6 * self._interior[0])) @ self._rows.T
 
@@ -241,8 +243,8 @@ class _CutPieces:
     def from_cells(cls, points: Array, contents: Array, pitch: float) -> _CutPieces:
         """Pieces of the interior at `points` (n, 3) with `contents` (n, 10), rounded to float32.
 
-        `points` [m] are taken from the body's middle; `contents` are volume, first and second moments;
-        `pitch` is a piece's edge [m].
+        `points` [m] are relative to the body's middle. `contents` are the pieces' volume (1), and their first
+        (3) and second (6) moments at unit density. `pitch` is a piece's edge [m].
         """
         return cls(
             np.vstack([points.T / pitch, np.ones(len(points))]).astype(np.float32),
@@ -253,8 +255,9 @@ class _CutPieces:
     def above(self, normals: Array, heights: Array) -> Array:
         """Volume, first and second moments (b, 10) of the interior above each of b planes.
 
-        Above is the side of the normal. The moments are at unit density [m^3, m^4, m^5], about the measured
-        centre of mass. They are continuous in the plane: a piece that it cuts counts in part.
+        Above is the side of the normal. Columns: volume [m^3], first moments (3) [m^4], second moments (6)
+        [m^5] in the order xx, yy, zz, xy, xz, yz, about the measured centre of mass along the axes of O. They
+        are continuous in the plane: a piece that it cuts counts in part.
 
         Args:
             normals: (b, 3) unit normals, in the object frame O.

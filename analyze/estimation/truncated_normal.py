@@ -120,9 +120,10 @@ class ShareDistribution:
 
     @property
     def _log_parts(self) -> Array:
-        """Log integrals (3, b) of prior times likelihood for b distributions of three shares, by case.
+        """Log of the integrals (3, b) of prior times likelihood over three shares of a whole, by case.
 
-        Cases, one per row: no share is zero, the second is, the third is.
+        There are b distributions of the shares. Cases, one per row: no share is zero, the second is zero, the
+        third is zero.
         """
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]

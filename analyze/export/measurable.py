@@ -35,10 +35,10 @@ MIN_GAIN = 0.05
 
 @dataclass(frozen=True)
 class AdditionalEdges:
-    """Edges whose tips would measure entries of the inertia tensor that are only assumed so far.
+    """Edges to tip an object over, so that more entries of its inertia tensor are measured.
 
-    The entries come from the prior, the assumption from the shape alone. O is the frame of the object's shape
-    file.
+    An estimate takes the entries that no strike measured from an assumption by the shape. `unreachable` are
+    those that stay assumed even after tips over these edges. The tensor is in the frame of the shape file.
     """
 
     axes: tuple[PivotAxis, ...]

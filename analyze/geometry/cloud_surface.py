@@ -160,13 +160,16 @@ def cloud_surface(points: Array) -> CloudSurface:
 def line_sd(surface: CloudSurface, ends: Array) -> float:
     """1 sigma [m] of the place of a hull edge, perpendicular to the edge, in the worst direction.
 
-    It depends on how many of the fitted planes contain the edge. Two: it follows from N x = delta, with N (2,
-    3) their normals, x the edge's displacement and delta the planes' displacements, of known variance. One:
-    it combines the variance of this plane, that of the smoothed wall beside it, and `EXTRAPOLATED_SDS` of the
-    noise, since the wall is extrapolated over the band in which it cannot be distinguished from the face; for
-    a wall too low for that, one sd of the noise and `OUTLINE_GAP_SPACINGS` of the spacing take the place of
-    the third. None: it combines noise and spacing, as the object ends somewhere between two points, and
-    smoothing rounds off the edge.
+    It depends on how many of the planes fitted to faces contain the edge.
+
+    - Two or more: it follows from N x = delta, with N (2, 3) the normals of two of them, x the edge's
+      displacement and delta the planes' displacements, of known variance.
+    - One: the root of the summed variances of this plane, of the smoothed wall beside it, and of
+      `EXTRAPOLATED_SDS` times the noise, since the wall is extrapolated over the band in which it cannot be
+      distinguished from the face. For a wall too low for that, the third variance is the sum of those of the
+      noise and of `OUTLINE_GAP_SPACINGS` times the spacing of the points.
+    - None: the root of the summed squares of noise and spacing, as the object ends somewhere between two
+      points, and smoothing rounds off the edge.
 
     Args:
         surface: Surface with its fitted planes, noise and spacing.

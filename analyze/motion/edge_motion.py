@@ -66,7 +66,8 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
             corrected.
 
     Returns:
-        The corrected motion, the ranges of its slip and lift in the window [m], and the edge's offset.
+        The corrected motion, the ranges of its slip and lift in the window [m], and the offset (2,) of the
+        true edge from the assumed one at rest, along and off the table [m], with covariance.
     """
     angle = motion.angle
     used = slice(*window)

@@ -156,14 +156,15 @@ def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float
 def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
     """Linear equations of one flight in (c, g), its unknown start position and velocity eliminated.
 
-    c is the centre of mass in the object frame O, g the gravity.
+    c (3,) is the centre of mass in the object frame O [m], g the magnitude of gravity, which acts along -z of
+    the world frame [m/s^2].
 
     Args:
         motion: the flight.
         drag: deceleration by air over squared speed [1/m].
 
     Returns:
-        (3 n, 4) coefficients of (c, g) and (3 n,) right side [m].
+        (3 n, 4) coefficients of (c, g) and (3 n,) right side [m], for n frames.
     """
     time = motion.time - motion.time.mean()
     line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))

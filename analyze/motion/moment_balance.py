@@ -161,11 +161,12 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         d_below = np.diff(below, axis=0)
 
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
-            """Time integral, weighted by one window, of the moment per mass about the contact [m^2/s].
+            """Time integral, weighted by `window`, of a moment per mass about the contact [m^2/s].
 
-            The moment is that of the acceleration q'' - g, acting at the end of an arm from q, in one
-            direction e. q is the contact's point on the centre line of the rounding, g the gravity vector. If
-            the rounding has a radius, the acceleration of the arm's end against q adds to it.
+            It is the component along `e` of the moment of the acceleration q'' - g at the end of `arm`, with
+            q the point above the contact on the centre line of the edge's rounding, and g the gravity vector.
+            If the rounding has a radius, the acceleration of the arm's end relative to q adds its moment, at
+            one radius above the contact.
 
             Args:
                 arm: (3,) vector from q in the object frame O [m].
@@ -200,8 +201,8 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         radius: expected radius of the rounding and its standard deviation [m].
 
     Returns:
-        Centre of mass c in the object frame O [m], inertia per mass about c [m^2], radius of the rounding
-        [m], and their covariance.
+        Centre of mass c (3,) in the object frame O [m], inertia per mass about c (3, 3) [m^2], radius of the
+        rounding [m], and their covariance (10, 10), with the inertia's entries as xx, yy, zz, xy, xz, yz.
 
     Raises:
         EstimationError: there are fewer than 7 contacts, or they are too similar to determine the body.

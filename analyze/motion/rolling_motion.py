@@ -124,14 +124,15 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
 def balance_parameters(section: SupportFunction, body: Array, start: float) -> tuple[Array, Array]:
     """Balance angle phi [rad] and k [rad/s^2], (c,) each, of c bodies; NaN where a body has none.
 
-    k = g R / (I_c / m + (R + rho)^2), with R the distance of the centre of mass from the section's centre of
-    curvature at phi, rho the radius of curvature there and I_c / m the inertia per mass about the centre of
-    mass.
+    k, the rate constant of the tip, is g R / (I_c / m + (R + rho)^2), with g gravity, R the distance of the
+    centre of mass from the cross-section's centre of curvature at phi, rho the radius of curvature there and
+    I_c / m the inertia per mass about the centre of mass.
 
     Args:
-        section: support function of the section.
-        body: (c, 3) 1 / J, a / J, b / J of each body: centre of mass at (-b, a) from the pivot point, J = I_c
-            / m + a^2 + b^2 [m^2].
+        section: support function of the cross-section: the pivot point's height over the table by tipping
+            angle, as the section rolls.
+        body: (c, 3) 1 / J, a / J, b / J of each body. At rest its centre of mass is at (-b, a) [m] from the
+            pivot point (in the direction of tipping, up); J = I_c / m + a^2 + b^2 [m^2].
         start: approximate balance angle of all bodies [rad].
     """
     J = 1.0 / body[:, 0]

@@ -180,7 +180,11 @@ class SupportFunction:
 
     @cached_property
     def _table(self) -> Array:
-        """Columns (n, 3) of height h, distance h' and radius rho [m] on the grid of angles."""
+        """Columns (n, 3) of h, h' and rho [m] by tipping angle, on the even grid of n angles.
+
+        h is the pivot point's height over the table, h' its horizontal distance to the contact, rho the
+        radius of curvature at the contact.
+        """
         return np.stack([self.height, self.ahead, self.radius], axis=-1)
 
 

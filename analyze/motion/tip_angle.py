@@ -360,8 +360,9 @@ def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel) -> _Sol
 def _solve_full(views: _Views, pivot: Array, yaw: float, camera: CameraModel, planar: Array) -> _Solution:
     """Full motion (six unknowns) fitted to every frame, starting from the planar fit.
 
-    It adds to the tipping angle theta and the pivot's displacement x, z rotations about the vertical and
-    about the horizontal across the pivot axis, and the displacement along the axis, each with a prior.
+    The unknowns are those of the planar fit (tipping angle theta; displacement of the pivot across its axis,
+    x, and up, z) and three more, each with a prior: rotations about the vertical and about x, and the
+    displacement along the axis.
 
     Args:
         views: corners of all markers in all frames.
@@ -369,6 +370,9 @@ def _solve_full(views: _Views, pivot: Array, yaw: float, camera: CameraModel, pl
         yaw: heading of the pivot axis against W's y, about W's z [rad].
         camera: camera that took the frames.
         planar: (n, 3) theta [rad], x, z [m] of the planar fit.
+
+    Returns:
+        The unknowns (n, 6) [rad, m] with their covariance and misfit in every frame.
     """
     R_camera_world, t_camera_world = world_to_camera(camera)
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])

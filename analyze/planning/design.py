@@ -159,10 +159,11 @@ class _Search:
         """Losses (s,) of s sets of axes; inf where a direction of the centre of mass c is left unknown.
 
         A loss is 3 ln(rms error of c) + MOMENT_WEIGHT ln sqrt(det P), P the covariance of the inertia's six
-        entries, both in units of their prior 1 sigma.
+        entries. All unknowns are in units of their prior 1 sigma.
 
         Args:
-            total: (s, 14, 14) information of each set, strikes made and priors included.
+            total: (s, 14, 14) information of each set, strikes made and priors included, on the unknowns that
+                all strikes share: c (3), inertia (6), and five errors such as mass and gravity.
             normals: (s, 3, 3) sum of n n^T over each set and the strikes made; n is the unit normal of an
                 axis's equi-plane, the plane through edge and centre of mass at balance.
         """
@@ -193,11 +194,11 @@ class _Search:
     def loss(self, members: tuple[int, ...], repeats: tuple[int, ...]) -> float:
         """Loss of one set of axes: weighted logarithm of the predicted errors of centre of mass and inertia.
 
-        It is inf if the set leaves a direction of the centre of mass unknown.
+        Smaller is better; inf if the set leaves a direction of the centre of mass unknown.
 
         Args:
-            members: Indices of the candidates.
-            repeats: Number of further strikes on each.
+            members: The set's axes (edges to tip about), as indices among the candidates.
+            repeats: Number of further strikes on each of them.
         """
         total = self._before + sum(
             self.table(many)[i] for i, many in zip(members, repeats, strict=True) if many

@@ -31,9 +31,9 @@ SAME_MOMENT_COSINE = np.cos(np.radians(15.0))
 
 @dataclass(frozen=True)
 class Pieces:
-    """Pieces of the body, from cubes of equal size, each in the shell or in the interior.
+    """Pieces of the body, cut from cubes of equal size: centroids, volumes and moments of inertia.
 
-    O is the object frame.
+    Each piece lies in the shell (outer wall) or in the interior. O is the object frame.
     """
 
     points: Array
@@ -72,7 +72,7 @@ def region_forecast(
             apart count as one.
 
     Returns:
-        Three predictions, in the order of `NAMES`.
+        Three predictions: for the shell, and the interior above and below the plane.
     """
     distinct: list[Array] = []
     for direction in directions:

@@ -46,10 +46,11 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Standard deviations of errors that all strikes, or all strikes on one axis (pivot edge), share.
+    """Standard deviations of errors that the fits do not show; most are common to several strikes.
 
-    They correspond to `SystematicErrors` and `Scale` of the estimation. phi is the balance angle, k the rate
-    constant of a tip, theta'' = -k sin(phi - theta).
+    Some are common to all strikes, those named `axis_...` to the strikes on one axis (pivot edge), and
+    `strike_angle` is one strike's own. The estimation has the same in `SystematicErrors` and `Scale`. phi is
+    the balance angle, k the rate constant of a tip, theta'' = -k sin(phi - theta), theta the tipping angle.
     """
 
     tilt: float = float(np.radians(0.2))
@@ -155,7 +156,11 @@ class Information:
 
     @cached_property
     def _rows(self) -> dict[int, tuple[Candidate, Array, Array, Array]]:
-        """Cache of the results of `_linearised`, with the candidate, by the `id` of the candidate."""
+        """Cache of derivatives of balance angle and ln k (rate constant), by `id` of the candidate axis.
+
+        An entry holds the candidate and the three results of `_linearised`: derivatives by the shared
+        unknowns (2, 14) and by the axis's own (2, 4), and the inverse covariance (2, 2) of one strike.
+        """
         return {}
 
     @cached_property
@@ -164,15 +169,16 @@ class Information:
         return {}
 
     def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
-        """Derivatives of balance angle phi [rad] and ln k by the unknowns, in units of their prior 1 sigma.
+        """Derivatives of what a strike on axis `each` measures: balance angle phi [rad] and ln k.
 
-        They are those of a strike on the axis `each`; k is the rate constant of the tip, theta'' = -k sin(phi
-        - theta).
+        k is the rate constant of the tip, theta'' = -k sin(phi - theta). The unknowns are in units of their
+        prior 1 sigma.
 
         Returns:
-            Derivatives (2, 14) by the shared unknowns, in the order of `units`, and (2, 4) by those of the
-            axis: its line's place towards the tip and upwards, an angle error, an error of ln k. Third, the
-            inverse covariance (2, 2) of phi and ln k from one strike. They are cached.
+            Derivatives (2, 14) by the unknowns that all strikes share (centre of mass, inertia, errors), in
+            the order of `units`, and (2, 4) by those of the axis: its line's place towards the tip and
+            upwards, an angle error, an error of ln k. Third, the inverse covariance (2, 2) of phi and ln k
+            from one strike. They are cached.
         """
         if id(each) not in self._rows:
             noise = each.noise + np.diag([self.errors.strike_angle**2, 0.0])
@@ -263,8 +269,9 @@ class Information:
     def axis_information(self, each: Candidate, strikes: int) -> Array:
         """Fisher information (14, 14) of strikes on one axis about the shared unknowns.
 
-        Shared are centre of mass, inertia and the errors common to all strikes, in the order of `units` and
-        in units of their prior 1 sigma. The information covers the strikes made before on the axis `each`,
+        Shared are centre of mass (3), inertia (6), and the errors of mass, gravity, gravity's tilt, the
+        shape's scale and the edges' radius, in units of their prior 1 sigma. The information covers the
+        strikes made before on the axis `each`,
         and `strikes` more at the usual heading (turn of object and striker about the vertical). The axis's
         own unknowns (its line's place, angle errors, an error of ln k, with k the tip's rate constant) are
         integrated out. The result is cached.

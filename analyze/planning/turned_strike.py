@@ -81,12 +81,13 @@ def turnable_axes(
 
 
 def with_tilt_measured(information: Information, by: TurnableAxis) -> Information:
-    """Information in which the table's tilt has the 1 sigma that two strikes on one axis leave.
+    """Copy of `information` with the 1 sigma of the table's tilt that two strikes on one axis leave.
 
-    One of the strikes is at the usual heading, the other with object and striker turned by 180 degrees.
+    One of the strikes is at the usual heading, the other with object and striker turned by 180 degrees. What
+    they measure of the tilt is combined with what is known of it before.
 
     Args:
-        information: Information before; it is not changed.
+        information: What planned strikes tell about the object, with the errors that they share; unchanged.
         by: Axis on which both strikes are made.
     """
     before = information.errors.tilt

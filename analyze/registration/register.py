@@ -188,10 +188,10 @@ def _starts(
 def _solve_alone(
     view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> Solution:
-    """Poses of a strike's markers and of the table, from this strike alone.
+    """Poses of markers on the object, and of the table in the world frame, from one strike alone.
 
-    The fit starts from the object's planned orientation; a marker that is nearly parallel to the surface
-    under it is first turned parallel to it.
+    The marker poses are T_object_marker, with covariances. The fit starts from the object's planned
+    orientation; a marker that is nearly parallel to the surface under it is first turned parallel to it.
 
     Args:
         view: view of the strike.

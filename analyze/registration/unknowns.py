@@ -53,12 +53,15 @@ class Unknowns:
     """per strike (f - 1, 5), for its frames after rest: theta, heading, x, y, z [rad, rad, m, m, m]"""
 
     def after_step(self, shared: Array, frames: list[Array]) -> Unknowns:
-        """Copy of the unknowns, changed by a step; these are not changed.
+        """Copy of the registration's unknowns, changed by a step of the iteration.
 
         Args:
             shared: (n,) step of all but the frames' unknowns: 6 per marker (turn in the object frame O [rad],
-                position in O [m]), 5 per strike, 2 per edge, 3 per table.
-            frames: per strike (f - 1, 5) step of its tipping frames' own unknowns.
+                position in O [m]), 5 per strike (heading, x, y, turn by the impact, turn per rad of tipping
+                [rad, m, m, rad, 1]), 2 per edge (its displacement [m]), 3 per table (two tilts, height [rad,
+                rad, m]).
+            frames: per strike (f - 1, 5) step of the unknowns of its f - 1 frames after rest: tipping angle,
+                heading, x, y, z [rad, rad, m, m, m].
         """
         parts = np.cumsum([6 * len(self.R), self.strike.size, self.edge.size])
         markers, strike, edge, table = np.split(shared, parts)

@@ -421,9 +421,10 @@ def _normal(z: Array) -> tuple[Array, Array]:
 
 
 def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
-    """Pixels in a band along each edge: index (4, s) in the image, row by row, and True (4, s) if used.
+    """Pixels in a band along a square's four edges: index (4, s) in the flattened image, mask (4, s).
 
-    None if an edge is shorter than 6 px or longer than 2000 px, or more than a tenth of an edge's band lies
+    s is the number of pixels of the longest edge's band. The mask is True for pixels to use; a shorter edge
+    repeats its last pixels, unused. None if an edge is shorter than 6 px or longer than 2000 px, or more than a tenth of an edge's band lies
     outside the image.
 
     Args:
@@ -496,9 +497,9 @@ def _within(
 
 
 def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Array]:
-    """Corners (4, 2) [ideal px] of a square from its fitted edges, and their covariance (4, 2, 2) [px^2].
+    """Corners (4, 2) [px] of a square from its fitted edges, and their covariance (4, 2, 2) [px^2].
 
-    Corner i is the intersection of edges i - 1 and i.
+    Corner i is the intersection of edges i - 1 and i. Pixels are ideal: free of lens distortion.
 
     Args:
         band: the pixels, with middle, direction and length of each edge.

@@ -73,7 +73,13 @@ class _CornerPaths:
     """
 
     def __init__(self, seen_s: Array, corners: Array, sd: float) -> None:
-        """Fit the cubics to corners (n, 4, 2) [px] seen at `seen_s` (n, 4) [s], with noise `sd` [px]."""
+        """Fit a cubic in time to the path of each of a marker's four corners, around each of n frames.
+
+        Args:
+            seen_s: (n, 4) times at which the corners were seen [s].
+            corners: (n, 4, 2) corners [px].
+            sd: noise of the corners [px].
+        """
         n = len(seen_s)
         width = min(CUBIC_FRAMES, n)
         every = np.arange(n - width + 1)[:, None] + np.arange(width)
@@ -83,7 +89,7 @@ class _CornerPaths:
         self._terms = _divided_differences(self._nodes, corners[index])
 
     def evaluate(self, time_s: Array) -> Array:
-        """Corners (n, 4, 2) [px] at times `time_s` (n, 4) [s], each by the cubic of its own frame."""
+        """Corners (n, 4, 2) [px] at times `time_s` (n, 4) [s], by the cubic in time around each frame."""
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):
             place = self._terms[:, i] + (time_s - self._nodes[:, i])[..., None] * place

@@ -32,7 +32,7 @@ _METHODS = (
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table."""
+    """Column of a table: its heading, and the number of digits shown."""
 
     name: str
     """Heading."""

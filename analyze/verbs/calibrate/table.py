@@ -111,8 +111,9 @@ def notes(answer: CalibrationAnswer) -> list[str]:
 def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
     """Lens, uncertainty, views and camera pose of a calibration, as JSON values.
 
-    Units are in the keys (`_px`, `_m`, `_rad`). `place` is None if no pose was measured, `calibration` if
-    there is none to write into a rig file, and `gravity_tilt_sd_rad` if no rig file is given.
+    Units are in the keys (`_px`, `_m`, `_rad`). These values may be None: `place`, the camera's pose, if it
+    was not measured; `calibration`, the table for a rig file, if the pose is not in the rig file either; and
+    `gravity_tilt_sd_rad` if no rig file is given.
     """
     found = answer.calibration
     lens, place, spec = found.lens, answer.place, calibration_spec(answer)
