@@ -182,11 +182,16 @@ def solve_joint(
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
-    """Measured ln k of the strikes, and the matrices that whiten (phi, ln k).
+    """Measured ln k of the strikes, and matrices (strikes, 2, 2) that whiten the errors of (phi, ln k).
 
-    Whitened errors are independent and have unit sd. phi is the balance angle; its sd includes the scatter
-    from strike to strike (`strike_angle_sd`). k is the rate constant of the motion; it is used only if
-    `with_k` is True, and only of planes that have a k with an sd.
+    Whitened errors are independent and have unit sd. phi is the balance angle [rad]; its sd includes the
+    scatter from strike to strike (`strike_angle_sd`). k is the rate constant of the motion [rad/s^2]; it is
+    used only if `with_k` is True, and only of strikes that have a k with an sd.
+
+    Args:
+        planes: one per strike, through its pivot line and the centre of mass, with measured phi and k.
+        systematic: standard deviations of errors beside those of the fits.
+        with_k: True to use k.
     """
     n = len(planes)
     covariance = np.tile(np.eye(2), (n, 1, 1))

@@ -52,11 +52,13 @@ class JointModel:
     frame O], six numbers that determine the second moments of the mass about c, per kilogram
     (second_moments.py), then the errors that strikes share, each in units of its sd:
 
-    - the vertical's lean from the table's normal towards x and y of the world frame W (first levelling); -
-    the shape's scale, the edges' common radius, gravity; - four per pivot axis: the edge's place in the
-    direction of the tip, an angle, its own radius, an error of k; - the place of each face rested on (all its
-    edges lie in it); - two of lean for each further levelling (set-up of the table with one lean); - an angle
-    for each further heading (direction of the tip) of an axis: the camera sees another side.
+    - the vertical's lean from the table's normal towards x and y of the world frame W (first levelling);
+    - the shape's scale, the edges' common radius, gravity;
+    - four per pivot axis: the edge's place in the direction of the tip, an angle, its own radius, an error of
+      k;
+    - the place of each face rested on (all its edges lie in it);
+    - two of lean for each further levelling (set-up of the table with one lean);
+    - an angle for each further heading (direction of the tip) of an axis: the camera sees another side.
 
     Args:
         planes: Equi-planes of the strikes: planes through pivot line and c, with the measured phi.
@@ -147,7 +149,10 @@ class JointModel:
         return np.concatenate([com, log_cholesky(inertia), np.zeros(self.count - SECOND.stop)])
 
     def residual(self, x: Array) -> Array:
-        """Modelled minus measured balance angle (strikes,) [rad], in [-pi, pi), at unknowns `x` (count,)."""
+        """Modelled minus measured balance angle (strikes,) [rad], in [-pi, pi), at the unknowns `x`.
+
+        `x` (count,) holds centre of mass [m], second moments and errors, as the class describes it.
+        """
         forward, height = self._across(x)
         angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi

@@ -115,7 +115,8 @@ def _lever(com: Array, plane: EquiPlane, direction: Array) -> float:
 
     Args:
         com: (3,) centre of mass [m], in the object frame O.
-        plane: Equi-plane of a strike, which gives a point on the centre line, and rho.
+        plane: Plane through a strike's pivot line and the centre of mass (equi-plane), which gives a point on
+            the centre line, and rho.
         direction: (3,) unit direction of the centre line, in O.
     """
     return float(np.linalg.norm(np.cross(com - plane.point, direction))) + plane.edge_radius

@@ -234,7 +234,7 @@ def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
 
 
 def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
-    """Random draws (draws, n) of n masses from a normal distribution, each bounded by 0 and `most` (n,).
+    """Random draws (draws, n) [kg] of n masses from a normal distribution, truncated to 0 .. `most` (n,).
 
     `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation. The draws are the
     positions of `_CHAINS` Markov chains, which all begin at `start` (n,); their first `_BURN_IN_STEPS` steps

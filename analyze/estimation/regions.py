@@ -275,19 +275,19 @@ class _Chains:
 
 
 def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chains, float]:
-    """Draws of the dividing plane from its posterior, and the log evidence of the shell's thickness.
+    """Draws of the plane that divides the interior in two, and the log evidence of the shell's thickness.
 
-    The evidence is the mean of prior times likelihood over random planes everywhere. Some of these planes are
-    the first positions of the Metropolis chains, whose temperature falls from `MAX_TEMPERATURE` to 1, so that
-    they find all modes.
+    The evidence, a likelihood of the thickness, is the mean of prior times likelihood over random planes
+    everywhere. Metropolis chains start at some of these planes; their temperature falls from
+    `MAX_TEMPERATURE` to 1, so that they find all modes of the plane's posterior.
 
     Args:
-        problem: Problem of the mass shares for one shell thickness.
+        problem: Measured moments and the body, from which the masses follow, for one shell thickness.
         rng: Random generator.
 
     Returns:
-        Positions of `CHAINS` chains in each of `KEPT_STEPS` steps (2000 in all), and the log evidence, up to
-        a constant that all thicknesses share.
+        Dividing planes with their log posterior: one per chain (`CHAINS`) and step (`KEPT_STEPS`), 2000 in
+        all; and the log evidence, up to a constant that all thicknesses share.
     """
     normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
     heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach
@@ -320,9 +320,13 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chain
 def _metropolis_step(
     chains: _Chains, there: _Chains, temperature: float, rng: np.random.Generator
 ) -> _Chains:
-    """Chains after one Metropolis step: each stays, or moves to its proposed position in `there`.
+    """Metropolis chains after one step: each keeps its dividing plane, or takes the one proposed to it.
 
-    At a `temperature` above 1 moves to a lower posterior are accepted more often.
+    Args:
+        chains: planes of the b chains, with their log posterior.
+        there: the b proposed planes, with their log posterior.
+        temperature: 1 samples the posterior; above 1 moves to a lower posterior are accepted more often.
+        rng: random generator.
     """
     raised = there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior))
     accept = raised > chains.log_posterior
