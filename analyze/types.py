@@ -123,7 +123,7 @@ class TipAngle:
 
 @dataclass(frozen=True)
 class Phases:
-    """Frame ranges [start, stop) of a strike's phases, from rest to landing; None for one that did not occur.
+    """Frame ranges [start, stop) of a strike's phases, rest to landing; None if one did not occur.
 
     A range holds indices into the arrays of the strike's TipAngle, its measured tipping angle by frame.
     """

@@ -364,7 +364,7 @@ class _OpenContact:
 
 @dataclass
 class _Push:
-    """Push by a finger in progress: the forces [N] that remain, and its point, impulse and duration."""
+    """Push by a finger in progress: forces [N] still to be applied, its point, impulse and duration."""
 
     first_ns: int
     """world time of its start [ns]"""

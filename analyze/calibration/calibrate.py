@@ -186,7 +186,7 @@ def assess(
 
 
 def _observed(shots: Sequence[Shot], points: Array) -> list[ObservedView]:
-    """Observed corners of each shot with their weights in the fit.
+    """Corners of the board in each shot: place on the board, place in the image [px], weight in the fit.
 
     Args:
         shots: images with their corners.

@@ -39,7 +39,7 @@ class PixelMap:
 
     @property
     def worst(self) -> float:
-        """Largest standard deviation of a pixel in the image [px]."""
+        """Largest standard deviation in the image of the pixel to which a direction projects [px]."""
         return float(np.nanmax(self.value))
 
     @property
@@ -50,7 +50,7 @@ class PixelMap:
 
     @property
     def median(self) -> float:
-        """Median over the image of the pixels' standard deviations [px]."""
+        """Median over the image of the standard deviation of the pixel to which a direction projects [px]."""
         return float(np.nanmedian(self.value))
 
 

@@ -112,7 +112,7 @@ def _ply(data: bytes) -> Array:
 
 
 def _xyz(data: bytes) -> Array:
-    """Points (n, 3) of an XYZ file's text: columns x, y, z and others.
+    """Points (n, 3) of an XYZ file's text, in the file's unit; columns after x, y and z are ignored.
 
     Columns are separated by blanks, commas or semicolons. Comments (# or //) and up to two leading lines with
     a count or column names are skipped.

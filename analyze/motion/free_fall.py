@@ -254,7 +254,10 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
 
 @dataclass(frozen=True)
 class _Solved:
-    """Solution of the weighted least squares of one fall, with times as the video states them."""
+    """Weighted least-squares fit of one fall of a tag: its motion, drag, and the video's true time scale.
+
+    The motion is in the camera frame, by the times that the video states.
+    """
 
     stated: Array
     """(n,) stated time since the middle of the fall [s]"""
@@ -323,7 +326,11 @@ def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
 
 
 def _correlation_sd_factor(residuals: Array) -> float:
-    """Factor >= 1 by which the correlation of neighbouring residuals (n, 3) widens a standard deviation."""
+    """Factor >= 1 on a fit's standard deviations, as the residuals of neighbouring frames are correlated.
+
+    Args:
+        residuals: (n, 3) residuals of n frames, in order of time.
+    """
     size = float(np.sum(residuals**2))
     r = float(np.sum(residuals[1:] * residuals[:-1])) / size if size > 0 else 0.0
     r = min(max(r, 0.0), MAX_LAG_ONE_CORRELATION)

@@ -299,7 +299,11 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
 def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
     """Motions to estimate from: fitted, tipped over or rocked back, and not excluded by the user.
 
-    They are in the order of the evidence.
+    They are in recording order.
+
+    Args:
+        evidence: motions of all strikes.
+        options: choices of the user, of which the strikes to exclude are used.
 
     Raises:
         EstimationError: there are fewer than three.

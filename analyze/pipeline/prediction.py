@@ -37,8 +37,8 @@ class StrikePrediction:
     def motion_sigmas(self) -> float:
         """Difference between measured and predicted tipping angle theta(t), in standard deviations.
 
-        Two errors count in it, those of balance angle and k. It is scaled so that 3 is as unlikely by chance
-        as an error of 3 sd of one quantity.
+        Two errors count in it, those of the balance angle and of k, the rate constant of the motion. It is
+        scaled so that 3 is as unlikely by chance as an error of 3 sd of one quantity.
         """
         return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.chi2)
 

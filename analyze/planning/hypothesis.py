@@ -51,7 +51,7 @@ class Region:
     """Group of each axis; Q is round across the axes of one group."""
 
     def reach(self, directions: Array) -> Array:
-        """Largest distance (k,) [m] of this region's points from its centre, measured along directions.
+        """Extent (k,) [m] of this region of possible centres of mass, from its centre along k directions.
 
         Args:
             directions: (k, 3) unit vectors, in the object frame.

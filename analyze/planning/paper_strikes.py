@@ -113,7 +113,9 @@ def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> Pivo
 def _strikes(
     prepared: PreparedObject, strike: PaperStrike, axis: PivotAxis, first: int, many: int
 ) -> tuple[Candidate, list[PlannedStrike], list[Rejection]]:
-    """Candidate axis, planned strikes and faults found for one impact point of the paper.
+    """Axis with its impact, planned strikes, and faults, for one impact point by the paper's method.
+
+    Faults, such as a sliding edge, are only reported: the strikes are planned all the same.
 
     Args:
         prepared: Object, bench and expected centre of mass.

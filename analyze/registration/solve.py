@@ -211,7 +211,10 @@ class Problem:
         return (world + np.array([0, 0, table[2]])) @ R_camera_world.T + t_camera_world, B, C, world
 
     def _weight(self, s: int) -> Array:
-        """Weights (f, m) [1/px] of strike s's corners, per frame and marker; 0 for a marker not seen."""
+        """Weights (f, m) [1/px] of corners in strike number `s`, per frame and marker; 0 if it is not seen.
+
+        A weight is the inverse of the corners' standard deviation.
+        """
         return np.where(self._seen[s], 1.0 / self._views[s].sd, 0.0)
 
     def _residual(self, s: int, in_camera: Array) -> Array:

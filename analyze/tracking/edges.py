@@ -424,8 +424,8 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
     """Pixels in a band along a square's four edges: index (4, s) in the flattened image, mask (4, s).
 
     s is the number of pixels of the longest edge's band. The mask is True for pixels to use; a shorter edge
-    repeats its last pixels, unused. None if an edge is shorter than 6 px or longer than 2000 px, or more than a tenth of an edge's band lies
-    outside the image.
+    repeats its last pixels, unused. None if an edge is shorter than 6 px or longer than 2000 px, or more than
+    a tenth of an edge's band lies outside the image.
 
     Args:
         shape: height and width of the image [px].

@@ -57,8 +57,8 @@ class ContentHash:
 
         Args:
             topic: name of the topic.
-            messages: (log time [ns], bytes of the data, data, CRC-32 of the data or None) of each, in file
-                order.
+            messages: log time [ns], number of bytes, data, and CRC-32 of the data (None to compute it) of
+                each message, in file order.
         """
         if topic.startswith(TRUTH_PREFIX):
             return

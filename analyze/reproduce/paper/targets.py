@@ -19,7 +19,7 @@ SCAN_NOISE_M = 5e-3
 
 @dataclass(frozen=True)
 class Target:
-    """Target of one quantity, with the values that the sessions reached."""
+    """Target of one quantity (an error) in the reproduction: largest value allowed, and values reached."""
 
     quantity: str
     """Name of the quantity."""
