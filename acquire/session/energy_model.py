@@ -77,7 +77,10 @@ class EnergyModel:
         ]
 
     def log_striker_mass(self, z: Array) -> Array:
-        """Logarithm ln m_s (k,), m_s the striker's effective mass [kg], for k model states z (k, d)."""
+        """Logarithm ln m_s (k,) of the striker's effective mass m_s [kg], for k model states z (k, d).
+
+        A state is the vector of the model's unknowns in prior standard deviations.
+        """
         return self._log_mass + self._log_mass_sd * z[:, 4]
 
     def log_rebound(self, z: Array) -> Array:
@@ -98,8 +101,8 @@ class EnergyModel:
             axis: number of the pivot axis.
 
         Returns:
-            ln E (k,) at a reached tip speed of 1 m/s, and phi (k,). Without a hypothesis in the plan phi is
-            the plan's prediction for every state.
+            ln E (k,) at a reached tip speed of 1 m/s, and phi (k,). If the plan states no hypothesis on
+            centre of mass and inertia, phi is the plan's prediction for every state.
         """
         at = self._axes[axis]
         model_error = self._axis_sd[axis] * z[:, 7 + axis]

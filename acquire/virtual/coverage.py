@@ -128,7 +128,9 @@ def _accumulate_coverage(
     width: int,
     height: int,
 ) -> NDArray[np.float32]:
-    """Image (height, width): each pixel has the sum of its own areas and those of the pixels left of it.
+    """Sum areas along the rows of an image (height, width): each pixel has all areas up to its column.
+
+    These are its own areas and those of all pixels left of it in its row [px2].
 
     Args:
         pixel: (n,) pixel of each area, as row * (width + 1) + column.

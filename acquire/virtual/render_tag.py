@@ -25,12 +25,12 @@ RIM_CELLS = 1
 
 @dataclass(frozen=True)
 class Lines:
-    """Directed straight boundary lines of a tag on its white card, with their steps in grey level.
+    """Straight boundary lines of a tag on its white card, with the change of grey level across each.
 
-    The inside of a line is the side on its right, going from start to end and looking at the card. It may be
-    black, white, or beyond the card: each line has the grey level inside minus that outside. Its step in
-    cover is 1 or -1 on the card's rim (-1 if the inside is beyond the card), and 0 within the card. A cell is
-    one black or white square of the tag.
+    The inside of a line is the side on its right, going from start to end and looking at the card; changes
+    are inside minus outside. Either side may be black, white, or beyond the card. Cover is 1 on the card and
+    0 beyond it; its change is 1 or -1 on the card's rim, and 0 within the card. A cell is one black or white
+    square of the tag.
     """
 
     points: NDArray[np.float64]

@@ -106,7 +106,8 @@ def fit_pose(view: ObservedView, lens: Lens) -> Pose:
 def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
     """Pose of the board near `start` that fits a view's corners best by Huber's loss, by Gauss-Newton.
 
-    The pose is in the camera's frame. The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
+    The pose is in the camera's frame. The iteration ends after `max_steps`, or at a step below `tolerance`
+    [rad, m].
     """
 
     def linearise(pose: Pose) -> Linearised:

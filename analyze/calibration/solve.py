@@ -171,6 +171,10 @@ def _normal(
         prior: (p,) prior standard deviations of the lens's numbers about the undistorted lens.
         huber: threshold of Huber's loss, in standard deviations.
         damping: factor of Levenberg and Marquardt.
+
+    Returns:
+        Normal matrix (p, p) and right-hand side (p,) of the lens alone, with the blocks from which the
+        changes of the poses follow.
     """
     start = plain_lens(lens.model, lens.width, lens.height, float(lens.numbers[:2].mean()))
     information = np.diag(1.0 / prior**2)

@@ -49,9 +49,10 @@ class Turn:
 
 @dataclass(frozen=True)
 class Tilt:
-    """Tilt of an object by an angle [rad] about a horizontal axis, given by the direction its top moves in.
+    """Tilt of an object by an angle [rad] about a horizontal axis.
 
-    The top moves towards or away from the striker or the camera (`TOWARDS`).
+    The axis is given by the direction in which the object's top moves: towards or away from the striker or
+    the camera (`TOWARDS`).
     """
 
     towards: str
@@ -155,6 +156,10 @@ def side_names(spec: ObjectSpec, R_world_object: Array) -> Sides:
     Args:
         spec: Object file, with the tags.
         R_world_object: (3, 3) rotation from object to world frame.
+
+    Returns:
+        Names of the sides on the table, on top, towards and opposite the camera, towards and opposite the
+        striker. A name is that of the tag on the side ("tag 3"), else of an axis ("the +x side").
     """
 
     def side(direction: list[float]) -> str:

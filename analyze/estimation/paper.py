@@ -293,10 +293,15 @@ class _Sweep:
 
 
 def _sweep(cells: Cells) -> _Sweep:
-    """Candidate planes to divide the interior, `PLANE_STEPS` along each principal direction of the body.
+    """Candidate planes that divide the interior, with centroids and second moments of the three regions.
 
-    They are evenly spaced. Returned with centroids and second moments of shell, upper and lower part. Planes
-    for which one of these holds less than one voxel are left out.
+    There are `PLANE_STEPS` evenly spaced planes along each principal direction of the body. The regions are
+    the shell, and the interior above and below the plane; planes for which one of them has less volume than
+    one voxel are left out. Centroids [m] are in the object frame O, second moments per kilogram [m^2] about
+    O's origin.
+
+    Args:
+        cells: Cells of the body.
     """
     normals: list[Array] = []
     offsets: list[float] = []
@@ -342,7 +347,8 @@ def _axis_solution(
     Of all possible masses and dividing planes, those that put the centre of mass closest to `com`.
 
     Args:
-        plane: Equi-plane of a strike about the axis, for its pivot line.
+        plane: Equi-plane (through pivot line and centre of mass) of a strike about the axis, for its pivot
+            line.
         com: (3,) centre of mass [m], in the object frame O.
         i_edge: Measured moment about the edge [kg m^2]; values within `I_RANGE` of it are tried.
         mass: Mass of the object [kg].

@@ -63,7 +63,10 @@ class SystematicErrors:
 
 @dataclass(frozen=True)
 class ComPrior:
-    """Prior of the centre of mass before any strike, from the shape's bounding box: mean and sd [m]."""
+    """Prior of the centre of mass before any strike: mean and sd [m] along the axes of the object frame O.
+
+    It follows from the shape's bounding box.
+    """
 
     mean: Array
     """(3,) mean [m], in the object frame O."""

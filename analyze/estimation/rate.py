@@ -187,8 +187,8 @@ def _extremes(
 
     r is the true over the stated frame rate. s = (k / g) I_edge / (m R), with k the rate constant, g gravity,
     m the mass, I_edge the moment of inertia about the edge and R the distance of the centre of mass from it.
-    This is a ratio of two sums over the shares of mass at the points, and its extremes a linear programme in
-    the shares over R (Charnes and Cooper 1962).
+    s is a ratio of two sums over the shares of mass at the points; a linear programme in the shares over R
+    finds its extremes (Charnes and Cooper 1962).
 
     Args:
         plane: Equi-plane of the strike, through its pivot line and the centre of mass.
@@ -341,10 +341,10 @@ def estimated_rate(
 
 
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
-    """Posterior sd of ln g (gravity) over its prior sd: 0 if the strikes determine g, 1 if they do not.
+    """Posterior over prior sd of ln g, g the gravity: 0 if the strikes determine g, 1 if they do not.
 
-    The moments of inertia themselves are the unknowns here. The solution's own unknowns are logarithms of
-    lengths, which would look well known near zero.
+    The entries of the inertia are unknowns here, instead of the solution's own: with those, logarithms of
+    lengths, an inertia near zero would look well known.
 
     Args:
         found: Joint solution with gravity as a free parameter.

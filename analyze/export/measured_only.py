@@ -73,7 +73,7 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
 
 
 def _along(direction: Array) -> str:
-    """Text of a unit direction (3,): a coordinate axis, such as "x", or such as "(0.71, 0.71, 0.00)".
+    """Text of a unit direction (3,): "x" if it is a coordinate axis, else such as "(0.71, 0.71, 0.00)".
 
     Opposite directions give the same text: a direction is reversed if its largest component is negative.
     """

@@ -202,7 +202,11 @@ class OnsetFinder:
         return None
 
     def _wait(self, usual_ns: int) -> int:
-        """Time to wait on the clip's clock [ns]: `usual_ns`, or longer if the clip may be slow motion."""
+        """Interval or time limit on the clip's clock [ns]; longer than `usual_ns` in possible slow motion.
+
+        Args:
+            usual_ns: the same at normal speed [ns].
+        """
         return round(usual_ns * self._time_scale)
 
     def _forget(self, next_ns: int) -> None:

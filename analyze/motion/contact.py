@@ -38,12 +38,13 @@ class ContactErrors:
 
 
 def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:
-    """Copy of a fit of phi and k, with the variances caused by the contact added to its covariance.
+    """Copy of a fit of a tip, with the variances caused by the contact added to its covariance.
 
     Args:
-        fit: balance angle phi and k of one strike; the variance of k stays as it is if k is None.
+        fit: balance angle phi [rad] and rate constant k [rad/s^2] of one strike; the variance of k stays as
+            it is if k is None.
         rolls: True if the edge is a round rim.
-        errors: standard deviations of phi and k caused by the contact.
+        errors: standard deviations of phi [rad] and k (relative) caused by the contact.
     """
     phi_sd = errors.rim_phi_sd if rolls else errors.edge_phi_sd
     added = np.diag([phi_sd**2, (errors.k_relative_sd * (fit.k or 0.0)) ** 2])

@@ -174,7 +174,7 @@ class _Curve:
     """
 
     def __init__(self, number: IntArray, scaled: Array) -> None:
-        """Fit the polynomial to scaled positions (n, 3) at frame numbers (n,)."""
+        """Fit the polynomial to positions (n, 3), in standard deviations, at frame numbers (n,)."""
         self._middle, self._half = (number[0] + number[-1]) / 2, max((number[-1] - number[0]) / 2, 1)
         design = np.vander((number - self._middle) / self._half, 4, increasing=True)
         self._inverse = np.linalg.inv(design.T @ design)

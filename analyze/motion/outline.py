@@ -133,9 +133,11 @@ def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
 
 
 def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
-    """Roughness: standard deviation of the log curvature from corner to corner, beyond a linear trend.
+    """Roughness of an outline's curves: scatter of ln(curvature) from corner to corner, dimensionless.
 
-    Only corners that may touch the table count; None if there are too few of them for a second difference.
+    It is a robust standard deviation, from the second differences of ln(curvature) along each curve, so that
+    a steady change does not count. Only corners that may touch the table are used; None if no curve has three
+    of them in a row.
     """
     parts: list[Array] = [np.zeros(0)]
     for curve in curves:

@@ -126,9 +126,10 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
-        """Derivatives (n, 3) of the weighted residuals of theta by x (ln k, theta0, omega0).
+        """Derivatives (n, 3) of the weighted residuals of the tipping angle theta by x.
 
-        They are kept from the last call of `residual`.
+        x is ln k (rate k [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0. It must be the x of the
+        last call of `residual`, whose derivatives are used.
         """
         part = -columns[:, 1:] * tip.weight[:, None]
         part[:, 0] *= rate(x)

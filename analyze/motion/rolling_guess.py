@@ -55,10 +55,11 @@ class ComPrior:
     """expected inertia per mass about the pivot point [m^2]; its reciprocal has a relative sd of 50 %"""
 
     def rows(self) -> Array:
-        """Coefficients (3, 3) of the prior's three linear equations in (1 / J, a / J, b / J), over their sd.
+        """Coefficients (3, 3) of this prior of the centre of mass c as three linear equations, over their sd.
 
-        a is the offset of the centre of mass c from the pivot point upwards, -b that in the direction of
-        tipping, J = I_c / m + a^2 + b^2 the inertia per mass about the pivot point.
+        The unknowns are (1 / J, a / J, b / J), in columns: a [m] is the height of c above the pivot point,
+        -b [m] the offset of c from it in the direction of tipping, J = I_c / m + a^2 + b^2 [m^2] the inertia
+        per mass about it. `values` gives the right-hand sides.
         """
         by_sd = self.J / self.sd
         return np.array(

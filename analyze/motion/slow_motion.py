@@ -109,7 +109,7 @@ def _tip_time_s(phi: float, k: float) -> float:
 def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
     """Marker track with its times divided by `ratio`, thinned to fewer than 200 frames if it has more.
 
-    A rough k and verdict need few frames.
+    Few frames suffice for a verdict and a rough k, the rate constant of the tip.
     """
     some = slice(None, None, max(1, len(track.time_ns) // MAX_FRAMES))
     return replace(

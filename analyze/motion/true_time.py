@@ -11,7 +11,10 @@ from analyze.motion.free_fall import Fall, FallSetup
 
 @dataclass(frozen=True)
 class TrueTime:
-    """Ratio q of true to stated time from all falls, with its standard deviation by source of error."""
+    """Ratio q of a video's true to stated time from filmed free falls of a tag, with its sd.
+
+    The parts of the standard deviation (sd) by source of error are given too.
+    """
 
     time_ratio: float
     """q, true seconds per stated second"""

@@ -186,7 +186,8 @@ def _chosen(prepared: PreparedObject, request: PlanRequest, so_far: Information)
     Args:
         prepared: Checked axes and what is known of the object.
         request: Number of strikes, target and options.
-        so_far: Information before the planned strikes, without that of a turned strike.
+        so_far: Information before the planned strikes, without that of a turned strike (object and striker
+            turned by 180 degrees, to measure the table's tilt).
 
     Raises:
         PlanError: no usable set of axes determines the centre of mass.

@@ -29,7 +29,7 @@ A number without meaning and unit is left out."""
 
 
 def rejection_summary(rejected: Sequence[Rejection]) -> str:
-    """One-line summary of rejected axes and faces by reason, the most frequent reason first.
+    """One-line summary of rejected pivot axes and resting faces by reason, most frequent reason first.
 
     For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach"; empty without
     rejections.

@@ -47,7 +47,7 @@ _Part = TypeVar("_Part", RestingPlane, PivotAxis)
 def scanned_planes(
     model: ObjectModel, planes: Sequence[RestingPlane]
 ) -> tuple[list[RestingPlane], list[Rejection]]:
-    """Resting planes that were scanned, and rejections of those that were not.
+    """Resting planes (faces that the object can stand on) that were scanned, and rejections of the others.
 
     A plane counts as scanned if at most the fraction `MAX_BARE_PLANE` of it is missing from the scan. If the
     shape is no scan, all planes are kept.

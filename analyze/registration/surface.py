@@ -68,16 +68,20 @@ def surface_under(
     sizes: Mapping[int | str, float],
     thickness: Mapping[int | str, float],
 ) -> Surface:
-    """Surface of the body, and the markers held to it: those that lie on it by their first poses.
+    """Surface of the body, and the markers that a fit of marker poses holds to it.
 
-    A marker lies on the surface if its middle is within 20 mm of it and its normal within 15 deg of the
-    surface's.
+    A marker is held to it if, by its first pose, its middle is within 20 mm of the surface and its normal
+    within 15 deg of the surface's.
 
     Args:
         model: the object's exterior.
         start: first pose T_object_marker (4, 4) in the object frame per marker.
         sizes: edge of each marker's black square [m].
         thickness: thickness of each marker's card [m]; 0 for a marker that it does not name.
+
+    Returns:
+        Height over the surface as a function of the point; and, for each marker held to the surface, its
+        stated height with the standard deviations of height and tilt.
     """
     surface_sd = (
         model.surface_sd if model.cloud is None else math.hypot(model.surface_sd, model.cloud.smooth_sd)

@@ -63,7 +63,7 @@ class ToViewer:
         stream.connect_grpc(self._viewer.url)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Flush the stream to the viewer.
+        """Flush the stream, which has the images of at least one strike by now, to the viewer.
 
         Raises:
             ViewerClosed: the user closed the viewer.

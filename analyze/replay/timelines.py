@@ -20,7 +20,10 @@ SINCE_CONTACT, SESSION = "since_contact", "session"
 
 
 def contact_of(record: pb.StrikeRecord) -> int:
-    """Log time [ns] at which the striker touched the object; its window's start if none was recorded."""
+    """Log time [ns] at which the striker touched the object, else the start of the strike's time window.
+
+    The start is given if no time of contact was recorded.
+    """
     return record.contact_time_ns or record.window_start_ns
 
 

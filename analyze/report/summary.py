@@ -66,9 +66,9 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
 
 
 def com_text(com: Quantity) -> str:
-    """Text of the centre of mass (x, y, z) with half widths of its 95 % intervals, in mm.
+    """Text of the centre of mass (x, y, z) in O with half widths of its 95 % intervals, in mm.
 
-    It ends with "one direction not observed" if that is so.
+    O is the object frame. The text ends with "one direction not observed" if that is so.
     """
     half = SIGMAS_95 * 1e3 * np.array(com.sd)
     millimetres = 1e3 * np.array(com.value)

@@ -37,10 +37,10 @@ class CodedPictures(NamedTuple):
 
 
 class NumberedPictures(NamedTuple):
-    """Coded pictures with their numbers, which count all pictures of the stream by time, from 0.
+    """Some of a stream's coded pictures with their numbers, and the next of the stream's times [ns].
 
-    In addition, the times [ns] with which the list of all pictures' times in increasing order continues. They
-    may belong to other pictures than these, as pictures come in decoding order.
+    A picture's number is its position by time among all pictures of the stream, from 0. Pictures come in
+    decoding order, but times in increasing order; these times may therefore belong to other pictures.
     """
 
     pictures: CodedPictures
@@ -74,10 +74,10 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Number the `count` earliest times without number; give numbers to pictures in decoding order.
+        """Number the `count` earliest times that have no number yet, and the pictures of these times.
 
-        It stops at the first picture (of `waiting`, those read but not numbered) whose time has no number
-        yet.
+        Pictures read but not numbered (`waiting`) get their numbers in decoding order, up to the first one
+        whose time has no number yet.
 
         Returns:
             The pictures that remain without number; the pictures numbered now, with the `count` times,

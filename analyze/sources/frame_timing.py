@@ -98,9 +98,9 @@ class FrameTiming:
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
-        """Largest time stamp [steps] whose own time is not after a capture time.
+        """Last time stamp [steps] at or before a capture time.
 
-        A stamp's own time is that of its steps, not rounded to a constant frame rate.
+        Here a stamp stands for the time of its steps, even where `time_ns` rounds to a constant frame rate.
 
         Args:
             time_ns: capture time since the first frame [ns], not negative.

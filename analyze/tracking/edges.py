@@ -146,7 +146,7 @@ class _EdgeFits:
 
 @dataclass(frozen=True)
 class SquareFit:
-    """Fitted square, with the pixels used along its edges and each edge's line and blur.
+    """A marker's black square as fitted in one image, with the pixels, line and blur of each edge.
 
     The fit in the next image starts from these pixels, lines and blurs.
     """
@@ -365,11 +365,11 @@ def _breadth(band: _Band) -> Array:
 
 
 def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
-    """Sums over an edge's pixels of the products of six columns, (4, 6, 6), and the pixel counts (4,).
+    """Normal equations of the fit of four edges: products (4, 6, 6) of six columns, and pixel counts (4,).
 
-    They are the normal equations of the fit of four edges. With the edge's profile a function of the distance
-    from its line that rises from 0 inside the square to 1 outside, the columns are: minus the profile's
-    derivatives by offset a, tilt b and blur s (three columns); 1 - profile; profile; grey value.
+    Products are summed over an edge's pixels. An edge's profile rises with the distance from its line from 0
+    inside the square to 1 outside. The columns: minus the profile's derivatives by offset a, tilt b and blur
+    s (three columns); 1 - profile; profile; grey value.
 
     Args:
         shape: (4, 3) a, b, s of each edge [px].

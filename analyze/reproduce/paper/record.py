@@ -149,7 +149,11 @@ class Section(Document):
 
 
 class OwnChoice(Document):
-    """Errors of the centre of mass from the strikes that the paper's planner chooses, with exact angles."""
+    """Errors [m] of the centre of mass, by the paper's method and ours, for the paper's choice of strikes.
+
+    The paper is VISAPP 2013. Both methods are given the true balance angles of these strikes, one strike per
+    pivot axis. If the paper's planner has no strikes, `refused` says why, and there are no errors.
+    """
 
     refused: str | None = Field(
         default=None, description="reason why the paper's planner has no strikes; null if it has"

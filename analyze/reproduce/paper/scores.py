@@ -165,15 +165,16 @@ def standardised(records: Sequence[SessionRecord], condition: Condition) -> list
 
 
 def standardised_masses(records: Iterable[SessionRecord], condition: Condition, name: str) -> Standardised:
-    """Errors over stated sd of our region masses, and whether the 95 % intervals hold the true masses.
+    """Region masses by our method: errors over stated sd, and whether 95 % intervals hold the true masses.
 
-    A region that is truly empty (below `EMPTY_REGION_FRACTION` of the total mass) has no error here, since
-    its mass is at its lower bound, zero; its interval counts all the same.
+    The regions are shell, upper and lower interior. A region that is truly empty (below
+    `EMPTY_REGION_FRACTION` of the total mass) has no error here, since its mass is at its lower bound, zero;
+    its interval counts all the same.
 
     Args:
         records: sessions.
         condition: calibration under which they were analysed.
-        name: name of the quantity.
+        name: name of the quantity, for tables; copied to the result.
     """
     found: list[float] = []
     held: list[float] = []
