@@ -294,8 +294,8 @@ class TopicSource:
         """Yield coded pictures as messages of a recording, the form that the video decoder takes.
 
         Args:
-            found: pairs of a picture and, before it, its time [ns], the log time of its message. A message's
-                sequence number is the place of its pair, from 0. Pairs with raw pictures give no message.
+            found: pairs of a picture's time [ns], which becomes its message's log time, and the picture. A
+                message's sequence number is the place of its pair, from 0. Raw pictures give no message.
         """
         for number, (time_ns, picture) in enumerate(found):
             if isinstance(picture, CodedPicture):
