@@ -233,7 +233,8 @@ def _fit_constant_speed(reads: Reads) -> _ConstantSpeedFit:
 class _ImpactFits:
     """Fits of the arm's motion for g hypotheses on contact time, duration, force law and register model.
 
-    Each fit has parameters, their covariance, chi squared (misfit) and prior probability.
+    The register model states how the servo's velocity register filters, delays and renews its value. Each
+    fit has parameters, their covariance, chi squared (misfit) and prior probability.
     """
 
     time: NDArray[np.float64]

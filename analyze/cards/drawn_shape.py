@@ -48,7 +48,7 @@ class DrawnShape:
 
 
 def drawn_shape(model: ObjectModel) -> DrawnShape:
-    """Faces and edges for drawing a model.
+    """Faces and edges for drawing an object's model, in the object frame O [m].
 
     A convex mesh is drawn as its convex hull if that has fewer faces. A mesh that still has more than
     `MAX_FACES` faces is simplified: its vertices are merged on a grid. A body that is not convex is cut into

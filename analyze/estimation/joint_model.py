@@ -240,10 +240,10 @@ class JointModel:
         return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
 
     def _rows(self, across: Array) -> Array:
-        """Derivative (strikes, count) by the unknowns of the component of each strike's arm along `across`.
+        """Derivative (strikes, count) of one component of each strike's arm [m] by the unknowns `x` (count,).
 
-        The arm leads from the strike's pivot line to the centre of mass; `across` (strikes, 3) holds one
-        direction per strike, taken as constant.
+        The arm leads from the strike's pivot line to the centre of mass. The component is that along `across`
+        (strikes, 3), one direction per strike, taken as constant.
         """
         rows = -np.einsum("si,sic->sc", across, self._shift)
         rows[:, COM] = across

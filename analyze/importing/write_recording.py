@@ -189,11 +189,14 @@ class _Session:
     def _video(
         self, video: VideoSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
-        """Write a whole video as coded, in chunks, with FrameMeta (frame metadata) of some frames.
+        """Write a whole video as coded to the recording, in chunks, and update the strikes' log times.
+
+        FrameMeta (frame metadata) are written for each chunk's first frame and each frame that follows a gap.
 
         Args:
             video: the video; without a `storable_format` nothing is written.
-            windows: for each strike in the video, its log times, which are updated, and its window.
+            windows: for each strike in the video, the log times of its first and last image, which are
+                updated, and its window (part of the video).
             missing: counter of the video's missing frames, which is updated.
         """
         if video.storable_format is None:

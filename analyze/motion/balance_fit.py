@@ -198,11 +198,13 @@ def driven_theta(
     radius: float,
     jump: tuple[int, Array] | None = None,
 ) -> Array:
-    """Tipping angles theta (n, c) [rad] of c cases whose edge moves as given, by the Runge-Kutta method.
+    """Tipping angles theta (n, c) [rad] of c bodies whose pivot edge slips and lifts as given.
+
+    The equation of motion is integrated by the Runge-Kutta method.
 
     Args:
         time: (n,) times [s], ascending.
-        parameters: (c, 4 or more) per case: balance angle phi [rad], rate k of the tip [rad/s^2], and at the
+        parameters: (c, 4 or more) per body: balance angle phi [rad], rate k of the tip [rad/s^2], and at the
             first time theta [rad] and Omega [rad/s] = theta' + (k / g) [(cos psi + rho / R) s' + sin psi z'],
             with psi = phi - theta, s' and z' the speeds of slip and lift, and R the distance of the centre of
             mass from the edge, taken as g / (1.35 k), as for a solid body; further columns are ignored.

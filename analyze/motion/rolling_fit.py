@@ -87,9 +87,9 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     def expect(sets: Array) -> Array:
         """Expected observations (n + 3, c) for c sets (c, 5) of parameters.
 
-        They are the tipping angles [rad] at n times, then three values of the prior over their sd. The
-        parameters are 1 / J, a / J, b / J (inertia and place of the centre of mass), theta0 and omega0 (first
-        angle and speed).
+        They are the tipping angles [rad] at n times, then three values, over their sd, that the prior of
+        centre of mass and inertia states. The parameters are 1 / J, a / J, b / J (inertia and place of the
+        centre of mass), theta0 and omega0 (first angle and speed).
         """
         return np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
 

@@ -44,15 +44,19 @@ _MIN_DISTANCE = 1e-3
 
 
 def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
-    """Coefficients m (..., 3) and f (..., 3), and radius of curvature rho (...) [m], of a section.
+    """Coefficients by which a rolling body's inertia and lever depend on its parameters x (3,).
 
-    With x = (1, a, b) / J the body's parameters (centre of mass at (-b, a) from the pivot point at rest, J =
-    I_c / m + a^2 + b^2 the inertia per mass about it), 1 + m . x is the inertia about the contact over J, and
-    f . x the horizontal distance from the centre of mass to the contact over J.
+    x = (1, a, b) / J: the centre of mass is at (-b, a) [m] from the pivot point at rest (x in the direction
+    of tipping, z up), and J = I_c / m + a^2 + b^2 [m^2] is the inertia per mass about that point. At each
+    tipping angle, 1 + m . x is the inertia about the contact over J, and f . x the horizontal distance from
+    the centre of mass to the contact over J.
 
     Args:
         section: support function of the body's cross-section.
         theta: (...) tipping angles [rad].
+
+    Returns:
+        m (..., 3), f (..., 3), and the section's radius of curvature at the contact (...) [m].
     """
     h, ahead, radius = section.evaluate(theta)
     cos, sin = np.cos(theta), np.sin(theta)

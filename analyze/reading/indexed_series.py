@@ -132,9 +132,9 @@ class IndexedSeries:
         return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
 
     def _file_order(self, topic: str, index: SeriesIndex) -> NDArray[np.intp]:
-        """Numbers (n,) of a topic's messages in their order in the files.
+        """Indices (n,) that put a topic's messages, as listed in `index`, in their order in the files.
 
-        A number is the message's place in `index`, from 0; the order is by file, chunk and offset.
+        That is the order by file, chunk and offset.
         """
         chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
         for number, file in enumerate(self.files):

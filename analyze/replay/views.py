@@ -48,7 +48,8 @@ class DrawnRegion:
 class DrawnAnswer:
     """Parts of an estimate that a replay draws: equi-planes, centre of mass, mass regions, voxels, result.
 
-    An equi-plane, one per strike, passes through the strike's pivot line and the centre of mass.
+    An equi-plane, one per strike, passes through the strike's pivot line and the centre of mass. Mass regions
+    are the shell and the interior on either side of a plane; voxels are cells with their densities.
     """
 
     result: Result

@@ -63,7 +63,11 @@ PROGRESS_STEPS: Final = 5
 
 @dataclass(frozen=True)
 class CubeAnswer:
-    """Centre of mass of the cube by flight, edge and corner contact, and inertia per mass by contact."""
+    """Centre of mass of the cube by free flight, edge contact and corner contact, with their errors.
+
+    The two kinds of contact also give the inertia per mass. Lengths are true ones [m], unless a field states
+    that it is in the file's unit.
+    """
 
     tosses: int
     """Number of tosses."""

@@ -74,7 +74,7 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Number the `count` earliest times that have no number yet, and the pictures of these times.
+        """Number the `count` earliest times that have no number yet, then pictures by their times.
 
         Pictures read but not numbered (`waiting`) get their numbers in decoding order, up to the first one
         whose time has no number yet.

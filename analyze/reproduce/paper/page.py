@@ -113,7 +113,9 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
 
 
 def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> str:
-    """Page with summary, targets, tables and figures, as HTML text.
+    """Page of the reproduction as HTML text: summary, missed targets, tables and figures.
+
+    A target is the largest value allowed of a quantity, such as the error of the centre of mass.
 
     Args:
         records: results of the sessions.
