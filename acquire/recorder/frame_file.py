@@ -61,9 +61,10 @@ class FrameFile:
         self._sink.write_images(self._images, messages)
 
     def write_borrowed(self, frames: Sequence[Frame]) -> None:
-        """Write the raw images of frames directly from the camera's buffers, all or none; without meta.
+        """Write the raw images of frames directly from the camera's buffers, all or none.
 
-        Each buffer is released when the disk has its image, or when the disk fails later.
+        Their metadata (times, exposure, losses) are not written here. Each buffer is released when the disk
+        has its image, or when the disk fails later.
 
         Args:
             frames: at least one, each with a borrowed buffer (kept until its release).

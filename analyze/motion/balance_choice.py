@@ -73,7 +73,11 @@ def balance_instead_of_hinge(
     phi = None if hinge is not None else planned.phi_predicted_rad
 
     def balance(frames: tuple[int, int]) -> MotionFit:
-        """Moment-balance fit over frames [start, stop); EstimationError if it fails."""
+        """Fit that allows for the edge's measured motion (moment balance) over frames [start, stop).
+
+        Raises:
+            EstimationError: the fit fails.
+        """
         return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
 
     try:

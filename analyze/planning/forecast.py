@@ -245,7 +245,8 @@ def advice(
 def error_so_far(information: Information) -> float:
     """Expected rms error [m] of the centre of mass before any further strike.
 
-    It follows from the priors and the strikes made, which `information` holds; its candidates do not matter.
+    It follows from the priors and the strikes made, which `information` holds. The axes that could be struck
+    next, its candidates, do not matter.
     """
     return _rms(information, [], [])
 

@@ -22,7 +22,7 @@ TURNED = float(np.pi)
 
 @dataclass(frozen=True)
 class TurnableAxis:
-    """Usable axis that can be struck with object and striker turned by 180 degrees too.
+    """Axis (edge to tip about) that can be struck with object and striker turned by 180 degrees too.
 
     The two strikes, one each way, measure the table's tilt; phi is their balance angle.
     """
@@ -81,10 +81,10 @@ def turnable_axes(
 
 
 def with_tilt_measured(information: Information, by: TurnableAxis) -> Information:
-    """Copy of `information` with the 1 sigma of the table's tilt that two strikes on one axis leave.
+    """Copy of `information` in which two strikes on one axis have measured the table's tilt.
 
-    One of the strikes is at the usual heading, the other with object and striker turned by 180 degrees. What
-    they measure of the tilt is combined with what is known of it before.
+    One of the strikes is at the usual heading, the other with object and striker turned by 180 degrees. The
+    1 sigma of the tilt combines theirs with the one before.
 
     Args:
         information: What planned strikes tell about the object, with the errors that they share; unchanged.

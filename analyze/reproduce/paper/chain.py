@@ -70,9 +70,10 @@ def sign_change_fit(motion: TipMotion) -> MotionFit | None:
 
 
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
-    """Strikes that tipped over, by id of the axis, each with its plan and its fit by `sign_change_fit`.
+    """Strikes that tipped over, by axis id, each with its plan and its fit by the paper's estimator.
 
-    Axes without such a strike are left out.
+    The estimator takes the balance angle at the second sign change of the angular acceleration. Axes without
+    such a strike are left out.
     """
     evidence = estimate.evidence
     found: dict[str, list[_Struck]] = {}

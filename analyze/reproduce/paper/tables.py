@@ -56,7 +56,10 @@ class Table:
 
 
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
-    """Tables of the page that have rows, in its order; not those of targets and moments."""
+    """Tables of the page on the paper's reproduction, in its order, without those that have no rows.
+
+    The tables of targets and of moments are not among them.
+    """
     found = [
         table1(records),
         table2(records),
