@@ -27,10 +27,9 @@ RIM_CELLS = 1
 class Lines:
     """Straight boundary lines of a tag on its white card, with the change of grey level across each.
 
-    The inside of a line is the side on its right, going from start to end and looking at the card; changes
-    are inside minus outside. Either side may be black, white, or beyond the card. Cover is 1 on the card and
-    0 beyond it; its change is 1 or -1 on the card's rim, and 0 within the card. A cell is one black or white
-    square of the tag.
+    Inside is the side to the right of a line, going from start to end and looking at the card. A change is
+    the value inside minus the value outside; either side may be black, white, or beyond the card. The change
+    of cover (1 on the card, 0 beyond it) is given too. A cell is one black or white square of the tag.
     """
 
     points: NDArray[np.float64]

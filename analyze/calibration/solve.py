@@ -63,8 +63,8 @@ class Bundle:
     def scatter(self) -> float:
         """Factor, at least 1, by which the residuals exceed the corners' stated standard deviation.
 
-        It is the root of the sum of squares of all corners' distances from their predictions (in standard
-        deviations), divided by the degrees of freedom.
+        It is the root of chi^2 per degree of freedom; chi^2 is the sum of squares of all corners' distances
+        from their predictions, in standard deviations.
         """
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)

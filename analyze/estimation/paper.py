@@ -350,10 +350,10 @@ def _axis_solution(
         plane: Equi-plane (through pivot line and centre of mass) of a strike about the axis, for its pivot
             line.
         com: (3,) centre of mass [m], in the object frame O.
-        i_edge: Measured moment about the edge [kg m^2]; values within `I_RANGE` of it are tried.
+        i_edge: Measured moment about the edge [kg m^2]; values within the fraction `I_RANGE` of it are tried.
         mass: Mass of the object [kg].
         cells: Cells of the body.
-        sweep: Positions of the dividing plane to try.
+        sweep: Dividing planes to try, with centroids and second moments of the regions that they make.
 
     Returns:
         Masses of shell, upper and lower part of the interior, with the dividing plane; None if no solution

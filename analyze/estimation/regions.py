@@ -256,7 +256,10 @@ def _weighted_draws(
 
 @dataclass(frozen=True)
 class _Chains:
-    """Positions of b Metropolis chains, each a plane that divides the interior, with their log posterior."""
+    """Present planes of b Metropolis chains (random walks), with the log posterior of each.
+
+    Each plane divides the interior in two.
+    """
 
     planes: DividingPlanes
     """Position of each chain, with the mass shares that fit it."""

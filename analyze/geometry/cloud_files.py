@@ -129,8 +129,8 @@ def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
     """Text of an XYZ file with decimal points for decimal commas, and True if it had decimal commas.
 
     Without them it is returned as it is. Commas are decimal if semicolons or blanks separate three or more
-    columns, each with at most one comma. The first two lines, which may have column names, are not
-    considered.
+    columns, each with at most one comma, and no comma stands beside a blank or ends a column. The first two
+    lines, which may have column names, are not considered.
 
     Args:
         data: Content of the file.

@@ -22,9 +22,9 @@ class ContactErrors:
 
     The error of phi was measured on 107 simulated strikes (dry friction of 0.6 to 0.8, up to twice the energy
     needed to reach balance), fitted to the true theta(t). On 35 strikes with other seeds the 95 % intervals
-    contained phi in 83 %; the error of theta's zero did not have a least value then. The error of k was
-    measured on 360 strikes of four objects through images, on roundings of 1 mm: k was off by 1.0 to 1.3 of
-    the fit's own sd (0.06 to 0.07 %).
+    contained phi in 83 %; that was before the sd of theta's zero was given a lower limit (tip_angle.py). The
+    error of k was measured on 360 strikes of four objects through images, on roundings of 1 mm: k was off by
+    1.0 to 1.3 of the fit's own sd (0.06 to 0.07 %).
     """
 
     edge_phi_sd: float = 7e-5

@@ -41,7 +41,7 @@ def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | N
 
     It is the angle at which the face touches by the shape, less a margin of 1 deg and the error of the face's
     far end, as an angle about the pivot. None if no flat face touches within the angles that `section`
-    covers, or if the first one touches before the predicted balance angle.
+    covers, or if the landing angle of the first one is not beyond the predicted balance angle.
 
     Args:
         section: support function of the object's cross-section about the pivot point.

@@ -87,7 +87,10 @@ def slow_motion_ratio(
 
 
 def _rise_time_s(angle: TipAngle) -> float:
-    """Time [s], as stated, from the last frame below 0.5 deg to 90 % of the largest tipping angle."""
+    """Rise time [s] by the frames' stated times: last frame below 0.5 deg to 90 % of the largest angle.
+
+    The angle is the tipping angle. In slow motion the stated times are longer than the true ones.
+    """
     theta = angle.theta
     end = int(np.argmax(theta >= 0.9 * float(theta.max())))
     start = np.max(np.flatnonzero(theta[: end + 1] <= MOVED_RAD), initial=0)

@@ -189,13 +189,13 @@ class SupportFunction:
 
 
 def circular_support(radius: float) -> SupportFunction:
-    """Support function of a circle about the pivot point, for an edge with only a known rounding.
+    """Support function of a circle: an edge that rolls on its rounding, the rest of the outline unknown.
 
-    A motion on it determines the balance angle phi and the rate k, but not the distance of the centre of
-    mass.
+    The pivot point is the circle's centre. A motion on it determines the balance angle phi and the rate k of
+    the tip, but not the distance of the centre of mass from the pivot.
 
     Args:
-        radius: radius [m], 0 for a sharp edge.
+        radius: radius of the rounding [m], 0 for a sharp edge.
     """
     n = round((HIGH - LOW) / _STEP) + 1
     return SupportFunction(

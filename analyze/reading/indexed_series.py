@@ -98,10 +98,10 @@ class IndexedSeries:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of a video that a decoder needs for a range of times, in file order.
 
-        The first is a message where a decoder can begin (`is_start`): the last such message that precedes
-        all messages of the range in the file, or is the first of them, and is not later in time than any.
-        If there is none, it is the topic's first message. The last is the range's last message in the file.
-        An empty range yields none.
+        The file may hold messages out of time order. The messages run from a start to the range's last
+        message in the file. The start is the range's first message in the file, or the nearest one before
+        it, at which a decoder can begin (`is_start`) and whose time is not after the range's earliest
+        message; without such a message it is the topic's first. An empty range yields none.
 
         Args:
             topic: topic of the video.

@@ -56,10 +56,10 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] of a table tilt towards the world's x that is assumed to be 0; 0 if there is none.
+    """Largest prior sd [rad] of the table tilts towards the world's x that are only assumed to be 0.
 
-    Only tilts that were neither measured by the strikes nor read from a level count, one per levelling
-    (set-up of the table). The sd is that of the assumption (prior).
+    Each levelling (set-up of the table) has one tilt. Those that the strikes measured, or that were read from
+    a level, are left out; if none remains the result is 0.
     """
     assumed = [
         float(tilt.prior_sd[0])

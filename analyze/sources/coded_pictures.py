@@ -37,10 +37,10 @@ class CodedPictures(NamedTuple):
 
 
 class NumberedPictures(NamedTuple):
-    """Some of a stream's coded pictures with their numbers, and the next of the stream's times [ns].
+    """Some of a stream's coded pictures, in decoding order, with their numbers; and times of the stream.
 
-    A picture's number is its position by time among all pictures of the stream, from 0. Pictures come in
-    decoding order, but times in increasing order; these times may therefore belong to other pictures.
+    A picture's number is its position by time among all pictures of the stream, from 0. The times [ns] are
+    the stream's next ones in increasing order, so that they may be those of other pictures.
     """
 
     pictures: CodedPictures
