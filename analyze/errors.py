@@ -44,7 +44,7 @@ class RecordingVersion(RecordingError):
 
 
 class ShapeError(AnalyzeError):
-    """An object file or its shape cannot be used: unreadable, not a closed body, or without a unit."""
+    """An object file or its shape cannot be used: not readable, not closed, or of an implausible size."""
 
 
 class PlanError(AnalyzeError):

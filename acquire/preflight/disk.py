@@ -71,8 +71,8 @@ def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
     """Check free space and write speed of the disk that receives the recordings.
 
     The space is compared with the reserve that recordings leave free, the speed with the camera's data rate
-    times SPEED_MARGIN.
-    The findings name the folder, because a session's recording may be written to another one.
+    times SPEED_MARGIN. The findings name the folder, because a session's recording may be written to another
+    one.
 
     Args:
         disk: the disk.

@@ -34,9 +34,9 @@ class TickClock:
         self._offset = 0
 
     def restart(self) -> None:
-        """Continue the count without a jump after a reboot of the servo, which resets its tick.
+        """Keep the servo's device time without a jump over a reboot, which sets its tick (counter) to 0.
 
-        The next sample must come from the rebooted servo.
+        The next call of `observe` must have a sample of the rebooted servo.
         """
         if self._ticks is not None:
             self._offset = -1

@@ -47,7 +47,7 @@ class Box:
         )
 
     def within(self, outer: Box) -> tuple[slice, slice]:
-        """Slices (rows, columns) that select this box in an array of the pixels of the box `outer` only."""
+        """Slices (rows, columns) of this box in an array that holds just the pixels of the box `outer`."""
         rows = slice(self.top - outer.top, self.bottom - outer.top)
         return rows, slice(self.left - outer.left, self.right - outer.left)
 

@@ -195,7 +195,7 @@ class World:
         return self._at_rest
 
     def arm(self) -> tuple[float, float]:
-        """Angle of the arm [rad], 0 when hanging, positive towards W's +x; its angular velocity [rad/s]."""
+        """Arm's angle [rad], 0 hanging, positive towards the world's +x, and its angular velocity [rad/s]."""
         return float(self._qpos[7]), float(self._qvel[6])
 
     def state(self) -> WorldState:

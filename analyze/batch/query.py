@@ -73,7 +73,7 @@ _SCHEMALESS = pa.table({})
 def _unique_and_typed(answer: pa.Table) -> pa.Table:
     """Query result with unique column names, and decimal columns as integers, or as floats if not whole.
 
-    Two joined tables may share names: later ones get `_0`, `_1`, ... appended. DuckDB returns sums of
+    Two joined tables may share names: later ones get `_1`, `_2`, ... appended. DuckDB returns sums of
     integers as decimals.
     """
     names: list[str] = []

@@ -90,13 +90,16 @@ class Patch:
 
 
 def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
-    """Pixels around each of n corners that a fit of the corner may use.
+    """Square of m pixels around each of n chessboard corners, from which the corner is fitted.
 
     Args:
         start: (n, 2) first positions, good to about a pixel [px].
         per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
         width: image width [px].
         height: image height [px].
+
+    Returns:
+        Columns and rows of the pixels, clipped to the image, and a mask of those inside it, each (n, m).
     """
     half = int(min(_MAX_HALF_WIDTH_PX, math.ceil(_EXTENT * float(np.abs(per_square).sum(axis=2).max()))))
     step = np.arange(-half, half + 1)

@@ -55,9 +55,9 @@ class Container(ShellCells):
     def heights(self, along: Array) -> tuple[Array, Array]:
         """Heights (n,) and half heights (n,) [m] of all cells along the unit vector `along` (3,).
 
-        A height is that of the cell's centroid above the origin of the object frame O; a half height is half
-        the cell's extent. It is half the pitch, reduced so that the cell does not extend beyond the ends of
-        the inside (the space within the shell), but not below `MIN_HALF_HEIGHT_FRACTION` of the pitch.
+        A height is that of the cell's centroid above the origin of the object frame O. A half height is half
+        the pitch (edge of a cell), or the distance to the nearer end of the inside (the space within the
+        shell) where that is less, but at least `MIN_HALF_HEIGHT_FRACTION` of the pitch.
         """
         height = self.cells.points @ along
         low, high = self.ends(along)

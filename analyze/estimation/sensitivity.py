@@ -137,10 +137,10 @@ def _rows(solution: JointSolution) -> Array:
 
 
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
-    """Yield the influence of each strike: derivatives (3,) of the centre of mass by its phi and ln k.
+    """Yield per strike the derivatives (3,) of the centre of mass by its phi [m/rad] and by its ln k [m].
 
-    phi is the strike's balance angle [m/rad], k the rate constant of its motion [m]; vectors are in the
-    object frame O. Strikes are in the order of `solution.model.planes`.
+    phi is the strike's balance angle, k the rate constant of its motion; vectors are in the object frame O.
+    Strikes are in the order of `solution.model.planes`.
 
     Args:
         solution: joint solution of all strikes.

@@ -112,18 +112,19 @@ class ShareDistribution:
 
     @property
     def log_mass(self) -> Array:
-        """Logarithms (b,) of the integral of prior times likelihood over all possible shares.
+        """Log (b,) of the integral of prior times likelihood over all shares, for each of b distributions.
 
-        With w the first two of the three shares, the likelihood is exp(-(w - mean).precision.(w - mean) / 2).
+        A distribution is one of three shares of a whole. With w the first two, and their mean and precision
+        (inverse covariance) before truncation, the likelihood is exp(-(w - mean).precision.(w - mean) / 2).
         """
         return np.logaddexp.reduce(self._log_parts, axis=0)
 
     @property
     def _log_parts(self) -> Array:
-        """Log of the integrals (3, b) of prior times likelihood over three shares of a whole, by case.
+        """Log (3, b) of the integral of prior times likelihood, for three cases and b distributions.
 
-        There are b distributions of the shares. Cases, one per row: no share is zero, the second is zero, the
-        third is zero.
+        The integral is over the three shares of a whole. The cases are: no share is 0, the second is 0, the
+        third is 0.
         """
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]
@@ -136,10 +137,10 @@ class ShareDistribution:
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:
-        """Distributions of u, the first of three shares, if the second share is 0, then if the third is.
+        """Two sets of b distributions of u, the first of three shares: the second is 0, or the third is 0.
 
-        Their shares (u, v), v the second, lie on two sides, (u, 0) and (u, 1 - u), of the triangle of
-        possible shares.
+        With v the second share, the possible (u, v) form a triangle. The two cases are its sides (u, 0) and
+        (u, 1 - u).
         """
         return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])
@@ -263,9 +264,10 @@ def share_distribution(mean: Array, precision: Array) -> ShareDistribution:
 
 
 def _second_given_first(mean: Array, precision: Array, u: Array) -> tuple[Array, Array]:
-    """Mean (b, n) and sd (b,) of the second of three shares before truncation, given the first `u`.
+    """Mean (b, n) and sd (b,) of the second of three shares of a whole, if the first is `u` (b, n).
 
-    `u` is (b, n); `mean` (b, 2) and `precision` (b, 2, 2) are those of first and second share.
+    They are those of b normal distributions before truncation at 0. `mean` (b, 2) and `precision` (b, 2, 2),
+    the inverse covariance, are those of the first two shares.
     """
     c = precision[:, 1, 1]
     return mean[:, 1, None] - (precision[:, 0, 1] / c)[:, None] * (u - mean[:, 0, None]), 1.0 / np.sqrt(c)

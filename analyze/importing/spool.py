@@ -150,8 +150,8 @@ class Spool:
             image: (height, width) grey values.
 
         Returns:
-            True if it was written. If False, the latest interval is dropped, and its images will be decoded
-            again.
+            True if it was written; False if the disk refused. Then the stored interval that ends last is
+            given up: `frames` decodes its images from the source again.
         """
         try:
             if self._fd < 0:

@@ -153,7 +153,7 @@ def frame_noise(residual: Array) -> float:
 
 
 def holds_balance(angle: TipAngle, fit: MotionFit) -> bool:
-    """True if a fit's window passes the balance point or turns back below it.
+    """True if the object, in a fit's window, passes the balance point or turns back below it.
 
     In both cases the balance angle phi is not extrapolated.
 

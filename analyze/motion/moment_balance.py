@@ -93,7 +93,10 @@ class BalancedBody:
 
     @property
     def inertia_sd(self) -> Array:
-        """Standard deviations (3, 3) of the entries of `inertia` (per mass, about c, axes of O) [m^2]."""
+        """Standard deviations (3, 3) [m^2] of the entries of `inertia`, the inertia per mass.
+
+        It is about the centre of mass, along the axes of the object frame O.
+        """
         return tensor(np.sqrt(np.diag(self.covariance)[3:9]))
 
     @property
@@ -163,10 +166,9 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
             """Time integral, weighted by `window`, of a moment per mass about the contact [m^2/s].
 
-            It is the component along `e` of the moment of the acceleration q'' - g at the end of `arm`, with
-            q the point above the contact on the centre line of the edge's rounding, and g the gravity vector.
-            If the rounding has a radius, the acceleration of the arm's end relative to q adds its moment, at
-            one radius above the contact.
+            The moment is e . (arm x (q'' - g) + radius z x arm''), with z the unit vector upwards and g the
+            gravity vector. q is the point `radius` above the contact, on the centre line of the edge's
+            rounding. Partial integration replaces the accelerations by velocities.
 
             Args:
                 arm: (3,) vector from q in the object frame O [m].
@@ -255,9 +257,10 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
-            """Derivatives (n + 1, 10) by x of the residuals of moment balance and rounding's prior.
+            """Derivatives (n + 1, 10), by x, of what `residual` returns.
 
-            x holds centre of mass (3), inertia per mass (6) and rounding.
+            x holds, in the object frame O, the centre of mass [m] (3) and the inertia per mass about O's
+            origin [m^2] (6), then the radius of the edges' rounding [m].
             """
             return np.vstack([balance(x)[1], prior_row])
 

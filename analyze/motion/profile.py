@@ -119,7 +119,7 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         """Weighted residuals (n,) of the tipping angle theta, with the balance angle phi held.
 
         Args:
-            x: (3,) ln k, and theta [rad] and its rate [rad/s] at time 0.
+            x: (3,) ln k (rate constant k [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0.
         """
         nonlocal columns
         model, _, columns = trajectory(tip.time, phi, rate(x), float(x[1]), float(x[2]), tip.radius)

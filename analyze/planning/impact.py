@@ -249,10 +249,10 @@ def release_rate(expected: Swing, energy_ratio: float) -> float:
     """Angular rate right after the strike, omega0 [rad/s] (method 1.5).
 
     I_edge omega0^2 / 2 = m g (h2 - h1) E, with h2 - h1 = R (1 - cos phi) the rise of the centre of mass to
-    its balance, and I_edge the moment of inertia about the edge.
+    its balance, R its distance from the edge, and I_edge the moment of inertia about the edge.
 
     Args:
-        expected: Expected swing (parameters of the tip).
+        expected: Expected swing, with the balance angle phi, and k = m g R / I_edge.
         energy_ratio: E, energy over that needed to reach balance.
     """
     return float(np.sqrt(2 * expected.k * (1 - np.cos(expected.phi)) * energy_ratio))

@@ -174,7 +174,7 @@ def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> No
 def _shade(level: Array) -> NDArray[np.uint8]:
     """Colours (n, 3), 0 to 255, of levels (n,) from 0 (dark blue) to 1 (bright yellow).
 
-    Lightness rises evenly. Levels outside are clipped. The end colours are those of the colour map cividis.
+    Lightness rises evenly. Levels outside are clipped. The colours resemble those of the colour map cividis.
     """
     dark, middle, bright = np.array([10, 40, 100]), np.array([125, 124, 120]), np.array([253, 231, 55])
     at = np.clip(level, 0.0, 1.0)[:, None]

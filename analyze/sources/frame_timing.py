@@ -72,7 +72,7 @@ class FrameTiming:
         """Capture times (n,) [ns] that belong to n time stamps; 0 is the first frame's.
 
         At a constant rate with coarse stamps (`steady_s`) they are the nearest multiples of the frame
-        interval, where these are within one step of the stamps.
+        interval, where these are within one step of the stamps; otherwise the stamps' own times.
         """
         over, under = self._step_ns
         steps = np.asarray(stamps, dtype=np.int64) - self.first
@@ -91,16 +91,17 @@ class FrameTiming:
 
     @cached_property
     def _steady_steps(self) -> float:
-        """Interval of the frames as the file plays at its constant rate, in steps of the time stamps.
+        """Playing interval of the frames at a constant rate, `steady_s`, in steps of the time stamps.
 
-        Meaningless if the rate is not constant (`steady_s` is None).
+        Meaningless if `steady_s` is None.
         """
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
         """Last time stamp [steps] at or before a capture time.
 
-        Here a stamp stands for the time of its steps, even where `time_ns` rounds to a constant frame rate.
+        Here the time of a stamp is its steps since the first frame times a step's duration, without the
+        correction of coarse stamps to a constant frame rate that `time_ns` makes.
 
         Args:
             time_ns: capture time since the first frame [ns], not negative.

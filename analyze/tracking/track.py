@@ -232,7 +232,7 @@ class MarkerFollower:
         return None if fit is None else self._with_raw_corners(fit)
 
     def _with_raw_corners(self, fit: SquareFit) -> FoundMarker:
-        """Found marker: a fitted square, with its corners converted to raw pixels (with lens distortion)."""
+        """Marker of the fitted square, with the corners also as in the image (with lens distortion) [px]."""
         return FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:

@@ -58,7 +58,8 @@ class Table:
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
     """Tables of the page on the paper's reproduction, in its order, without those that have no rows.
 
-    The tables of targets and of moments are not among them.
+    Two are not among them: `targets_table` (largest error allowed and errors reached) and `moments_table`
+    (moments of inertia).
     """
     found = [
         table1(records),
@@ -121,7 +122,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
 def _by_object(
     records: Sequence[SessionRecord], published: Sequence[P]
 ) -> Iterator[tuple[str, list[SessionRecord], list[P]]]:
-    """Yield each object's name, its sessions planned by our design, and its published results.
+    """Yield each object's name, its sessions planned by our method (not the paper's), and published results.
 
     Args:
         records: sessions.
