@@ -260,10 +260,10 @@ class CameraStream:
     def _mapped(self, frame: Frame, *, first: bool) -> Frame:
         """Copy of a frame with host time of mid-exposure [ns], sequence number and lost frames added.
 
-        The time is host monotonic. The sequence number counts the complete frames of the stream from 0, over
-        reconnections too. The number of lost frames is the camera's own count, except after a reconnection:
-        then it is estimated from the time since the last frame before the camera was lost. Also updates the
-        stream's own counts.
+        The time is host monotonic; its standard deviation [ns] is added too. The sequence number counts the
+        complete frames of the stream from 0, over reconnections too. The number of lost frames is the
+        camera's own count, except after a reconnection: then it is estimated from the time since the last
+        frame before the camera was lost. Also updates the stream's own counts.
 
         Args:
             frame: frame as the camera returned it.

@@ -230,7 +230,8 @@ def _mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Points (n, 3) [m] spread over the body of the object called `name`, and their depths (n,) [m].
 
-    Points are in O, the object's frame; depths are below its surface.
+    Points are in O, the object's frame; depths are below its surface, for a bottle cut off at twice the
+    shell's thickness.
     """
     spec = _spec(name)
     vertices, faces = _mesh(name)

@@ -40,7 +40,7 @@ _MIN_TILT_RAD = math.radians(12.0)
 
 @dataclass(frozen=True)
 class Coverage:
-    """Coverage of the image by the board's corners: their number in each cell, all views together."""
+    """Coverage of the image by the board's corners: their number, over all views, in each cell of a grid."""
 
     count: Array
     """(rows, columns) number of corners in each cell; `CELLS` gives columns and rows"""

@@ -51,8 +51,8 @@ def precision(groups: Sequence[Sequence[float]]) -> Precision:
         groups: Results of each group; at least one group, none empty, of equal or unequal size.
 
     Returns:
-        Mean; standard deviations within groups (repeatability), between them, and of both together
-        (reproducibility), in the results' unit, with degrees of freedom.
+        Mean of the groups' means; standard deviations within groups (repeatability), between them, and of
+        both together (reproducibility), in the results' unit, with degrees of freedom.
     """
     sizes = np.array([len(group) for group in groups], dtype=np.float64)
     means = np.array([np.mean(group) for group in groups])

@@ -24,10 +24,11 @@ class TiltPrior:
 
 @dataclass(frozen=True)
 class SystematicErrors:
-    """Standard deviations of errors that several strikes share, which repeats do not average out.
+    """Standard deviations of the strikes' errors beside those of the fits, most shared by several strikes.
 
-    They are: table tilt, shape scale, edge radius, angles. A levelling is a set-up of the table with one
-    unknown lean of the vertical; levellings count from 0.
+    Repeats do not average out the shared ones: table tilt, shape scale, edge radius, and an angle per axis.
+    Only the scatter of the balance angle (`strike_angle_sd`) is each strike's own. A levelling is a set-up of
+    the table with one unknown lean of the vertical; levellings count from 0.
     """
 
     gravity_tilt_sd: float

@@ -40,9 +40,9 @@ def rim_of_face(
 ) -> Array:
     """Points (k, 3) [m] of the rim in which curved walls, extrapolated, meet a planar face.
 
-    Each wall is continued along its tangent from its lowest smoothed points. If the points of the rim lie on
-    a circle, they are replaced by a regular polygon on it. The result is empty if fewer than three smoothed
-    points lie close below the face on a wall steeper than `MIN_STEEPNESS`.
+    Each wall is continued along its tangent from its smoothed points nearest the face. If the points of the
+    rim lie on a circle, they are replaced by a regular polygon on it. The result is empty if fewer than three
+    smoothed points lie close below the face on a wall steeper than `MIN_STEEPNESS`.
 
     Args:
         smoothed: (n, 3) smoothed points of the walls [m].

@@ -67,9 +67,10 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """Acceleration psi'' [rad/s^2] at angle psi [rad] from balance, and derivatives by psi and energy.
+        """Acceleration psi'' [rad/s^2] at angle psi [rad] from balance; its derivatives by psi and energy.
 
-        The energy [rad^2/s^2] is the motion's constant of integration, for a hinge psi'^2 + 2 k cos psi.
+        The energy [rad^2/s^2], i psi'^2 + 2 k cos psi, stays constant during the motion. k is the rate
+        constant of the tip, i the inertia about the contact over that at balance (1 for a sharp edge).
         """
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))

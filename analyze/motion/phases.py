@@ -28,7 +28,10 @@ _MIN_STEP_S = 1 / 200
 
 @dataclass(frozen=True)
 class Course:
-    """Events of a strike in its tipping angle theta(t), as indices of the frames."""
+    """Events of a strike in its tipping angle theta(t): frames of first motion, release, top and end.
+
+    Frames are given by index. The release is the frame from which only gravity acts.
+    """
 
     moved_frame: int | None
     """first frame that is clearly off rest; None if the object did not move"""

@@ -41,11 +41,13 @@ def region_masses(
 ) -> MassDistribution:
     """Masses of shell and interior parts, at the given shell thickness or averaged over possible ones.
 
+    They are averaged if the thickness is not given, and two or more possible ones leave an interior.
+
     Args:
-        spec: object file.
+        spec: object file, which may give the thickness.
         model: exterior shape.
-        cells: the body divided with the given or assumed shell, which is used if the thickness is given or
-            fewer than two thicknesses leave an interior.
+        cells: the body cut into pieces, with a shell of the given thickness or an assumed one; used if the
+            masses are not averaged.
         parameters: mass, centre of mass and moments.
         rng: generator of the draws behind the intervals.
 

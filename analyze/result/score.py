@@ -28,7 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TipTruth:
-    """True balance angle, moment about the edge and distance of the centre of mass for one strike's pivot."""
+    """True balance angle [rad], moment of inertia [kg m²] and lever arm [m] of one strike's tip.
+
+    The moment is about the line of contact at balance. The lever arm is the distance of the centre of mass
+    from the centre line of the edge's rounding.
+    """
 
     phi: float
     """balance angle [rad]: the centre of mass c stands above the centre line of the edge's rounding"""

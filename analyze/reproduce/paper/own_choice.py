@@ -36,14 +36,17 @@ ANGLE_SD = math.radians(0.05)
 
 
 def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
-    """Errors of the centre of mass from the paper's choice of strikes, with true balance angles.
+    """Errors of the centre of mass by the paper's method and by ours, from the paper's choice of strikes.
+
+    The paper is VISAPP 2013. Both methods get the true balance angles, one strike per pivot axis.
 
     Args:
-        estimate: result of the session, for its shape, stated errors and cells.
+        estimate: result of the session, for its shape, stated errors and cells (pieces of the body).
         body: ground truth, from which the angles are computed.
 
     Returns:
-        Errors of the paper's method and of ours; or only the reason why the paper's planner has no strikes.
+        Distances [m] of both centres of mass from the true one; or only the reason why the paper's planner
+        has no strikes.
     """
     evidence = estimate.evidence
     prepared = prepare_object(

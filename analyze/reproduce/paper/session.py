@@ -64,7 +64,10 @@ SMOOTHING_FRAMES = 5
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Noise levels at which a session is analysed for Figs. 9(b, c) and 10; () omits a sweep."""
+    """Noise levels of angles, moments and scan at which a session is analysed; () omits a sweep.
+
+    They are those of Figs. 9(b, c) and 10.
+    """
 
     angles_deg: tuple[float, ...] = (PAPER_NOISE_DEG,)
     """Standard deviations of the angles' noise [deg]."""
@@ -318,11 +321,11 @@ def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
 
 
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
-    """Silhouette along O's y axis, and estimated and true regions in a slice normal to this axis.
+    """Convex outline seen along O's y axis, and estimated and true regions in a slice normal to this axis.
 
-    O is the object frame. The slice passes through the estimated centre of mass. The silhouette is given by
-    its corners (x, z) [m], the slice by the middles (x, z) [m] of its cells with the region of each (shell,
-    upper or lower part).
+    O is the object frame. The slice passes through the estimated centre of mass. The outline is given by its
+    corners (x, z) [m], the slice by the middles (x, z) [m] of its cells with the region of each (shell, upper
+    or lower part).
     """
     cells, distribution = estimate.cells, estimate.distribution
     outline = estimate.evidence.model.vertices[:, [0, 2]]

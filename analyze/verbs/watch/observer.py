@@ -188,8 +188,9 @@ class Observer:
         """Start and end [ns since 1970] of the images from which to judge a strike.
 
         They are `REST_BEFORE_NS` before the contact and `TIP_AFTER_NS` after it, or the ends of the request's
-        window where these are nearer. The time of contact is the request's, else that of the last rest; if
-        neither is known, the whole window is returned.
+        window where these are nearer. If the request has no time of contact, that of the last image before a
+        marker moved takes its place; if no marker was seen either, the whole window is returned. A window
+        without an end ends at the newest image.
         """
         start, end = request.window_start_ns, request.window_end_ns or self.newest_ns
         contact = request.contact_time_ns or self._last_rest_ns(start, end)
