@@ -200,8 +200,8 @@ def _refitted(
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
     """Refit the corners of all shots on pixels from which the fitted lens's distortion is removed.
 
-    The lens is too inaccurate for it if fewer than three shots (or, of one or two, not all) can be refitted.
-    Then all shots are returned unchanged.
+    If fewer than three shots can be refitted (or not all of one or two), the fitted lens is too inaccurate:
+    all shots are then returned unchanged.
 
     Returns:
         The shots with refitted corners; the shots left out because too few of their corners are sharp; the

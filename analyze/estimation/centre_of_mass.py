@@ -70,8 +70,8 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
     Returns:
         c [m] in the object frame O with covariance; it counts as observed if the sd of its least certain
         direction is below `UNOBSERVED_FRACTION` of the prior's. Per strike: the plane through pivot line and
-        c, corrected for the estimated tilt of the table; the distance of c from the plane [m]; its share of
-        the information about c. Also the estimated tilts.
+        c, corrected for the estimated tilt of the table; the distance of c from this plane, and from the
+        pivot line [m]; its share of the information about c; its robust weight. Also the estimated tilts.
     """
     model, x, covariance = solution.model, solution.x, solution.covariance
     position = x[COM]

@@ -122,10 +122,11 @@ class PartMasses:
 
 
 def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
-    """Measured mass, centre of mass and moments about the struck axes, with covariance, of the object.
+    """Measured mass, centre of mass c and moments about the struck axes through c, with their covariance.
 
-    To the covariance of `parameters` the error of modelling the body by cells is added: 0.1 mm of the centre
-    of mass (`LEVER_ERROR`) and 0.4 % of each moment (`MODEL_ERROR`).
+    They are those of the object [kg, m, kg m^2], in its frame O. To the covariance of `parameters` the error
+    of modelling the body by cells (small pieces) is added: 0.1 mm of c along each axis of O (`LEVER_ERROR`)
+    and 0.4 % of each moment (`MODEL_ERROR`).
     """
     mass, moments = parameters.mass, np.array([axis.i_com for axis in parameters.axes])
     model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * moments])
@@ -198,11 +199,18 @@ def part_masses(
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
     """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the problem of n parts' masses.
 
-    A column of the matrix is the contribution of a kilogram in one part; the rows are the mass, the first
-    moment (3) and the moments of inertia about the a measured axes. The moments of inertia are taken about
-    `about` (3,) [m], in the object frame O. They were measured about the true centre of mass, to which that
-    of the estimated parts is closer than the measured one: for a slender body, the mass times the squared
-    error of the centre of mass along its length exceeds the error of the moment.
+    A column of the matrix is the contribution of a kilogram in one part. The rows are the mass, the first
+    moment (3) about the measured centre of mass, and the moments of inertia about the directions of the a
+    measured axes through `about`.
+
+    The moments of inertia were measured about the true centre of mass; `about` should be close to it. For a
+    slender body the measured centre of mass is not close enough: the square of its error along the body,
+    times the mass, exceeds the error of the moment. That of the estimated parts is closer.
+
+    Args:
+        moments: measured mass, centre of mass and moments of inertia, with their covariance.
+        parts: the n parts, each of uniform density.
+        about: (3,) centre of mass in the object frame O [m], as measured or of the estimated parts.
     """
     columns = []
     for part in parts:

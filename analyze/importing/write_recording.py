@@ -84,7 +84,7 @@ class _LogTimes:
             self.add(at_ns + int(times_ns[last - 1]))
 
     def add(self, log_time_ns: int) -> None:
-        """Extend the log times by one image at a log time [ns]."""
+        """Extend first and last log time, if needed, to include that of one more image [ns]."""
         self.first_ns = log_time_ns if self.first_ns is None else min(self.first_ns, log_time_ns)
         self.last_ns = max(self.last_ns, log_time_ns)
 

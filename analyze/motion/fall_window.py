@@ -193,7 +193,7 @@ class _Curve:
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a position from the fitted fall curve along each axis, in standard deviations.
+        """Distance (3,) of a position from the fitted curve along x, y and z, in standard deviations.
 
         The curve is the polynomial of third degree fitted to a stretch of the track; the standard deviation
         is that of position and curve together.
@@ -234,7 +234,10 @@ def _continues(
 
 
 def _without_overlaps(windows: list[FallWindow]) -> list[FallWindow]:
-    """Given windows that do not overlap, chosen in the order of their falls, the greatest first."""
+    """Windows (stretches of free fall) without those that overlap a kept one of greater fall.
+
+    They are in the order of distance fallen, the greatest first.
+    """
     taken: list[FallWindow] = []
     for window in sorted(windows, key=lambda each: (each.fall, each.start, each.stop), reverse=True):
         if all(window.stop <= other.start or window.start >= other.stop for other in taken):

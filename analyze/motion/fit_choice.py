@@ -123,7 +123,7 @@ def _fits(
         motion: the motion through the whole window of the strike.
         course: events of the strike.
         planned: the planned strike; its predicted balance angle gives the first window.
-        settings: limits.
+        settings: settings of the motion analysis, such as the bounds of the window.
         estimator: function that fits the tipping angle theta(t) over a window.
         radius: radius of the edge's rounding for the moment balance [m]; None to leave the moment balance
             out.
@@ -207,12 +207,13 @@ def _fits_over(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits over one window: by the moment balance if the edge moved, else by the estimator.
+    """Fits over one window: by the moment balance if it suits the motion better, else by the estimator.
 
-    The moment balance is a fit that allows for the edge's measured motion. Where the angular speed jumps, the
-    estimator is applied to a part of the window without a jump. The jump is reported as a second impact,
-    unless such a part was found and the jump is either a touch by the striker in the first frames, or a loss
-    of speed at the table while the edge moved.
+    The moment balance is a fit that allows for the edge's measured motion; it is preferred if the edge moved,
+    or if it clearly explains the motion better. Where the angular speed jumps, the estimator is applied to a
+    part of the window without a jump. The jump is reported as a second impact, unless such a part was found
+    and the jump is either a touch by the striker in the first frames, or a loss of speed at the table
+    while the edge moved.
 
     Args:
         motion: the motion through the whole window of the strike.

@@ -46,10 +46,10 @@ _MIN_DISTANCE = 1e-3
 def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
     """Coefficients by which a rolling body's inertia and lever depend on its parameters x (3,).
 
-    x = (1, a, b) / J: the centre of mass is at (-b, a) [m] from the pivot point at rest (x in the direction
-    of tipping, z up), and J = I_c / m + a^2 + b^2 [m^2] is the inertia per mass about that point. At each
-    tipping angle, 1 + m . x is the inertia about the contact over J, and f . x the horizontal distance from
-    the centre of mass to the contact over J.
+    x = (1, a, b) / J: at rest the centre of mass is b [m] behind the pivot point (against the tip) and a [m]
+    above it; J [m^2] is the inertia per mass about that point. At each tipping angle, 1 + m . x is the
+    inertia about the contact over that about the pivot point at rest, and f . x the horizontal distance [m]
+    from the centre of mass to the contact over J; m and f are the coefficients returned.
 
     Args:
         section: support function of the body's cross-section.
@@ -116,8 +116,8 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
 
     Args:
         section: support function of the cross-section on which the body rolls.
-        body: (3,) 1 / J, a / J, b / J: centre of mass c at (-b, a) from the pivot point, J = I_c / m + a^2 +
-            b^2.
+        body: (3,) 1 / J, a / J, b / J: c is at (-b, a) [m] from the pivot point (in the direction of tipping,
+            up), J [m^2] is the inertia per mass about the pivot point.
     """
     theta = np.linspace(*_BALANCE_RANGE, _BALANCE_ANGLES)
     ahead = columns(section, theta)[1] @ body

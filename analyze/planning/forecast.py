@@ -45,9 +45,9 @@ REMEDIES = {
 class AxisForecast:
     """Predicted 1 sigma of phi, k and two moments of inertia for one struck axis.
 
-    phi is the balance angle, k = m g R / I_edge the rate constant of the tip (m mass, g gravity, R distance
-    of c from the edge), I_edge the moment of inertia about the edge, c the centre of mass. The second moment
-    is about the parallel axis through c.
+    phi [rad] is the balance angle, k = m g R / I_edge the rate constant of the tip, whose sigma is relative
+    (m mass, g gravity, R distance of c from the edge), I_edge [kg m^2] the moment of inertia about the edge,
+    c the centre of mass. The second moment is about the parallel axis through c.
     """
 
     axis_id: str
@@ -195,12 +195,12 @@ def advice(
         design: Planned design.
         made: Number of strikes made before; if any, the gain of more is judged relative to them.
         exact_shape: True if the shape is given by its dimensions, which no scan improves.
-        before: Information without the turned strike that the plan adds, where `information` counts it as
-            made; None if there is no such strike.
+        before: Information without the strike turned by 180 deg that the plan adds to measure the table's
+            tilt, where `information` counts it as made; None if there is no such strike.
 
     Returns:
-        Predicted errors of the centre of mass by number of strikes, their sources, and whether and why to
-        stop.
+        Predicted errors of the centre of mass by number of strikes, and with any number on these axes; their
+        sources; and whether and why to stop.
     """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]

@@ -99,7 +99,8 @@ class Candidate:
 class Belief:
     """Knowledge before the planned strikes: prior of centre of mass c and inertia, and strikes made.
 
-    The expected place of c is the one that the candidates' swings (parameters of the tip) assume.
+    Of c only the standard deviation is held: its expected place is the one for which the tips of the
+    candidates (axes that can be struck) were predicted.
     """
 
     com_sd: float
@@ -158,8 +159,9 @@ class Information:
     def _rows(self) -> dict[int, tuple[Candidate, Array, Array, Array]]:
         """Cache of derivatives of balance angle and ln k (rate constant), by `id` of the candidate axis.
 
-        An entry holds the candidate and the three results of `_linearised`: derivatives by the shared
-        unknowns (2, 14) and by the axis's own (2, 4), and the inverse covariance (2, 2) of one strike.
+        An entry holds the candidate and the three results of `_linearised`: derivatives by the unknowns that
+        all strikes share (2, 14) and by the axis's own (2, 4), both in units of their prior 1 sigma, and the
+        inverse covariance (2, 2) of one strike.
         """
         return {}
 
@@ -271,10 +273,9 @@ class Information:
 
         Shared are centre of mass (3), inertia (6), and the errors of mass, gravity, gravity's tilt, the
         shape's scale and the edges' radius, in units of their prior 1 sigma. The information covers the
-        strikes made before on the axis `each`,
-        and `strikes` more at the usual heading (turn of object and striker about the vertical). The axis's
-        own unknowns (its line's place, angle errors, an error of ln k, with k the tip's rate constant) are
-        integrated out. The result is cached.
+        strikes made before on the axis `each`, and `strikes` more at the usual heading (turn of object and
+        striker about the vertical). The axis's own unknowns (its line's place, angle errors, an error of
+        ln k, with k the tip's rate constant) are integrated out. The result is cached.
         """
         asked = (id(each), strikes)
         if asked not in self._axis_information:

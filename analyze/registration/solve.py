@@ -144,9 +144,11 @@ class Problem:
         )
 
     def _minimum(self, unknowns: Unknowns) -> tuple[Unknowns, Array, bool]:
-        """Minimise the cost by Levenberg-Marquardt, over the shared unknowns and the frames' own.
+        """Minimise the registration's cost by Levenberg-Marquardt, over all unknowns.
 
-        Shared are the unknowns of markers, strikes, edges and tables.
+        The cost is the sum of squared deviations (corners, priors, surface) over their sd. The n shared
+        unknowns are those of markers, strikes, edges and tables; each frame after rest has five of its own
+        (tipping angle, heading, position).
 
         Args:
             unknowns: values from which the iteration starts.

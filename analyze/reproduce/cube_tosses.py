@@ -91,7 +91,10 @@ class CubeAnswer:
 
     @property
     def edge_minus_flight(self) -> tuple[Array, Array]:
-        """Centre of mass by edge contact minus that by flight (3,) [m], and its covariance (3, 3) [m^2]."""
+        """Centre of mass by edge contact minus that by free flight (3,) [m, in O], with covariance [m^2].
+
+        The covariance is (3, 3); O is the cube's object frame.
+        """
         return self.edges.com - self.flight.com, self.edges.covariance[:3, :3] + self.flight.covariance[
             :3, :3
         ]
@@ -137,8 +140,9 @@ def read_tosses(path: Path) -> list[BodyMotion]:
 def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progress) -> CubeAnswer:
     """Estimate c and the file's metre from flights, then c and I/m from edge and from corner contacts.
 
-    c is the centre of mass, I/m the inertia per mass about it. Errors that all tosses share (drag, the cube's
-    width, the file's metre) are included in the covariances.
+    c is the centre of mass, I/m the inertia per mass about it. The file's metre is the true length of the
+    unit in which the file states lengths; it follows from the acceleration of gravity in flight. Errors that
+    all tosses share (drag, the cube's width, the file's metre) are included in the covariances.
 
     Args:
         tosses: recorded motions of the cube, in the file's unit of length.
@@ -292,7 +296,7 @@ def corner_contacts(motions: Sequence[BodyMotion]) -> list[Contact]:
 
 
 def _wider(contact: Contact, by: float) -> Contact:
-    """Contact of a cube wider by `by` [m]: its corner lies further out; its motion is unchanged."""
+    """Copy of a contact for a cube with edges longer by `by` [m]: its corner moves outwards only."""
     return replace(contact, corner=contact.corner * (1.0 + by / EDGE_M))
 
 

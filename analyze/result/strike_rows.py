@@ -118,9 +118,10 @@ def prediction_document(prediction: StrikePrediction) -> PredictionResult:
 
 
 def _alternative(fit: MotionFit) -> AlternativeFit:
-    """Entry of a strike's fit by a further estimator: balance angle [rad], k, violated assumptions.
+    """Entry of a strike's fit by a further estimator: its name, balance angle [rad], k, and remarks.
 
-    k is the rate constant of the motion [rad/s²], None if the estimator does not report it.
+    The remarks are a note and the assumptions that are violated. k is the rate constant of the
+    motion [rad/s²], None if the estimator does not report it.
     """
     return AlternativeFit(
         estimator=fit.estimator,

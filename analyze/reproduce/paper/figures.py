@@ -343,7 +343,7 @@ def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
     """Draw a slice of the estimated regions, red where the ground truth differs, with their masses [g].
 
-    The panel stays empty if the record has no slice.
+    The true masses are in brackets. The panel stays empty if the record has no slice.
     """
     section = record.section
     plain(axes)

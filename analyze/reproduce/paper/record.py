@@ -132,7 +132,7 @@ class Profile(Document):
 
 
 class Section(Document):
-    """Silhouette of the object, and its regions in a slice through c, in x and z of O (paper, Fig. 12).
+    """Convex outline of the object, and its regions in a slice through c, in x, z of O (paper, Fig. 12).
 
     O is the object frame. c is the estimated centre of mass. A region is 0 for the shell, 1 for the upper
     part and 2 for the lower part.
@@ -241,9 +241,10 @@ class SessionRecord(Document):
 
     @property
     def name(self) -> str:
-        """Name of the record's file without suffix: object, "-paper" if planned by its method, and seed.
+        """Name of the record's file without suffix: object and seed, with marks for special sessions.
 
-        It ends with "-simulated" if the tipping angles were simulated without images.
+        Between object and seed is "-paper" if the paper's method planned the strikes; at the end is
+        "-simulated" if the tipping angles were simulated without images.
         """
         planned = "" if self.method is PlanMethod.OURS else "-paper"
         simulated = "" if self.source is ThetaSource.IMAGES else "-simulated"

@@ -54,7 +54,7 @@ class Target:
 
 
 def targets(records: Sequence[SessionRecord]) -> list[Target]:
-    """All targets with the values reached, in the order of the table.
+    """Targets of accuracy (largest errors allowed) with the errors reached, in the order of the table.
 
     They are those of docs/explanation/method.md, Targets. Only sessions on the paper's four objects, planned
     by our method, count.

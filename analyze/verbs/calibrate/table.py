@@ -112,8 +112,8 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
     """Lens, uncertainty, views and camera pose of a calibration, as JSON values.
 
     Units are in the keys (`_px`, `_m`, `_rad`). These values may be None: `place`, the camera's pose, if it
-    was not measured; `calibration`, the table for a rig file, if the pose is not in the rig file either; and
-    `gravity_tilt_sd_rad` if no rig file is given.
+    was not measured; `calibration`, the table for a rig file, if the pose is not in the rig file either;
+    `gravity_tilt_sd_rad` if no rig file is given; and points of `pixel_sd` beyond a fisheye's range.
     """
     found = answer.calibration
     lens, place, spec = found.lens, answer.place, calibration_spec(answer)

@@ -145,9 +145,10 @@ class _Watcher:
             return
 
     def _take_requests(self) -> bool:
-        """Take the request lines that have arrived: set the expected strike, or queue a verdict to give.
+        """Take the request lines that have arrived on standard input, without waiting.
 
-        Lines that are not requests are ignored.
+        A line names the strike that is expected next, or asks for the verdict on a strike; the latter is
+        queued, to be answered once the images are there. Lines that are not requests are ignored.
 
         Returns:
             True if no more lines will come.
