@@ -232,7 +232,8 @@ class CaptureProcess:
             end_ns: log time [ns] at which the window ends if that has passed; 0, or a time to come: now.
 
         Returns:
-            Log times of the first and last image, and numbers of recorded and lost frames.
+            Log times of the first and last image (without images, of the window's start and end), and numbers
+            of recorded and lost frames.
 
         Raises:
             RecorderError: no recording or window is open, the file accepts no more images, or the process

@@ -208,7 +208,8 @@ class FrameRecorder(ABC):
             end_ns: log time [ns] at which the window ends if that is before now; 0 or later: it ends now.
 
         Returns:
-            Log times of the first and last image, and numbers of recorded and lost frames.
+            Log times of the first and last image (without images, of the window's start and end), and numbers
+            of recorded and lost frames.
 
         Raises:
             RecorderError: no window is open, or the file accepts no more images.

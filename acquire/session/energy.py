@@ -168,9 +168,10 @@ class EnergyLearner:
 
     @property
     def striker(self) -> StrikerEstimate:
-        """Effective mass, restitution and swing ratio (reached over commanded tip speed) of the striker.
+        """Effective mass [kg], restitution and swing ratio of the striker, with standard deviations.
 
-        Each is the median of the posterior after all strikes so far, with its standard deviation.
+        Restitution is that of tip and object; the swing ratio is reached over commanded tip speed. Each value
+        is the median of the posterior after all strikes so far.
         """
         states = self._posterior_draws()
         mass = np.exp(self._model.log_striker_mass(states))

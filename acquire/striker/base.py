@@ -65,7 +65,7 @@ class StrikeOutcome:
 
 @dataclass(frozen=True)
 class ServoHealth:
-    """Supply voltage [V], temperature [deg C] and hardware error of the servo at one reading.
+    """Model, supply voltage [V], temperature [deg C] and hardware error of the servo at one reading.
 
     The hardware error is a text that describes it, or None if the servo reports none.
     """

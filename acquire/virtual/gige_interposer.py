@@ -110,10 +110,11 @@ class ControlRelay:
         return self._shadows.get(_TRIGGER_MODE, 0) != 0
 
     def start(self, stream: StreamRelay | None) -> None:
-        """Start relaying on a thread.
+        """Start relaying control packets between clients and the fake camera, on a thread.
 
         Args:
-            stream: relay of the images if packets are to be lost; None if the fake sends them itself.
+            stream: relay of the images if some of their packets are to be lost; None if the fake camera sends
+                the images itself.
         """
         self._stream = stream
         self._thread.start()

@@ -184,11 +184,12 @@ class PoseRing:
                 return _interpolate(time, row, wanted)
 
     def _newest(self, oldest_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-        """Newest poses in order of time: times (n,) [ns], rows (n, 11), and the number of the first pose.
+        """Newest poses of object and arm, oldest first: times (n,), rows (n, 11), number of the first pose.
 
-        They reach back to `oldest_ns` if the ring still holds a pose of that time. A row is position (3) [m],
-        quaternion (4), arm angle [rad], point on the arm's hinge (3) [m]. Poses are numbered from 0,
-        counting all ever written.
+        Times are host monotonic [ns]. The poses reach back to `oldest_ns` if the ring still holds a pose of
+        that time. A row holds, in the world frame W, the object's position (3) [m] and quaternion wxyz (4),
+        the arm's angle [rad] and a point on the arm's hinge (3) [m]. Poses are numbered from 0, counting all
+        ever written.
 
         Raises:
             PoseRingError: the ring is empty.

@@ -90,7 +90,10 @@ class StrikeData:
 
     @property
     def precisions(self) -> Array:
-        """Inverse covariances (strikes, 2, 2) of balance angle phi and ln k; 0 for a k that is not used."""
+        """Inverse covariances (strikes, 2, 2) of balance angle [rad] and ln k; 0 for a k that is not used.
+
+        k is the rate constant of the tipping motion [rad/s^2].
+        """
         return np.swapaxes(self.whiten, 1, 2) @ self.whiten
 
 
@@ -182,11 +185,12 @@ def solve_joint(
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
-    """Measured ln k of the strikes, and matrices (strikes, 2, 2) that whiten the errors of (phi, ln k).
+    """Measured ln k of the strikes, which of them use it, and matrices that whiten errors of (phi, ln k).
 
     Whitened errors are independent and have unit sd. phi is the balance angle [rad]; its sd includes the
     scatter from strike to strike (`strike_angle_sd`). k is the rate constant of the motion [rad/s^2]; it is
-    used only if `with_k` is True, and only of strikes that have a k with an sd.
+    used only if `with_k` is True, and only of strikes that have a k with an sd. Where it is not used, ln k
+    and the second row of the matrix (2, 2) are 0.
 
     Args:
         planes: one per strike, through its pivot line and the centre of mass, with measured phi and k.
@@ -271,12 +275,15 @@ def _step(
     z: Array,
     rows: Array,
 ) -> tuple[Array, Array, Array]:
-    """Unknowns (count,) after one Gauss-Newton step, halved until the misfit does not rise.
+    """Unknowns (count,) after one Gauss-Newton step, shortened until the misfit does not rise.
+
+    The step is limited in the logarithms of lengths, then halved as often as needed.
 
     Args:
         model: Model of balance angle phi and ln k (rate constant) of the strikes.
         data: Measured ln k and the matrices that whiten (phi, ln k).
-        prior: Prior mean (count,) and inverse variances (count,) of the unknowns, and the shape's prior.
+        prior: Prior mean (count,) and inverse variances (count,) of the unknowns, and the shape's prior of
+            the inertia; None for no such prior.
         x: (count,) unknowns before the step.
         weight: (strikes,) robust weights.
         z: (strikes, 2) standardised residuals of (phi, ln k) at `x`.

@@ -343,8 +343,8 @@ def estimated_rate(
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
     """Posterior over prior sd of ln g, g the gravity: 0 if the strikes determine g, 1 if they do not.
 
-    The entries of the inertia are unknowns here, instead of the solution's own: with those, logarithms of
-    lengths, an inertia near zero would look well known.
+    The solution's own unknowns of the inertia are logarithms of lengths, by which an inertia near zero would
+    look well known. They are therefore replaced by the entries of the inertia tensor.
 
     Args:
         found: Joint solution with gravity as a free parameter.

@@ -35,10 +35,11 @@ MIN_GAIN = 0.05
 
 @dataclass(frozen=True)
 class AdditionalEdges:
-    """Edges to tip an object over, so that more entries of its inertia tensor are measured.
+    """Edges to tip an object over so that strikes measure more entries of its inertia tensor.
 
-    An estimate takes the entries that no strike measured from an assumption by the shape. `unreachable` are
-    those that stay assumed even after tips over these edges. The tensor is in the frame of the shape file.
+    For an entry that no strike has measured, an estimate takes a value that it assumes from the shape. `axes`
+    are the edges to tip over; `unreachable` are the entries that stay assumed even after that. The tensor is
+    in the frame O of the shape file.
     """
 
     axes: tuple[PivotAxis, ...]

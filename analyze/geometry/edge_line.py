@@ -30,9 +30,9 @@ class EdgeLine:
     def distance(self, other: EdgeLine) -> float:
         """Distance [m] between two pivot edges; infinite if direction or resting face differ.
 
-        It is the distance of the centre lines of their roundings, less what a difference of the two radii
-        explains (the root of 2 times the difference, as a larger radius moves the centre line by as much
-        inwards as upwards), and at least 0.
+        It is the distance of the centre lines of their roundings, less sqrt(2) times the difference of the
+        radii, and at least 0. On one and the same edge, a radius larger by d moves the centre line by d
+        inwards and by d upwards, that is by sqrt(2) d.
         """
         if (
             float(self.direction @ other.direction) < SAME_DIRECTION

@@ -202,10 +202,12 @@ class OnsetFinder:
         return None
 
     def _wait(self, usual_ns: int) -> int:
-        """Interval or time limit on the clip's clock [ns]; longer than `usual_ns` in possible slow motion.
+        """Interval or time limit of the search for strikes [ns]; longer if the clip may be in slow motion.
+
+        It is counted on the clip's clock.
 
         Args:
-            usual_ns: the same at normal speed [ns].
+            usual_ns: the interval or limit at normal speed [ns].
         """
         return round(usual_ns * self._time_scale)
 

@@ -42,7 +42,8 @@ _MIN_RISE = 3e-4
 class EdgeMotion:
     """Motion of a strike with slip and lift of the true pivot edge, and their ranges in a window [m].
 
-    Slip is sliding along the table, lift the height off it; a range is the largest less the least value.
+    Slip is sliding along the table, lift the height off it. A range is the largest less the least of the
+    smoothed values, less what noise explains. `offset` leads from the assumed to the true edge.
     """
 
     motion: PlanarMotion
@@ -114,18 +115,21 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
-    """Motion of the true edge: slip and lift less the displacement caused by the assumed point's offset.
+    """Motion of the true pivot edge, from that of the assumed edge, which lies beside it.
+
+    While the object tips, the assumed edge turns about the true one. That displacement is subtracted from its
+    slip (along the table) and lift (off it).
 
     Args:
-        motion: the motion with slip and lift of the assumed point.
+        motion: the motion with slip and lift of the assumed edge.
         used: slice of the frames over which the ranges of slip and lift are taken; all frames are corrected.
-        offset: (2,) offset of the assumed point from the true edge, along and off the table [m].
+        offset: (2,) offset at rest of the assumed edge from the true one, along and off the table [m].
         covariance: (2, 2) its covariance [m^2].
         sd: standard deviation of slip and lift in each of the frames `used` [m].
 
     Returns:
-        The corrected motion with its ranges; its `offset` is that of the true edge from the point (sign
-        reversed).
+        The corrected motion, with the ranges of its slip and lift [m]. Its `offset` is that of the true edge
+        from the assumed one, the negative of the argument.
     """
     angle = motion.angle
     along, off = (displacement_per_offset(angle.theta) @ offset).T

@@ -152,13 +152,13 @@ def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
 
 
 def _stretch_factor(sample: Sample, fitted: FittedModel) -> float:
-    """Ratio of profile-likelihood to linearised interval of the balance angle phi; at least 1.
+    """Width of phi's interval by profile likelihood over that by linearisation; at least 1.
 
-    It is computed for a hinge (edge in place) with the phi, k and residuals of the rolling fit. 1 if phi's sd
-    is at most 0.3 deg.
+    phi is the balance angle. The ratio is computed for a hinge (sharp edge that stays in place) with the phi,
+    k (rate constant) and residuals of the rolling fit. It is 1 if phi's sd is at most 0.3 deg.
 
     Args:
-        sample: the fitted part of theta(t).
+        sample: the fitted part of theta(t), the tipping angle.
         fitted: the rolling fit.
     """
     if math.sqrt(float(fitted.covariance[0, 0])) <= MAX_LINEAR_PHI_SD:

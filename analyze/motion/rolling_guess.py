@@ -55,11 +55,11 @@ class ComPrior:
     """expected inertia per mass about the pivot point [m^2]; its reciprocal has a relative sd of 50 %"""
 
     def rows(self) -> Array:
-        """Coefficients (3, 3) of this prior of the centre of mass c as three linear equations, over their sd.
+        """Left side (3, 3) of the three linear equations that state this prior, each divided by its sd.
 
-        The unknowns are (1 / J, a / J, b / J), in columns: a [m] is the height of c above the pivot point,
-        -b [m] the offset of c from it in the direction of tipping, J = I_c / m + a^2 + b^2 [m^2] the inertia
-        per mass about it. `values` gives the right-hand sides.
+        The columns are coefficients of the unknowns 1 / J, a / J and b / J: a [m] is the height of the centre
+        of mass c above the pivot point, -b [m] the offset of c from it in the direction of tipping, J [m^2]
+        the inertia per mass about it. `values` is the right side.
         """
         by_sd = self.J / self.sd
         return np.array(
@@ -71,9 +71,10 @@ class ComPrior:
         )
 
     def values(self) -> Array:
-        """Right side (3,) of the linear equations `rows` . unknowns = values, each divided by its sd.
+        """Right side (3,) of the three linear equations that state this prior, each divided by its sd.
 
-        They state the prior of the centre of mass and of the inertia.
+        `rows` is the left side: `rows` @ (1 / J, a / J, b / J) = values. The first two equations are of the
+        centre of mass, the third of the inertia J per mass about the pivot point.
         """
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 

@@ -153,7 +153,7 @@ def judge_hard(
 ) -> Judgement | None:
     """Verdict "airborne" on a strike so hard that the object left the table; None if it did not.
 
-    None also below the energy ratio `limits.hard_energy_ratio`.
+    None also below the energy ratio `limits.hard_energy_ratio`, or if the object did not move.
 
     Args:
         motion: motion with the lift of the edge.

@@ -27,7 +27,7 @@ MIN_MASS_SD, MIN_RESTITUTION_SD = 1e-4, 1e-3
 
 @dataclass(frozen=True)
 class Touch:
-    """One strike made: tip speed and height of the striker, and the fitted motion of the object.
+    """One strike made: tip speed and impact height of the striker, and the fitted motion of the object.
 
     R is the distance of the centre of mass from the edge's centre line, I_edge the moment of inertia about
     the edge.

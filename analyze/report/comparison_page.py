@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Shown:
-    """Display of one kind of quantity on the comparison page."""
+    """How the comparison page shows one kind of quantity, such as region masses: title, unit and digits."""
 
     title: str
     unit: str

@@ -63,7 +63,7 @@ def sign_change_fit(motion: TipMotion) -> MotionFit | None:
     """The fit of a strike by the paper's estimator, among those in its `motion`; None if it has none.
 
     The paper takes the tipping angle theta at which the angular acceleration is 0 as balance angle phi. None
-    also if the strike did not tip over.
+    also if the strike's verdict is not "good", for example if the object rocked back.
     """
     tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
     return next((fit for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None)
@@ -103,14 +103,14 @@ def regions_at(
     """The paper's region masses (VISAPP 2013, eqs. 8, 9) for a given centre of mass and moments.
 
     Args:
-        planes: equi-planes (through pivot line and centre of mass), one per axis, for their pivot lines.
+        planes: equi-planes (through pivot line and centre of mass), one per axis; only the pivot lines count.
         com: (3,) centre of mass in the object frame O [m].
         i_edge: moment of inertia about the edge [kg m^2] by axis id.
         estimate: estimate of the session, for mass and cells of the body.
 
     Returns:
-        The masses with their dividing plane; None if `i_edge` is empty or there is no solution with positive
-        masses.
+        The masses with their dividing plane; None if `i_edge` is empty, or for no axis three positive masses
+        add up to the object's mass.
     """
     return paper_regions(planes, com, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
 

@@ -18,7 +18,7 @@ from schemas.document import SCHEMA_VERSION
 
 
 def render_registration(answer: RegisterAnswer, console: Console | None = None) -> None:
-    """Print the marker poses as a table, then the table's pose and the strikes not used.
+    """Print the marker poses with remarks, then each recording's table pose and the strikes not used.
 
     Args:
         answer: the estimated poses.
@@ -107,9 +107,10 @@ def _table_text(answer: RegisterAnswer, table: TablePlace) -> str:
 
 
 def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
-    """Marker poses, table poses and strikes not used, as JSON values in SI units.
+    """Marker poses, table poses, misfits and strikes not used, as JSON values in SI units.
 
-    The pose of a marker that is not determined is None, and its `observed` is False.
+    Only `rms_px` is in pixels. The pose of a marker that is not determined is None, and its `observed` is
+    False.
     """
     found, given = answer.registration, answer.given
     markers: list[dict[str, Any]] = []
