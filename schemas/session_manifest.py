@@ -34,7 +34,8 @@ class LensModel(enum.Enum):
 class CameraCalibrationSpec(SparseDocument):
     """Intrinsics of a camera and its pose in W, the world frame.
 
-    Pinhole with distortion k1, k2, p1, p2, k3, or fisheye with k1, k2, k3, k4 (OpenCV).
+    Distortion as in OpenCV: of a pinhole k1, k2, p1, p2, k3, and k4, k5, k6 if these are used; of a fisheye
+    k1, k2, k3, k4.
     """
 
     left_out: ClassVar[tuple[str, ...]] = ("line_time_s",)

@@ -16,7 +16,7 @@ class FrameBuffer(Protocol):
 
     @property
     def borrowed(self) -> bool:
-        """True once `borrow` has succeeded, and always for a copied frame; stays True after the release."""
+        """True once `borrow` has kept the pixels, and always for a copied frame; True after release, too."""
         ...
 
     def borrow(self) -> bool:

@@ -116,8 +116,9 @@ class WindowRecorder(FrameRecorder):
     def _write_meta_before(self, end_ns: int) -> None:
         """Write the metadata of recent frames exposed before `end_ns`, if not written yet.
 
-        `end_ns` is a host monotonic time [ns]. Recent frames are those in the delay line. A
-        frame's image is written as well if a preview (single image between two strikes' windows) is due.
+        `end_ns` is a host monotonic time [ns]. Recent frames are those in the delay line (queue of the newest
+        frames). A frame's image is written as well if a preview (single image between two strikes' windows)
+        is due.
         """
         while self._with_meta < len(self._line):
             delayed = self._line[self._with_meta]

@@ -109,7 +109,8 @@ def plan(
         object_file: object file (TOML: name, mass, shape, markers).
         rig: rig file (TOML) of striker and camera; None for the rig stored in the latest recording of
             `given`, or for a nominal rig where there is none.
-        strikes: number of strikes to plan, in addition to those in `given`; None for nine.
+        strikes: number of strikes to plan, in addition to those in `given`; None for nine. With a target it
+            is the number planned if the target is out of reach.
         target_com_mm: rms error of the centre of mass [mm] to reach with as few strikes as possible; None
             for a fixed number of strikes.
         given: recordings (.mcap) and results (JSON) of strikes already made, from which the plan continues.

@@ -87,7 +87,7 @@ class InertiaTensor:
         return np.linalg.eigh(self.tensor)[1]
 
     def __repr__(self) -> str:
-        """Six entries with half widths of 95 % intervals, in one unit.
+        """Six entries of the tensor with half widths of 95 % intervals, in one unit, 10^n kg m².
 
         Entries that only the prior (assumption before any strike) determines are marked "(prior)".
         """

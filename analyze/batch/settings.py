@@ -52,7 +52,7 @@ class BatchSettings:
 
     @classmethod
     def with_object(cls, path: Path) -> BatchSettings:
-        """Settings with an object file in place of the recordings' own.
+        """Default settings, but with the object file `path` in place of the recordings' own.
 
         Raises:
             ShapeError: the object file or its shape file cannot be read.

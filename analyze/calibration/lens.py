@@ -89,8 +89,8 @@ def prior_sd(lens: Lens) -> Array:
     """Standard deviation (p,) that each of the lens's numbers has before views are used (prior).
 
     Order and units are those of the numbers; the expected values are those of `plain_lens`, a lens without
-    distortion. The prior is so wide that views that determine a number override
-    it. It keeps undetermined numbers finite, so that their uncertainty can be reported.
+    distortion. The prior is so wide that views that determine a number override it. It keeps undetermined
+    numbers finite, so that their uncertainty can be reported.
     """
     focal = float(lens.numbers[:2].mean())
     radius = 0.5 * math.hypot(lens.width, lens.height) / focal

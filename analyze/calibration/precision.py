@@ -74,7 +74,8 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
         covariance: (p, p) covariance of the lens's numbers.
 
     Returns:
-        Standard deviations [px] on a grid over the image.
+        Standard deviations [px], of column and row together, on a grid over the image; NaN where a pixel has
+        no direction (beyond a fisheye's range).
     """
     column, row, points = grid(lens)
     rays = (undistort(lens.camera(), points) - lens.numbers[2:4]) / lens.numbers[:2]

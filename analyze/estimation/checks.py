@@ -143,7 +143,7 @@ def estimated_gravity(
             frame O, with their balance angles phi and rate constants k.
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
-        moments: Mass, gravity, and the shape's prior of the moments.
+        moments: Mass, stated gravity, and the prior of the inertia by the shape.
         initial: Solution with the stated gravity, to start from.
 
     Returns:

@@ -229,8 +229,10 @@ def paper_regions(
         cells: Cells of the body.
 
     Returns:
-        Masses averaged over the axes, with plane and corrected moments; None if for no axis three positive
-        masses add up to the mass within 2 %.
+        Masses averaged over the axes, weighted by the regions' areas seen along each; the dividing plane of
+        the axis whose solution has its centre of mass closest to c; and by axis the moment about the edge
+        that the sweep chose (corrected moment). None if for no axis three positive masses add up to the mass
+        within 2 %.
     """
     sweep = _sweep(cells)
     found = [

@@ -61,7 +61,10 @@ class DividingPlanes:
 
     @property
     def shares(self) -> ShareDistribution:
-        """Distributions, one per plane, of the mass shares of shell, upper and lower part, none negative."""
+        """Truncated normal distributions, one per plane, of the mass shares of shell, upper and lower part.
+
+        No share is negative, and the three add up to 1.
+        """
         return share_distribution(self.mean, self.precision)
 
     def misfit(self, shares: Array) -> Array:
@@ -83,7 +86,7 @@ class DividingPlanes:
 
     @classmethod
     def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
-        """One set that holds the planes of several sets, one set after the other."""
+        """One set with the dividing planes of several sets, and what is known of each, in that order."""
         return cls(
             *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )
@@ -178,6 +181,9 @@ class RegionProblem:
 
     def pieces(self, normal: Array, height: float) -> BodyPieces:
         """The body cut into pieces: the shell as one, and clumps of cells on either side of a dividing plane.
+
+        Given for each piece are its region (shell, upper or lower part), the whitened moments that the body
+        would have if all its mass were in the piece, and the largest share of the mass that it can hold.
 
         Args:
             normal: (3,) unit normal of the dividing plane, in the object frame O.

@@ -39,8 +39,8 @@ class ContactTime:
 def contact_time(fit: MotionFit) -> ContactTime | None:
     """Contact time (log_time) [ns] and its sd, extrapolated from a fit back to tipping angle 0, or None.
 
-    None if the fit has no rate k, or in its first frame the object does not tip forward (speed omega0 <= 0)
-    or lies below rest (angle theta0 < 0).
+    None if the fit has no rate constant k of the tip [rad/s^2], or in its first frame the object does not tip
+    forward (angular speed omega0 <= 0) or lies below rest (tipping angle theta0 < 0).
 
     Args:
         fit: pendulum fitted to the free motion of one strike.

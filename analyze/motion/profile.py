@@ -128,8 +128,8 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
     def jacobian(x: Array) -> Array:
         """Derivatives (n, 3) of the weighted residuals of the tipping angle theta by x.
 
-        x is ln k (rate k [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0. It must be the x of the
-        last call of `residual`, whose derivatives are used.
+        x is ln k (k: the tip's rate constant [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0. It
+        must be the x of the last call of `residual`, whose derivatives are used.
         """
         part = -columns[:, 1:] * tip.weight[:, None]
         part[:, 0] *= rate(x)

@@ -116,7 +116,9 @@ def tip_angle(
         rest_end_ns: frames before this log_time [ns] are at rest.
 
     Returns:
-        Tipping angle, slip and lift of every frame, with their errors.
+        Tipping angle [rad], slip (sliding of the edge along the table, without its rolling) and lift (height
+        of the pivot over its position at rest) [m] of every frame, with their errors; also the rotation about
+        other axes, and the yaw [rad].
 
     Raises:
         TrackingError: there is no track, or no marker is seen at rest in three frames before the strike.

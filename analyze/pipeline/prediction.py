@@ -44,9 +44,9 @@ class StrikePrediction:
 
     @property
     def consistent(self) -> bool:
-        """True if a strike's balance angle, rate constant k and tipping angle are as predicted, to 3 sd.
+        """True if a strike's measured motion is as predicted from all other strikes, within 3 sd.
 
-        The prediction is from all other strikes.
+        Judged are balance angle and rate constant k of the motion together, and the tipping angle theta(t).
         """
         return self.left_out.agrees and self.motion_sigmas <= SIGMAS
 

@@ -45,10 +45,10 @@ FORCE_DECIMALS = 6
 
 @dataclass(frozen=True)
 class PaperStrike:
-    """Impact point with its rotation point by the paper, in the object frame.
+    """Strike by the paper (VISAPP 2013): impact point, and rotation point about which the object tips.
 
-    The rotation point p^r_ij lies where ray j from the middle of resting plane i leaves the plane's support
-    polygon; p^I_ij is the impact point.
+    Both are in the object frame. The rotation point p^r_ij lies where ray j from the middle of resting
+    plane i leaves the plane's support polygon; p^I_ij is the impact point that belongs to it.
     """
 
     plane: RestingPlane

@@ -50,7 +50,11 @@ def frame_sd(tag_px: float) -> float:
 
 @dataclass(frozen=True)
 class TrackedSwing:
-    """Expected swing of a strike (balance angle, rate constant k, energy) and the tipping angle's noise."""
+    """Expected swing of one strike, and the noise with which its tipping angle is tracked.
+
+    The swing is theta'' = -k sin(phi - theta), with theta the tipping angle, phi the balance angle and k the
+    rate constant.
+    """
 
     expected: Swing
     """Expected swing, of which phi and k are used."""

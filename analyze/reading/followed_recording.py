@@ -55,7 +55,7 @@ class FollowedRecording:
 
     @property
     def plan(self) -> StrikePlan | None:
-        """Strike plan attached to the recording; None until `poll` has read it.
+        """Strike plan attached to the recording; None if it has none, or until `poll` has read it.
 
         Raises:
             RecordingVersion: the plan is of another major schema version.

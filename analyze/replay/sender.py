@@ -143,8 +143,9 @@ class Sender:
     def analyse_strike(self, source: StrikeSource, record: pb.StrikeRecord, *, more: bool) -> None:
         """Measure a strike's motion and send it to the viewer, or the reason why it cannot be measured.
 
-        The first call imports the numerical modules and sends the object's shape. The error text of a damaged
-        file is added to the list `damage`, that of an object or plan that cannot be used to `no_answer`.
+        The first call imports the numerical modules and sends the object's shape. The sender's list `damage`
+        gets the error text of a damaged file, its list `no_answer` that of an object or plan that cannot be
+        used.
 
         Args:
             source: recording.

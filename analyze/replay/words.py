@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def answer_text(name: str, result: Result) -> str:
-    """Text of the answer's page: centre of mass, table of quantities, verdict and warnings.
+    """Markdown text of the page with the answer: centre of mass, quantities, verdict and warnings.
 
     Args:
         name: name of the object, the heading.

@@ -180,7 +180,10 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
 
 
 def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
-    """Note that the plan's speeds are for the striker as estimated from `strikes` earlier strikes."""
+    """Sentence: the plan's speeds are for the striker as estimated from `strikes` earlier strikes.
+
+    It states the striker's effective mass [g] and restitution, each with its sd.
+    """
     many = "1 strike" if strikes == 1 else f"{strikes} strikes"
     mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
     return (
