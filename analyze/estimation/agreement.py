@@ -36,8 +36,8 @@ THREE_ERRORS_AS_ONE = 2.5 / 3.30
 class Agreement:
     """Result of the test of one centre of mass for all recordings against one for each recording.
 
-    It holds the largest shift of a recording's own centre of mass [m], and the decrease of chi^2 with its
-    critical value.
+    It holds the largest distance [m] of a recording's own centre of mass from the first recording's, and the
+    decrease of chi^2 with its critical value.
     """
 
     largest_shift: float
