@@ -64,7 +64,7 @@ class RigLimits:
         return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON object of these limits, with which the daemon answers a request `rig`."""
+        """Tip speeds, impact heights and camera pose as a JSON object: the answer to a request `rig`."""
         speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
         return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
 

@@ -398,7 +398,7 @@ class Servo:
 
     @property
     def full_acceleration_rad_s2(self) -> float:
-        """Magnitude of the arm's angular acceleration at the current limit [rad/s2], without drag."""
+        """Magnitude of the arm's angular acceleration [rad/s2] at the motor's current limit, without drag."""
         inertia = self._config.effective_mass_kg * self._config.arm_length_m**2
         return (
             TORQUE_PER_AMPERE.get(self._model, TORQUE_PER_AMPERE[1030])

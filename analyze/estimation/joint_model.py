@@ -222,8 +222,9 @@ class JointModel:
     def log_k(self, x: Array) -> tuple[Array, Array]:
         """Modelled ln k (strikes,), with k the rate constant in rad/s^2, and its derivative (strikes, count).
 
-        k = m g R / I_edge with m the mass, g gravity, R the distance of the centre of mass from the edge, and
-        I_edge the moment of inertia about the contact line. The derivative is by the unknowns `x` (count,).
+        k = m g R / I_edge with m the mass, g gravity, R the distance of the centre of mass from the centre
+        line of the edge's rounding, and I_edge the moment of inertia about the line of contact with the
+        table. The derivative is by the unknowns `x` (count,).
         """
         R = self.distances(x)
         about_edge, by = self.about_edge(x)

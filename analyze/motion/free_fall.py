@@ -149,7 +149,7 @@ def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setu
         setup: tag, gravity, falling mass and camera.
 
     Raises:
-        EstimationError: the stretch has no acceleration.
+        EstimationError: the tag shows no acceleration in the window.
     """
     fall = fit_fall(track, covariance, window, setup)
     while fall.misfit > 1.0 + MAX_EXCESS_MISFIT / np.sqrt(fall.frames):
@@ -184,7 +184,7 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
         The fall with q, the ratio of true to stated time, its errors and its misfit.
 
     Raises:
-        EstimationError: the stretch has no acceleration.
+        EstimationError: the tag shows no acceleration in the window.
     """
     part = slice(window.start, window.stop)
     stated = 1e-9 * (track.time_ns[part] - (track.time_ns[window.start] + track.time_ns[window.stop - 1]) / 2)

@@ -41,7 +41,10 @@ _PARAMETERS = 4
 
 @dataclass(frozen=True)
 class PredictedValues:
-    """Balance angle phi and rate k of a strike, as predicted from other strikes, with covariances."""
+    """Balance angle phi and rate k of a strike, as predicted from other strikes, with covariances.
+
+    k is that of the tip's equation theta'' = -k sin(phi - theta), theta the tipping angle.
+    """
 
     phi: float
     """balance angle [rad]"""

@@ -88,10 +88,10 @@ def read_scene(
 
 
 def at_rest(scenes: Sequence[Scene]) -> bool:
-    """True if nothing has moved over the last 0.24 s (one interval of the preview images).
+    """True if nothing has moved over the last 0.24 s (about one interval of the preview images).
 
     Nothing has moved if no marker's corner is off by more than 0.3 px, or, with no marker in view, the grey
-    levels by more than 5 on average. False also if there are fewer than two images over that time, or if
+    levels by more than 5 on average. False also if the images of the last 0.36 s do not span 0.24 s, or if
     different markers are seen in them.
 
     Args:

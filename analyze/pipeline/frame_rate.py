@@ -96,11 +96,11 @@ def relative_rate_sd(manifest: SessionManifest) -> float:
 def drop_untimed_k(
     evidence: Evidence, planes: Sequence[EquiPlane], scale: Scale, rates: Sequence[FrameRate]
 ) -> tuple[tuple[EquiPlane, ...], Scale]:
-    """Planes and scale to estimate with, without use of the k that depend on an impossible frame rate.
+    """Keep the rate constants k of recordings with an impossible frame rate from biasing the estimate.
 
-    The rate constant k of a strike's motion scales with the square of the frame rate; its balance angle needs
-    no rate. With several recordings, the k of those with an impossible stated rate are discarded. With a
-    single one, gravity g becomes a free parameter instead, so that the ratios between the k still count.
+    k of a strike's motion scales with the square of the frame rate; the balance angle needs no rate. With
+    several recordings, the k of those whose stated rate is impossible are discarded. With a single one,
+    gravity g becomes a free parameter instead, so that the ratios between its k still count.
 
     Args:
         evidence: recordings, and the recording that each strike belongs to.

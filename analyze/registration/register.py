@@ -74,8 +74,9 @@ def register(
         sizes: edge of each marker's black square [m].
         thickness: thickness of each marker's card [m].
         model: the object's exterior.
-        table: prior sd of the table's tilts [rad] and height [m] in W of the recorded camera pose; both are
-            always estimated. LAID_BOARD: the board lay on the table; UNKNOWN_TABLE: hardly anything is known.
+        table: prior sd of the table's tilts [rad] and height [m] in the world frame W, as the recorded camera
+            pose defines it; both are always estimated. LAID_BOARD: the board that gave the pose lay on the
+            table; UNKNOWN_TABLE: hardly anything is known.
 
     Returns:
         Pose of each marker, strikes left out, the joint fit, and the table's pose in each recording.

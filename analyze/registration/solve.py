@@ -129,10 +129,13 @@ class Problem:
         return self._solution(unknowns, normal, converged)
 
     def _first(self, start: Mapping[int | str, Array]) -> Unknowns:
-        """First values of all unknowns: given marker poses, placements as planned, tables as recorded.
+        """First values of all unknowns (markers, strikes, edges, tables, frames), where the fit begins.
+
+        Markers have the given poses; objects lie and edges run as planned; tables lie as recorded; frames
+        have the tipping angles first guessed from the images.
 
         Args:
-            start: first pose T_object_marker (4, 4) per marker.
+            start: first pose T_object_marker (4, 4) per marker, its translation in m.
         """
         return Unknowns(
             [start[i][:3, :3] for i in self.markers],
@@ -325,7 +328,7 @@ class Problem:
             kept.append((columns, of_frames, across, right))
 
         def back(step: Array) -> list[Array]:
-            """Steps of the frames' own unknowns for a step (n,) of the shared: (f - 1, 5) per strike."""
+            """Steps (f - 1, 5) per strike of its frames' own unknowns, for a step (n,) of those shared."""
             return [
                 (inverse @ (right - across @ step[columns])[..., None])[..., 0]
                 for columns, inverse, across, right in kept

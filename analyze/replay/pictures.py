@@ -119,7 +119,7 @@ class _ImagesBeforeContact:
             timelines.stream.log(path, rr.Image.from_fields(draw_order=_DRAW_ORDER_BENEATH), static=True)
 
     def take(self, frame: ImageFrame) -> None:
-        """Send the frame without encoding if it precedes the contact and the next image is due."""
+        """Send a frame without encoding if it precedes the contact and is due: an interval after the last."""
         if self._contact_ns is None or not self._next_ns <= frame.time_ns < self._contact_ns:
             return
         self._next_ns = frame.time_ns + self._step_ns

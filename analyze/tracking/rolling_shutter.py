@@ -89,7 +89,10 @@ class _CornerPaths:
         self._terms = _divided_differences(self._nodes, corners[index])
 
     def evaluate(self, time_s: Array) -> Array:
-        """Corners (n, 4, 2) [px] at times `time_s` (n, 4) [s], by the cubic in time around each frame."""
+        """A marker's corners (n, 4, 2) [px] at n times of each, `time_s` (n, 4) [s].
+
+        Row i is computed from the cubic in time that was fitted around frame i of n.
+        """
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):
             place = self._terms[:, i] + (time_s - self._nodes[:, i])[..., None] * place

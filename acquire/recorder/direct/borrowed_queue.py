@@ -53,9 +53,10 @@ class BorrowedQueue(FramePath):
         self._thread.start()
 
     def take(self, frame: Frame) -> bool:
-        """Queue a frame, borrowing its buffer, and write the queued frames if enough have gathered.
+        """Queue a frame, borrowing its buffer, and write the queued frames if a batch of them is due.
 
-        The call does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue closes.
+        A batch is due with BATCH_FRAMES frames in the queue, or BATCH_NS after the last one began. The call
+        does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue closes.
 
         Returns:
             True if the buffer was borrowed. False if the image was dropped because no buffer was free or the

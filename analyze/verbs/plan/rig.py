@@ -93,7 +93,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
 
 
 def striker_model(striker: StrikerConfig) -> StrikerModel:
-    """Planner's model of a rig file's striker: effective mass, restitution, speeds and heights.
+    """Planner's model of a rig file's striker: effective mass, restitution, range of tip speed and height.
 
     Standard deviations are raised to at least 0.1 g (effective mass) and 0.001 (restitution).
     """
