@@ -105,8 +105,9 @@ def hinge_model(time: Array, radius: float) -> Model:
     def model(x: Array) -> tuple[Array, Array]:
         """Tipping angle (n,) [rad], and derivatives (n, 4) by x (4,).
 
-        x holds the balance angle phi [rad], the rate k [rad/s^2] of theta'' = -k sin(phi - theta), and
-        tipping angle theta0 [rad] and speed omega0 [rad/s] at the first time.
+        x holds the balance angle phi [rad], the rate k [rad/s^2] of theta'' = -k sin(phi - theta) (or of its
+        form for an edge that rolls on its rounding), and tipping angle theta0 [rad] and speed omega0 [rad/s]
+        at the first time.
         """
         phi, k, theta0, omega0 = (float(each) for each in x)
         theta, _, jacobian = trajectory(time, phi, k, theta0, omega0, radius)
