@@ -316,7 +316,7 @@ class ContinuousRecorder(FrameRecorder):
         return claimed
 
     def _end_delay(self) -> None:
-        """Do nothing at closing: the meta of every frame is queued for the file already."""
+        """Do nothing: the meta (FrameMeta message) of every frame is queued for the file already."""
 
     def _forget_before(self, start_ns: int) -> None:
         while self._line and self._line[0].frame.mid_exposure_ns < start_ns:

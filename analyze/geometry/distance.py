@@ -131,10 +131,10 @@ def largest_height(planes: Array, points: Array) -> Array:
 
 
 def _candidate_planes(planes: Array, points: Array) -> Array:
-    """Planes (k, 4), of `planes`, over which one of `points` (n, 3) [m] may have its largest height.
+    """Those of `planes`, (k, 4), that are needed for the largest height of each point over any of them.
 
-    A plane is kept if the height of the points' middle over it is below the middle's largest height by at
-    most twice the largest distance of a point from the middle.
+    A height is n.x + d. A plane is kept if the height of the points' middle over it is below the middle's
+    largest height by at most twice the largest distance of a point from the middle.
 
     Args:
         planes: (p, 4) unit normals n and d [m], n.x + d = 0.

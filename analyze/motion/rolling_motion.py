@@ -71,8 +71,9 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
 
     Args:
         time: (n,) time [s].
-        x: (c, 5) 1 / J, a / J, b / J (centre of mass at (-b, a) from the pivot point, J = I_c / m + a^2 +
-            b^2), and at the first time theta and its rate [rad, rad/s].
+        x: (c, 5) 1 / J, a / J, b / J, and at the first time theta [rad] and its rate [rad/s]. At rest the
+            centre of mass is a [m] above the pivot point and -b [m] from it in the direction of tipping; J =
+            I_c / m + a^2 + b^2 [m^2], I_c the moment of inertia about the centre of mass.
         section: support function of the bodies' cross-section.
     """
     one, a, b = x[:, 0], x[:, 1], x[:, 2]

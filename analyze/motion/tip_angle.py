@@ -283,7 +283,7 @@ def _collect(
 
 @dataclass(frozen=True)
 class _Solution:
-    """Fitted displacement of every frame, with p = 3 (planar motion) or 6 (full motion) unknowns."""
+    """Displacement of the object since rest, fitted in n frames: p = 3 (planar) or 6 unknowns in each."""
 
     x: Array
     """(n, p) theta and the pivot's displacement x (across the axis) and z (up); for p = 6 also the rotations

@@ -62,7 +62,10 @@ def fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of objects that roll: on a round rim, on an uneven flank, or as no fit allows for."""
+    """Yield warnings of objects that roll on the table.
+
+    They roll on a round rim, on an uneven flank, or although the estimator chosen takes the contact as fixed.
+    """
     evidence, planes = estimate.evidence, estimate.fitted_planes
     on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}
     if rims := sorted({plane.axis_id for plane in planes if plane.axis_id in on_rim}):
