@@ -108,7 +108,7 @@ class VideoSource(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Release the camera; safe at any time, also before `open` and more than once."""
+        """Release the camera unless a daemon holds it; safe at any time, also before `open` and twice."""
 
     def _record_window(
         self, open_window: Callable[[], object], close_window: Callable[[], WindowReport]

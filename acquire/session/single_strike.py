@@ -66,14 +66,16 @@ def strike_once(
         after_stop: True if this call may home the striker again after somebody stopped it.
 
     Returns:
-        Measured contact time, tip speed, impulse and number of contacts; the contact time is None if no
-        contact was measured.
+        Contact time [host monotonic ns], tip speed just before contact [m/s] and impulse on the object [N s],
+        each with 1 sigma; number of contacts. Contact time and impulse are None if not measured (a miss; the
+        impulse also without a significant loss of speed).
 
     Raises:
         StrikerRefused: the answer was no, or an interlock refused.
         StrikerStopped: somebody stopped the striker after the question was asked, or before it without
             `after_stop`.
         StrikerError: the striker failed.
+        RecorderError: a recording is open and its disk has no room for a strike.
         SessionError: another program's session has begun.
     """
     stops = client.call("status")["stops"]

@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StrikeFit:
-    """Fitted motion of one strike: theta'' = -k sin(phi - theta), or the form for a rolling contact.
+    """Fitted motion of one strike: balance angle phi, rate constant k and tipping angle theta(t) since rest.
 
-    theta is the tipping angle since rest, phi the balance angle and k the rate constant.
+    pivot_fit: theta'' = -k sin(phi - theta), with k in rad/s^2; rolling_fit and moment_balance add terms for
+        a contact that rolls, slides or lifts; sign_change gives phi only and fits no curve.
     """
 
     estimator: str

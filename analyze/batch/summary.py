@@ -73,9 +73,10 @@ class Repeated:
 
     @property
     def stands_out(self) -> str:
-        """Words on scatter and drift that are unlikely to be chance, such as "drifts"; "" if neither is.
+        """How a measured quantity varies over sessions beyond chance, as "drifts"; "" if it does not.
 
-        Unlikely is a p-value below `MAX_CHANCE_PROBABILITY`.
+        It "scatters 1.8 times as much as stated" (by the sd that the sessions' results give), drifts with
+        time, or both, joined by ", ". Beyond chance is a p-value below `MAX_CHANCE_PROBABILITY` (1e-4).
         """
         said: list[str] = []
         if (

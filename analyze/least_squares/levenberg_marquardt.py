@@ -38,7 +38,11 @@ _WEIGHT_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Minimum:
-    """Parameters at the minimum of a robust sum of squares, with residuals and derivatives there."""
+    """Result of a robust least-squares fit: best parameters, with residuals and Huber weights there.
+
+    Residuals are observed less expected values; derivatives are those of the expected values by the
+    parameters.
+    """
 
     parameters: Array
     """(p,) best parameters"""

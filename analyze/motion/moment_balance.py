@@ -257,10 +257,10 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
-            """Derivatives (n + 1, 10), by x, of what `residual` returns.
+            """Derivatives (n + 1, 10), by x, of the n residuals of the balance and of the radius's prior.
 
             x holds, in the object frame O, the centre of mass [m] (3) and the inertia per mass about O's
-            origin [m^2] (6), then the radius of the edges' rounding [m].
+            origin as xx yy zz xy xz yz [m^2] (6), then the radius of the edges' rounding [m].
             """
             return np.vstack([balance(x)[1], prior_row])
 

@@ -308,8 +308,9 @@ class _Bodies:
     def _advance(self, dt: Array, turning: Array, u: Array, load: Array) -> None:
         """Update motion, largest slip and smallest load of n simulated strikes by a time step, in place.
 
-        The motion is tipping, sliding and yaw (turn about the vertical). After the striker's push, strikes
-        that reach balance, rock back, lift off or slip by more than `most_slip` are marked as ended.
+        The motion is tipping, sliding and yaw (turn about the vertical); strikes that ended do not change.
+        Only after the striker's push does the load count, and are strikes that reach balance, rock back, lift
+        off or slip by more than `most_slip` marked as ended.
 
         Args:
             dt: (n,) time steps [s].

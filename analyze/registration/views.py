@@ -164,8 +164,8 @@ def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
     """Log times (n,) [ns] and tipping angles (n,) [rad] of the frames of a tip that are used.
 
     At most `MAX_TIP_FRAMES` (60) are used, spread evenly over the angle. Both are empty if the tip was not
-    measured, the edge did not stay on the table, or the body was struck over a round rim or turned by less
-    than `MIN_TURN_RAD` (0.1 rad).
+    measured, if the verdict is not good, rocked back or slid (`EDGE_ON_TABLE`), or if the body was struck
+    over a round rim or turned by less than `MIN_TURN_RAD` (0.1 rad).
 
     Args:
         motion: analysed motion of the strike with its verdict and phases.

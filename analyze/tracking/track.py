@@ -108,9 +108,10 @@ class MarkerFollower:
         return len(self._image_times_ns)
 
     def add(self, frame: ImageFrame) -> dict[int | str, Square]:
-        """Find the markers in one frame, and return their fitted squares by id.
+        """Find the markers in one frame; return by id each one's black square, fitted to its edges.
 
-        The observations are added to the tracks. The result is empty if no marker of the object is found.
+        A `Square` has four corners in ideal (distortion-free) pixels, with covariance. The observations are
+        added to the tracks. The result is empty if no marker of the object is found.
 
         Args:
             frame: image of the calibration's size, later than those before.

@@ -64,9 +64,9 @@ SMOOTHING_FRAMES = 5
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Noise levels of angles, moments and scan at which a session is analysed; () omits a sweep.
+    """Levels of noise added to angles, moments and scan at which a session is analysed again; () omits one.
 
-    They are those of Figs. 9(b, c) and 10.
+    The sweeps give the paper's Figs. 9(b), 9(c) and 10. By default there is only the paper's angle noise.
     """
 
     angles_deg: tuple[float, ...] = (PAPER_NOISE_DEG,)

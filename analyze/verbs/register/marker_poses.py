@@ -95,7 +95,8 @@ def register_recordings(
         progress: called with (text, done, total).
 
     Returns:
-        Poses with their errors, and the strikes not used.
+        Marker poses in the object frame and the table's tilt and height against the recorded T_world_camera,
+        with their errors, and the strikes not used.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -104,8 +105,8 @@ def register_recordings(
         PlanError: a recording's plan is of another object, or does not hold a strike.
         TrackingError: no marker of any strike can be tracked.
         DocumentError: the object file or rig file has an entry that cannot be used.
-        EstimationError: an excluded strike does not exist, strikes contradict each other, or determine no
-            marker's pose.
+        EstimationError: an excluded strike does not exist, no strike shows a marker or can be used, strikes
+            contradict each other, two markers come out at one place, or the fit does not converge.
         CalibrationError: the rig file cannot be read, several recordings were given with it, or its
             T_world_camera is not theirs.
     """
