@@ -61,7 +61,12 @@ class ErrorShare(Document):
 
 
 class SensitivityResult(Document):
-    """Change of the centre of mass with each strike's measurements, and its covariance by kind of error."""
+    """Sensitivity of the centre of mass to the strikes' measurements, and its covariance by kind of error.
+
+    Of each strike it holds the derivatives (3,) of the centre of mass by the balance angle phi [m/rad] and by
+    ln k [m], with k the rate of the tip, theta'' = -k sin(phi - theta); of each kind of error its part of the
+    covariance (3, 3) [m^2]. All are in the object frame O.
+    """
 
     worst_direction: Vector3 = Field(
         description="unit direction, in O, along which the centre of mass is known worst"

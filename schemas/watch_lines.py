@@ -47,10 +47,11 @@ _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
 
 
 class JudgeRequest(Document):
-    """Request of a session on the standard input of `analyze watch`: judge a strike, or expect one.
+    """Request that a session writes to the standard input of `analyze watch`; `kind` is one of two.
 
-    `judge` asks for a verdict on the strike in the window (time span recorded for it); `expect` sets the
-    planned strike whose placement is checked. Times are log times [ns]; `expect` needs none.
+    "judge" asks for a verdict on the strike that was recorded from window start to window end; "expect" names
+    the planned strike with which the object's placement is compared. Times are log times [ns since 1970];
+    "expect" needs none.
     """
 
     kind: Literal["judge", "expect"] = "judge"

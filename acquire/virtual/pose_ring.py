@@ -58,9 +58,10 @@ class SampledPoses:
     """(n, 3) point on the arm's hinge in W [m]"""
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
-        """Iterate over the four arrays: object positions, quaternions, arm angles, points on the arm's hinge.
+        """Iterate over the four arrays, so that `p, q, angle, axis = ring.poses_at(times)` works.
 
-        This allows `p, q, angle, axis = ring.poses_at(times)`.
+        They are positions of the object (n, 3) [m], quaternions wxyz from object to world frame (n, 4), arm
+        angles (n,) [rad], and points on the arm's hinge (n, 3) [m]; both points are in the world frame.
         """
         return iter((self.p_world_object, self.q_world_object_wxyz, self.arm_angle, self.arm_axis_world))
 
@@ -165,13 +166,17 @@ class PoseRing:
         return int(self._time[(count - 1) % self._capacity])
 
     def poses_at(self, times_ns: ArrayLike | Sequence[int]) -> SampledPoses:
-        """Positions, quaternions, arm angles and hinge points interpolated at the given times.
+        """Poses of object and arm, interpolated at the given times.
 
         The interpolation is linear in position and angle, and normalised-linear in rotation. For times before
         the oldest pose in the ring or after the newest, that pose is returned.
 
         Args:
             times_ns: (n,) host monotonic times [ns], at least one, in any order.
+
+        Returns:
+            Positions (n, 3) [m] and quaternions wxyz (n, 4) of the object, arm angles (n,) [rad] and points
+            (n, 3) [m] on the arm's hinge, in the world frame and in the order of the times.
 
         Raises:
             PoseRingError: the ring is empty.

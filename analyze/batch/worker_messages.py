@@ -38,7 +38,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one recording's analysis."""
+    """Outcome of one recording's analysis: key of its row of results, or kind and reason of the failure.
+
+    It also holds the recording's URL and hash, and the time taken [s].
+    """
 
     url: str
     """URL or local path of the recording's first file"""

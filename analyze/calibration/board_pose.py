@@ -70,8 +70,8 @@ def weighted_corners(view: View, points: Array) -> ObservedView:
         points: (n, 3) all corners of the board in the board's frame [m].
 
     Returns:
-        Of the corners seen: places in the board's frame (m, 3) [m] and in the image (m, 2) [px], and matrices
-        root (m, 2, 2) [1/px], with root^T root the weight.
+        Of the corners seen: places in the board's frame (m, 3) [m] and in the image (m, 2) [raw px], and
+        matrices root (m, 2, 2) [1/px], with root^T root the weight.
     """
     covariance = view.covariance + MODEL_PX**2 * np.eye(2)
     return ObservedView(
@@ -99,7 +99,15 @@ def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance:
 
 
 def fit_pose(view: ObservedView, lens: Lens) -> Pose:
-    """Pose of the board in the camera's frame that fits one view best, by Huber's loss, for a known lens."""
+    """Pose of the board in the camera's frame that fits one view best, by Huber's loss, for a known lens.
+
+    Args:
+        view: corners of the board found in one image.
+        lens: the lens, which is not changed.
+
+    Returns:
+        Rotation vector [rad] and translation [m].
+    """
     return _refined_pose(view, lens, first_pose(view, lens), 30, 1e-10)
 
 
@@ -176,10 +184,11 @@ def _rays(lens: Lens, place: Array) -> Array:
 
 
 def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
-    """Poses of the board that fit a view's corners, none, one or two of them, all in front of the camera.
+    """Poses of the board that fit a view's corners: none, one or two, all in front of the camera.
 
-    One perspective image of a plane can often be explained by two poses, tilted in opposite ways. They are
-    computed in closed form from the corners' viewing directions.
+    A pose maps the board's frame to the camera's: rotation vector [rad] and translation [m]. One image of a
+    plane can often be explained by two poses, tilted in opposite ways. They are computed in closed form from
+    the corners' viewing directions.
     """
     rays = _rays(lens, view.place)
     middle = view.points.mean(axis=0)
@@ -196,7 +205,10 @@ def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
 
 
 def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
-    """Sum of squared distances between a view's observed and predicted corners [px^2]."""
+    """Sum of squared distances between a view's observed and predicted corners [raw px^2].
+
+    The corners are predicted with `lens` (including its distortion) and the board's pose `pose`.
+    """
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return float(np.sum((view.place - image) ** 2))
 

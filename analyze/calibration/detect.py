@@ -38,7 +38,10 @@ _MAX_COLUMNS = 24
 
 @dataclass(frozen=True)
 class View:
-    """Corners of a calibration board found in one image."""
+    """Corners of a calibration board found in one image: index on the board, and position [raw px].
+
+    Raw pixels include the lens's distortion.
+    """
 
     index: IntArray
     """(n,) indices of the corners in `board.corner_points`"""

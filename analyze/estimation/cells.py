@@ -43,7 +43,7 @@ class Cells:
 
     @property
     def volumes(self) -> Array:
-        """Volume (n,) [m^3] of each of the n cells, whether it lies in the shell or in the interior."""
+        """Volume (n,) [m^3] of each of the n cells: of those in the shell and of those in the interior."""
         return self.shell + self.interior
 
     @property

@@ -50,7 +50,10 @@ class LeaveOneOut:
 
     @property
     def agrees(self) -> bool:
-        """True if balance angle and rate constant k, judged together, are as predicted within `SIGMAS` sd."""
+        """True if the strike agrees with its prediction by all other strikes, within `SIGMAS` sd.
+
+        Its balance angle and rate constant k are judged together; the angle alone if k is not used.
+        """
         return self.sigmas <= SIGMAS
 
 

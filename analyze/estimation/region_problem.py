@@ -76,7 +76,10 @@ class DividingPlanes:
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)
 
     def replaced_where(self, accept: NDArray[np.bool_], other: DividingPlanes) -> DividingPlanes:
-        """Copy of this set of b dividing planes, with the planes of `other` where `accept` (b,) is True."""
+        """Copy of this set of b dividing planes, with those of `other` where `accept` (b,) is True.
+
+        `other` has b planes as well; all that is known of a plane (fit, shares) comes along.
+        """
 
         def either(name: str) -> Any:
             mine = getattr(self, name)
@@ -86,7 +89,7 @@ class DividingPlanes:
 
     @classmethod
     def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
-        """One set with the dividing planes of several sets, and what is known of each, in that order."""
+        """Join several sets of dividing planes to one: all planes of the first set, then of the second, ..."""
         return cls(
             *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )
@@ -94,7 +97,10 @@ class DividingPlanes:
 
 @dataclass(frozen=True)
 class BodyPieces:
-    """The body cut into n pieces: region, effect on the k measured moments and largest mass of each."""
+    """The body cut into n pieces: region, largest mass and share in k measured moments of each.
+
+    The moments are moments of inertia about k axes, divided by their standard deviations.
+    """
 
     region: IntArray
     """(n,) region of each piece: 0 shell, 1 upper, 2 lower."""
@@ -236,7 +242,10 @@ class RegionProblem:
 
 @dataclass(frozen=True)
 class _CutPieces:
-    """The interior in n pieces, prepared to be cut by many planes, in float32 (moments accurate to 1e-6)."""
+    """The body's interior in n pieces, prepared to be cut by many planes.
+
+    Numbers are float32, so that moments have a relative error of 1e-6.
+    """
 
     places: NDArray[np.float32]
     """(4, n) coordinates from the body's middle in pitches, and 1."""
@@ -296,7 +305,8 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 
     Args:
         points: (n, 3) centroids of the cells [m].
-        contents: (n, 10) volume [m^3], first (3) [m^4] and second moments (6) [m^5] of each cell.
+        contents: (n, 10) volume [m^3], first (3) [m^4] and second moments (6) [m^5], in the order xx, yy, zz,
+            xy, xz, yz, of each cell.
         pitch: Edge of the cubes [m].
     """
     cube = np.floor(points / pitch).astype(np.int64)
@@ -314,10 +324,10 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:
     """Whitened matrix (k, 9) from the body's moments to k measurements, and these measurements (k,).
 
-    The body's moments are first (3) [m] and second (6) [m^2] moments per kilogram about the measured centre
-    of mass. The k = 3 + axes measurements are the centre of mass, given relative to itself and thus 0, and
-    the moments of inertia about the struck axes per kilogram. Their covariance also holds the error of
-    modelling the body by cells: 0.1 mm (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
+    The body's moments are first (3) [m] and second (6: xx, yy, zz, xy, xz, yz) [m^2] moments per kilogram
+    about the measured centre of mass. The k = 3 + axes measurements are the centre of mass, given relative to
+    itself and thus 0, and the moments of inertia about the struck axes per kilogram. Their covariance also
+    holds the error of modelling the body by cells: 0.1 mm (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
     """
     mass = parameters.mass
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)

@@ -121,10 +121,10 @@ class ShareDistribution:
 
     @property
     def _log_parts(self) -> Array:
-        """Log (3, b) of the integral of prior times likelihood, for three cases and b distributions.
+        """Log (3, b) of the unnormalised probability of three cases, for each of b distributions.
 
-        The integral is over the three shares of a whole. The cases are: no share is 0, the second is 0, the
-        third is 0.
+        A distribution is one of three shares of a whole. The cases are, in this order: no share is 0, the
+        second is 0, the third is 0. The probability is the integral of prior times likelihood over the case.
         """
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]
@@ -137,19 +137,19 @@ class ShareDistribution:
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:
-        """Two sets of b distributions of u, the first of three shares: the second is 0, or the third is 0.
+        """Distributions of the first share u if the second share is 0, then those if the third is 0.
 
-        With v the second share, the possible (u, v) form a triangle. The two cases are its sides (u, 0) and
-        (u, 1 - u).
+        Each case holds b distributions. The three shares add up to 1: with v the second, the possible (u, v)
+        form a triangle, and the two cases are its sides v = 0 and v = 1 - u.
         """
         return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])
         )
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """One random set of three shares (b, 3) from each of the b distributions.
+        """One random set of three shares (b, 3) of a whole from each of the b distributions.
 
-        The second or the third share may be exactly zero.
+        The shares of a set add up to 1 and none is negative; the second or the third may be exactly zero.
         """
         parts = self._log_parts
         kind = np.argmax(parts + rng.gumbel(size=parts.shape), axis=0)
@@ -197,9 +197,10 @@ class _Side:
 
     @classmethod
     def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
-        """Distributions of u, the first of three shares, if the second or the third share is zero.
+        """Normal distributions of u, the first of three shares, if the second or the third share is zero.
 
-        The shares then lie on a side of the triangle of possible shares.
+        The shares then lie on a side of the triangle of possible shares. Returned are mean, sd and log
+        density at the mean, (b,) each, before truncation to 0..1.
 
         Args:
             shares: b distributions of three shares, before this condition.
@@ -215,7 +216,10 @@ class _Side:
 
     @property
     def log_mass(self) -> Array:
-        """Logarithms (b,) of the integral from 0 to 1 of each of the b densities of u, the first share."""
+        """Logarithms (b,) of the integrals over u, from 0 to 1, of the b densities.
+
+        u is the first of three shares. The densities are not normalised: their peak is exp(`log_peak`).
+        """
         return (
             self.log_peak
             + np.log(np.sqrt(2 * np.pi) * self.sd)

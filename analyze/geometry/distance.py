@@ -33,7 +33,7 @@ long."""
 
 @dataclass(frozen=True)
 class Depth:
-    """Depth of n points below a surface [m], positive inside, and its gradient."""
+    """Depth (n,) of n points below a surface [m], positive inside, and its gradient (n, 3), without unit."""
 
     value: Array
     """(n,) depth [m], positive inside."""
@@ -44,11 +44,13 @@ class Depth:
 def box_depth(half_size: Array, points: Array) -> Depth:
     """Depth of points in a box centred on the origin, with edges along the axes, and its gradient.
 
-    It is the distance to the surface, negative outside.
-
     Args:
         half_size: (3,) half edges [m].
         points: (n, 3) points [m].
+
+    Returns:
+        Depths (n,) [m], the distances to the surface, negative outside; and gradients (n, 3), unit vectors
+        inwards.
     """
     excess = np.abs(points) - half_size
     outside = np.maximum(excess, 0)

@@ -16,7 +16,11 @@ SAME_LINE = 5e-4
 
 @dataclass(frozen=True)
 class EdgeLine:
-    """Pivot edge (about which the object tips) of one resting face, in the object frame O."""
+    """Pivot edge (about which the object tips) of one resting face, in the object frame O.
+
+    It has the axis's direction, the face's upward direction, a point on the centre line of the edge's
+    rounding [m], and the rounding's radius [m].
+    """
 
     direction: Array
     """(3,) unit vector of the pivot axis; +theta about it tips."""

@@ -254,9 +254,10 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
 
 @dataclass(frozen=True)
 class _Solved:
-    """Weighted least-squares fit of one fall of a tag: its motion, drag, and the video's true time scale.
+    """Weighted least-squares fit of one fall of a tag: its motion, drag, and true over stated time.
 
-    The motion is in the camera frame, by the times that the video states.
+    Positions, velocity, acceleration and residuals are in the camera frame; "per second" refers to the times
+    that the video states. The arm, from the centre of mass to the tag, is in the marker frame.
     """
 
     stated: Array
@@ -346,8 +347,8 @@ def _frame_s(stated: Array) -> float:
 def _powers(time: Array) -> Array:
     """Derivatives (n, 3, 9) of a falling body's position at times (n,) [s] by p0, v0 and a.
 
-    p0, v0 and a are its position, velocity and (constant) acceleration at time 0; the derivatives are in the
-    units 1, s and s^2.
+    p0, v0 and a are its position, velocity and (constant) acceleration at time 0, of three columns each in
+    this order; the derivatives are in the units 1, s and s^2.
     """
     eye = np.eye(3)
     return np.concatenate(

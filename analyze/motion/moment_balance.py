@@ -51,7 +51,10 @@ _HUBER_SIGMAS = 1.5
 
 @dataclass(frozen=True)
 class Contact:
-    """Stretch of motion in which the body touches the table at one edge or corner only."""
+    """Stretch of motion in which the body touches the table at one edge or corner only.
+
+    It has the body's poses, and the place of that edge or corner in the object frame O.
+    """
 
     motion: BodyMotion
     """poses of the body"""
@@ -69,8 +72,8 @@ class Contact:
 class BalancedBody:
     """Centre of mass c, inertia per mass about c and edge rounding of a body, fitted to its motion.
 
-    The motion is that of contacts: stretches in which the body touches the table at one edge or corner only.
-    O is the object frame.
+    It was fitted to contacts: stretches in which the body touches the table at one edge or corner only. c [m]
+    and the inertia [m^2] are in the object frame O.
     """
 
     com: Array
@@ -164,14 +167,15 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         d_below = np.diff(below, axis=0)
 
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
-            """Time integral, weighted by `window`, of a moment per mass about the contact [m^2/s].
+            """Time integral, weighted by `window`, of a moment about the contact, per kilogram [m^2/s].
 
-            The moment is e . (arm x (q'' - g) + radius z x arm''), with z the unit vector upwards and g the
-            gravity vector. q is the point `radius` above the contact, on the centre line of the edge's
-            rounding. Partial integration replaces the accelerations by velocities.
+            It is a part of the moment, along e, of a mass at `arm`: e . (a x (q'' - g) + radius z x a''). Here
+            a is `arm` in the world frame, q the point `radius` above the contact (on the centre line of the
+            edge's rounding), z the unit vector upwards, g the gravity vector. Partial integration replaces the
+            accelerations by velocities.
 
             Args:
-                arm: (3,) vector from q in the object frame O [m].
+                arm: (3,) vector from q to the mass, in the object frame O [m].
                 window: (n, 1) weight of each time, 0 at both ends.
                 e: (n, 3) direction in the world frame at each time.
                 d_below: (n - 1, 3) differences of window times radius times e x z, z pointing up [m].
@@ -233,7 +237,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
         A residual is the time integral of the moment per mass about a contact, over the root of the contact's
         duration [m^2/s^1.5]. x holds, in the object frame O, the centre of mass [m] (3) and the inertia per
-        mass about O's origin [m^2] (6), then the radius of the edges' rounding [m].
+        mass about O's origin as xx yy zz xy xz yz [m^2] (6), then the radius of the edges' rounding [m].
         """
         power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
         matrix, level = np.einsum("p,prc->rc", power, by_power[0]), power @ by_power[1]
@@ -301,10 +305,10 @@ def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, sp
     The method is that of Liang and Zeger 1986, with Huber's weights as in White 1980.
 
     Args:
-        J: (n, p) derivatives of the residuals.
-        left: (n,) residuals.
+        J: (n, p) derivatives of the residuals by the parameters.
+        left: (n,) residuals of the fit, in any unit.
         groups: (n,) number of the group of each residual.
-        prior: (p,) derivatives of the prior's residual.
+        prior: (p,) derivatives by the parameters of one more residual, that of a prior.
         spread: robust standard deviation of the residuals.
 
     Raises:

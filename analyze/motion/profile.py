@@ -37,10 +37,10 @@ _K_RANGE = (0.5, 5000.0)
 
 @dataclass(frozen=True)
 class FittedTip:
-    """Measured tipping angle theta(t) of one strike, with the pendulum's best parameters and covariance.
+    """Measured tipping angle theta(t) [rad] of one strike, with the pendulum fitted to it.
 
-    The pendulum is theta'' = -k sin(phi - theta), with balance angle phi and rate k; theta0 and omega0 are
-    its angle and speed at time 0.
+    The pendulum is theta'' = -k sin(phi - theta). Its four parameters and their covariance are in the order
+    balance angle phi [rad], rate k [rad/s^2], and angle theta0 [rad] and speed omega0 [rad/s] at time 0.
     """
 
     time: Array
@@ -65,7 +65,8 @@ def profile_sd(tip: FittedTip, variance: float) -> float:
 
     Args:
         tip: the fit.
-        variance: variance of the weighted residuals, correlation included.
+        variance: variance of the residuals of theta over their stated sd, increased by a factor for the
+            correlation of neighbouring frames.
     """
     lowest = _sum_of_squares(tip, float(tip.parameters[0]))
     return math.hypot(*(_side(tip, variance, lowest, sign) for sign in (-1.0, 1.0))) / math.sqrt(2.0)
@@ -116,7 +117,9 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         return math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
 
     def residual(x: Array) -> Array:
-        """Weighted residuals (n,) of the tipping angle theta, with the balance angle phi held.
+        """Measured less modelled tipping angle theta over its sd (n,), with the balance angle phi held.
+
+        The sd is that of a frame, 1 / `tip.weight`; frames that are not used have 0.
 
         Args:
             x: (3,) ln k (rate constant k [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0.
@@ -126,10 +129,10 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
-        """Derivatives (n, 3) of the weighted residuals of the tipping angle theta by x.
+        """Derivatives (n, 3) of measured less modelled tipping angle theta, over its sd, by x.
 
-        x is ln k (k: the tip's rate constant [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0. It
-        must be the x of the last call of `residual`, whose derivatives are used.
+        x (3,) is ln k (k: the tip's rate constant [rad/s^2]), and theta [rad] and its rate [rad/s] at time 0.
+        The last call of `residual` must have had the same x: the derivatives of the angle come from there.
         """
         part = -columns[:, 1:] * tip.weight[:, None]
         part[:, 0] *= rate(x)

@@ -115,7 +115,10 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
 
 @dataclass(frozen=True)
 class PlacementCheck:
-    """Difference of the object's orientation from the planned one, and the correction in words."""
+    """Angle [rad] of the object's orientation to the planned one, and the correction in words.
+
+    The angle is None if it cannot be determined; the text is empty if nothing is to be done.
+    """
 
     error: float | None
     """angle to the planned orientation [rad]; None if no marker with a known place is in view"""

@@ -10,7 +10,10 @@ from analyze.motion.contact import ContactErrors
 
 @dataclass(frozen=True)
 class WindowLimits:
-    """Bounds of the window of frames in which only gravity acts on the tipping object."""
+    """Bounds of the window of frames in which the object tips freely, the striker being off.
+
+    They are times after the impact (in frames and [s]), and tipping angles [rad] at start and end.
+    """
 
     guard_frames: int = 2
     """number of frames left out after the impact, because the striker may still touch the object"""

@@ -50,10 +50,10 @@ _STEP = math.radians(0.25)
 
 @dataclass(frozen=True)
 class SupportFunction:
-    """Support function of a cross-section on an even grid of tipping angles theta.
+    """Support function of the object's cross-section, on an even grid of n tipping angles theta [rad].
 
-    h(theta) is the height of the pivot point p over the table, h' its horizontal distance to the contact, rho
-    the radius of curvature at the contact.
+    The section is that across the pivot axis. h(theta) is the height of the pivot point p over the table, its
+    derivative h' the horizontal distance from p to the contact, rho the radius of curvature there, all in m.
     """
 
     start: float
@@ -138,7 +138,9 @@ class SupportFunction:
         return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
 
     def curved_over(self, low: float, high: float, least: float) -> float:
-        """Total of the tipping angles [rad] at which a curve of the shape touches, if its radius is large.
+        """Size [rad], in total, of the ranges of tipping angle in which a large curve touches the table.
+
+        A curve is a rounded part of the shape's cross-section; 0 if it is not known which parts are curved.
 
         Args:
             low: least tipping angle counted [rad].

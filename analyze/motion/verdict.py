@@ -195,12 +195,12 @@ def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: Verdic
 
 
 def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: float) -> Judgement:
-    """Verdict on a clean tip: good, or rocked back.
+    """Verdict on a strike in which nothing was found wrong: the object tipped over (good) or rocked back.
 
     Args:
-        fit: the chosen fit, with the balance angle phi.
-        course: events of the strike.
-        energy_ratio: energy of the strike over the energy needed to tip.
+        fit: the chosen fit of the tipping angle, with the balance angle phi [rad].
+        course: events of the strike; they tell whether the object came back to rest on its first face.
+        energy_ratio: kinetic energy after the strike over the energy needed to reach balance.
         theta_max: largest tipping angle [rad].
     """
     phi = math.degrees(fit.phi)

@@ -209,8 +209,9 @@ class _Search:
     def first_sets(self, size: int, each: int) -> list[tuple[int, ...]]:
         """Up to `STARTS` sets of axes with the smallest losses, the best first.
 
-        The loss is the weighted logarithm of the predicted errors of centre of mass and inertia. The result
-        is empty if all sets leave a direction of the centre of mass unknown.
+        A set is a tuple of indices of candidates (axes that can be struck). The loss is the weighted
+        logarithm of the predicted errors of centre of mass and inertia. The result is empty if all sets leave
+        a direction of the centre of mass unknown.
 
         Args:
             size: Number of axes of a set, 1 to 3; they are taken from `_pool`.
@@ -233,9 +234,13 @@ class _Search:
     def _pool(self, each: int) -> list[int]:
         """Sorted indices of up to `POOL_SIZE` candidates that are likely to be of use.
 
-        All candidates are returned if there are no more. Otherwise the first three are those whose
-        equi-planes (planes through edge and centre of mass at balance) have normals that span space well; the
-        others are added one by one, each time the one that lowers the loss most with `each` strikes per axis.
+        A candidate is a pivot axis that may be planned. All are returned if there are no more. Otherwise the
+        first three are those whose equi-planes (planes through edge and centre of mass at balance) have
+        normals that span space best. The others are added one by one, each time the one with which the loss
+        is least. The loss is a measure of the predicted errors of centre of mass and inertia.
+
+        Args:
+            each: number of further strikes that are assumed on every axis.
         """
         everything = list(range(len(self._candidates)))
         if len(everything) <= POOL_SIZE:
@@ -252,9 +257,10 @@ class _Search:
         return sorted(taken)
 
     def grown(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set of axes enlarged by the candidate that lowers the loss most; unchanged if none is left.
+        """Set of axes enlarged by the candidate that lowers the loss most, as sorted indices.
 
-        The loss is the weighted logarithm of the predicted errors of centre of mass and inertia.
+        The loss is the weighted logarithm of the predicted errors of centre of mass and inertia. If all
+        candidates are in the set, `members` is returned.
 
         Args:
             members: Indices of the candidates in the set.

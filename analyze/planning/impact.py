@@ -38,7 +38,10 @@ CARD_OVER_TAG_SIZE = 10 / 8
 
 @dataclass(frozen=True)
 class StrikerModel:
-    """Effective mass and restitution of the striker at its tip, with the speeds and heights it can reach."""
+    """Effective mass [kg] and restitution of the striker's tip, with the speeds and heights it can reach.
+
+    Both have a 1 sigma. Speeds are those of the tip [m/s], heights those over the table [m].
+    """
 
     effective_mass_kg: float = 0.2
     """Effective mass at the tip [kg]."""
@@ -220,11 +223,14 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
-    """Impact point at which the pivot edge needs the least friction to hold; None if there are no points.
+    """That of `points` at which the pivot edge needs the least friction not to slip; None without points.
 
-    The friction is that for the worst of the examined places of the centre of mass. Preferred are points off
-    the markers' cards (white border included) where `friction`, the available coefficient, suffices for the
-    expected centre of mass; without such points all are considered.
+    The friction is the coefficient needed for the worst of the examined places of the centre of mass.
+
+    Args:
+        points: Impact points that the striker can reach.
+        friction: Available friction coefficient. Points off the markers' cards (white border included) where
+            it suffices for the expected centre of mass are preferred; without such points all are considered.
     """
     free = [point for point in points if not point.on_card and point.friction <= friction]
     return min(free or points, key=lambda point: point.worst_friction, default=None)

@@ -137,8 +137,9 @@ class Information:
     def units(self) -> Array:
         """Prior 1 sigma (14,) of the shared unknowns, in their order.
 
-        c [m] (3), inertia about c [kg m^2] (6), mass and gravity (relative), gravity's tilt [rad], the
-        shape's scale (relative), the edges' radius [m].
+        They are centre of mass c [m] (3), inertia about c [kg m^2] (6: three diagonal, then three other
+        entries), mass and gravity (relative), gravity's tilt [rad], the shape's scale (relative), the edges'
+        radius [m].
         """
         e, i = self.errors, self.belief.inertia_sd
         # Off-diagonal entries have 1/sqrt 2, so that the moment about every direction is equally uncertain.
@@ -167,7 +168,11 @@ class Information:
 
     @cached_property
     def _axis_information(self) -> dict[tuple[int, int], tuple[Candidate, Array]]:
-        """Cache of the results of `axis_information`, by `id` of the candidate and number of strikes."""
+        """Cache of the Fisher information (14, 14) of strikes on one axis about the 14 shared unknowns.
+
+        The key is `id` of the candidate axis and number of strikes; an entry holds the candidate, too. It is
+        filled by `axis_information`.
+        """
         return {}
 
     def _linearised(self, each: Candidate) -> tuple[Array, Array, Array]:
@@ -292,9 +297,9 @@ class Information:
     def before(self, leave_out: Sequence[str] = ()) -> Array:
         """Fisher information (14, 14) before the planned strikes: of the priors and of the strikes made.
 
-        Strikes on axes in `leave_out` (ids) do not count. The information is about the shared unknowns
-        (centre of mass, inertia, errors common to all strikes) in units of their prior 1 sigma, so the priors
-        alone give the unit matrix.
+        Strikes on axes in `leave_out` (ids) do not count. The 14 unknowns, shared by all strikes, are centre
+        of mass (3), inertia about it (6), and the errors of mass, gravity, tilt, scale and edge radius, in
+        this order. Each is in units of its prior 1 sigma, so the priors alone give the unit matrix.
         """
         known = [
             self.axis_information(each, 0) for each in self.belief.struck if each.axis.id not in leave_out

@@ -68,9 +68,10 @@ class PivotAxis:
 
     @property
     def p_world_object(self) -> Array:
-        """Translation (3,) [m] from the object frame to the world frame at rest.
+        """Position (3,) [m] of the object frame's origin in the world frame, with the object at rest.
 
-        The centre line of the edge's rounding then lies at x = 0, z = radius, and `point` at y = 0.
+        The centre line of the edge's rounding then lies at x = 0, z = radius (of the rounding), and `point`,
+        the axis's point on that line, at y = 0.
         """
         return np.array([0.0, 0.0, self.radius]) - self.R_world_object @ self.point
 

@@ -29,8 +29,8 @@ MIN_MASS_SD, MIN_RESTITUTION_SD = 1e-4, 1e-3
 class Touch:
     """One strike made: tip speed and impact height of the striker, and the fitted motion of the object.
 
-    R is the distance of the centre of mass from the edge's centre line, I_edge the moment of inertia about
-    the edge.
+    The motion's rate constant is k = m g R / I_edge: m the mass, g gravity, R the distance of the centre of
+    mass from the edge's centre line, I_edge the moment of inertia about the edge.
     """
 
     axis_id: str
@@ -50,10 +50,11 @@ class Touch:
 
     @property
     def momentum(self) -> float:
-        """Angular momentum after impact, I_edge omega0 [kg m^2/s], with omega0^2 / 2 = k (1 - cos phi) E.
+        """Angular momentum [kg m^2/s] of the object about the pivot edge right after the strike.
 
-        I_edge is the moment of inertia about the edge, omega0 the rate [rad/s], phi the balance angle, E the
-        energy ratio (energy over that needed to reach balance), and k = m g R / I_edge.
+        It is I_edge omega0, with I_edge the moment of inertia about the edge and omega0 the angular rate,
+        which follows from omega0^2 / 2 = k (1 - cos phi) E: phi is the balance angle, E the kinetic energy
+        over that needed to reach balance, and k = m g R / I_edge [rad/s^2].
         """
         return self.i_edge * float(np.sqrt(2 * self.k * (1 - np.cos(self.phi)) * self.energy_ratio))
 

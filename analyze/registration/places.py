@@ -47,7 +47,7 @@ class MarkerPlace:
 
     @property
     def turn_sd(self) -> float:
-        """Standard deviation [rad] of the marker's rotation about its least certain direction."""
+        """Standard deviation [rad] of the marker's rotation about the axis where it is least certain."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
 
     @property

@@ -36,7 +36,10 @@ _MAX_REGION_POINTS = 700
 
 @dataclass(frozen=True)
 class DrawnRegion:
-    """Cells of one mass region (shell, or interior on one side of a plane), in the object's frame O."""
+    """Places of the cells of one mass region (shell, or interior on one side of a plane) of an object.
+
+    They are drawn as points, in O, the object's frame.
+    """
 
     name: str
     """Name of the region."""
@@ -89,9 +92,11 @@ class FittedCurves(MotionCurves):
 
 
 def drawn_answer(estimate: Estimate) -> DrawnAnswer:
-    """Parts of an estimate that a replay draws, such as centre of mass and mass regions.
+    """Take from an estimate what a replay draws: equi-planes, centre of mass, mass regions, voxels.
 
-    Of each mass region at most 700 cells are taken, at random.
+    An equi-plane passes through a strike's pivot line and the centre of mass. Mass regions are the shell and
+    the interior on either side of a plane; of each at most 700 cells are taken, at random. The Result
+    document (JSON) of the estimate is added.
     """
     distribution, cells = estimate.distribution, estimate.cells
     upper = cells.points @ distribution.dividing_plane_normal > distribution.dividing_plane_offset
@@ -118,7 +123,10 @@ def balance_moment(motion: TipMotion | None) -> float:
 
 
 def measured_curves(angle: TipAngle) -> MotionCurves:
-    """Measured tipping angle [rad] with its rate [rad/s] and acceleration [rad/s^2], at n frames, n >= 2."""
+    """Measured tipping angle [rad] with its rate [rad/s] and acceleration [rad/s^2], each (n,).
+
+    They are those at the n log times [ns] of `angle`, the measured angle of one strike; n is at least 2.
+    """
     time = (angle.time_ns - angle.time_ns[0]).astype(np.float64) * 1e-9
     _, alpha = angular_acceleration(angle, MotionSettings().smoothing_points)
     return MotionCurves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
@@ -141,9 +149,10 @@ def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
 
 
 def fitted_angle(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAngle:
-    """Tipping angle at the frames of the fit's window: theta as fitted, all other values as measured.
+    """Measured tipping motion, with the fitted angle theta in place of the measured one.
 
-    The other values are standard deviation, rotation off the axis, and slip. `fitted` is the curve of `fit`.
+    It has the frames that `fit` was made from. Time and theta [rad] are those of `fitted`, the curve of `fit`. Standard deviation, rotation off the axis
+    and slip are copied from `angle`, the measured motion.
     """
     first, last = fit.window
     return TipAngle(

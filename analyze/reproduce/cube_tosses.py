@@ -228,9 +228,10 @@ def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -
 
 
 def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
-    """Flights: stretches of the tosses in which all corners are more than `CLEAR_M` above the table.
+    """Flights in toss order: stretches in which all corners are more than `CLEAR_M` above the table.
 
-    `FLIGHT_GUARD` frames next to an impact are cut off; a flight has more than `LEAST_FRAMES` frames left.
+    Each has the cube's poses and the number of its toss. `FLIGHT_GUARD` frames next to an impact are cut
+    off; a flight has more than `LEAST_FRAMES` frames left.
 
     Args:
         motions: motions of the tosses, in the file's unit of length.
@@ -248,10 +249,11 @@ def flights(motions: Sequence[BodyMotion]) -> list[Flight]:
 
 
 def edge_contacts(motions: Sequence[BodyMotion]) -> list[Contact]:
-    """Edge contacts: stretches in which both ends of one edge touch the table, and no other corner.
+    """Edge contacts: stretches of tosses in which the table touches two ends of one edge, no other corner.
 
-    The ends are within `TOUCH_M` of the table, the others above `LIFTED_M`. `CONTACT_GUARD` frames are cut
-    off at both ends; a contact has at least `LEAST_FRAMES` frames left.
+    They are in the order of the tosses. Each has the cube's poses, the edge in the cube's frame, and the
+    number of its toss. The ends are within `TOUCH_M` of the table, the others above `LIFTED_M`.
+    `CONTACT_GUARD` frames are cut off at both ends; a contact has at least `LEAST_FRAMES` frames left.
 
     Args:
         motions: motions of the tosses [m].

@@ -113,7 +113,11 @@ def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
 
 
 def tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
-    """Yield warnings of unknown markers, markers without a pose in the object file, and lost frames."""
+    """Yield warnings of the tracking of the strikes' markers, each with its code and sentence.
+
+    They are of markers seen that the object file does not have, of tracked markers without a pose in it, and
+    of strikes with lost frames.
+    """
     for strike_id, report in evidence.tracking.items():
         if report.unknown_ids:
             text = (

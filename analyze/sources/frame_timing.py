@@ -54,10 +54,14 @@ class FrameTiming:
         return 1.0 / (self.interval_s * float(self.slowed))
 
     def time_ns(self, stamp: int) -> int:
-        """Capture time [ns] that belongs to a time stamp; 0 is the first frame's.
+        """Capture time [ns] since the first frame that belongs to a frame's time stamp.
 
-        At a constant rate with coarse stamps (`steady_s`) it is the nearest multiple of the frame interval,
-        if that is within one step of the stamp; otherwise it is the stamp's own time.
+        If the frame rate is constant and the stamps are coarsely rounded (`steady_s` is not None), it is the
+        nearest multiple of the frame interval, provided that it is within one step of the stamp. Otherwise it
+        is the stamp's own time.
+
+        Args:
+            stamp: the file's time stamp [steps of `unit`].
         """
         steps = stamp - self.first
         if self.steady_s is not None:
@@ -91,17 +95,18 @@ class FrameTiming:
 
     @cached_property
     def _steady_steps(self) -> float:
-        """Playing interval of the frames at a constant rate, `steady_s`, in steps of the time stamps.
+        """Frame interval `steady_s` as a number of time-stamp steps, not necessarily whole.
 
-        Meaningless if `steady_s` is None.
+        `steady_s` is the interval [s] at which a file of constant rate plays; if it is None, the number is
+        meaningless.
         """
         return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
-        """Last time stamp [steps] at or before a capture time.
+        """Time stamp (whole number of steps, as in the video file) that belongs to a capture time.
 
-        Here the time of a stamp is its steps since the first frame times a step's duration, without the
-        correction of coarse stamps to a constant frame rate that `time_ns` makes.
+        It is rounded down. The captured duration of a step is constant here; `time_ns`, the reverse, also
+        corrects coarse stamps to a constant frame rate.
 
         Args:
             time_ns: capture time since the first frame [ns], not negative.
@@ -112,8 +117,8 @@ class FrameTiming:
     def sd_ns(self) -> int:
         """Standard deviation of a frame's capture time [ns] that comes from rounding stamps to steps.
 
-        It is the step's duration as captured over sqrt(12), at least 1 ns; 1 ns if the rounding is undone
-        (`steady_s`).
+        It is a step's duration in capture time over sqrt(12), at least 1 ns. It is 1 ns if `steady_s` is not
+        None: the frame rate is then known to be constant, and the rounding is undone.
         """
         if self.steady_s is not None:
             return 1

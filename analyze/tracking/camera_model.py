@@ -188,6 +188,8 @@ class PixelMap:
 def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: LensModel) -> PixelMap:
     """Table of the ideal (distortion-free) coordinates of all pixels of a camera, cached by the arguments.
 
+    It holds column and row [ideal px] of each pixel's centre, (height, width, 2).
+
     Args:
         width: width of the image [px].
         height: height of the image [px].
@@ -203,7 +205,10 @@ def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: Lens
 
 
 def pixel_map(camera: CameraModel) -> PixelMap:
-    """Pixel map (table of ideal coordinates) of a camera, cached because it takes 0.1 s to build."""
+    """Table of the ideal (distortion-free) coordinates [px] of every pixel centre of a camera.
+
+    Tables are cached, because one takes 0.1 s to build.
+    """
     K = np.asarray(camera.K, dtype=float)
     return _pixel_map(
         camera.width,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FoundMarker:
-    """Marker found in one frame: its fitted square and raw corners."""
+    """Marker found in one frame: fit of its black square, and corners (4, 2) in the distorted image [px]."""
 
     fit: SquareFit
     """the fitted square"""
@@ -24,7 +24,10 @@ class FoundMarker:
 
 @dataclass
 class MarkerPath:
-    """Observations of one marker in the frames so far."""
+    """Observations of one marker so far: log times [ns] and corners of the frames in which it was found.
+
+    Corners are given twice: raw px as in the image, and ideal px, free of lens distortion.
+    """
 
     marker: Marker
     """the marker"""

@@ -227,7 +227,12 @@ class MarkerFollower:
         return None
 
     def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> FoundMarker | None:
-        """Detected marker with corners fitted to its edges in the frame; None if the fit fails."""
+        """Square fitted to a detected marker's edges in the image, with its corners; None if the fit fails.
+
+        Args:
+            frame: the image.
+            sighting: the marker as detected, from whose corners [raw px] the fit starts.
+        """
         ideal = undistort(self._camera, sighting.corners_px)
         fit = find_square(frame.image, self._pixels, ideal, sighting.corners_px)
         return None if fit is None else self._with_raw_corners(fit)
@@ -265,9 +270,10 @@ class MarkerFollower:
         return known
 
     def _record(self, frame: ImageFrame, found: dict[int | str, FoundMarker]) -> None:
-        """Append the markers found in a frame to their paths, and count the frame as missed for the others.
+        """Append the markers found in a frame to their paths; for the others count one more missed frame.
 
-        Frames before a marker was first found do not count.
+        The count is of frames missed in a row: it returns to 0 when the marker is found. Frames before a
+        marker was first found do not count.
         """
         for marker_id, path in self._paths.items():
             seen = found.get(marker_id)

@@ -156,7 +156,7 @@ class RecordWriter:
 
 
 def pack_topic(topic: Topic, number: int) -> tuple[bytes, bytes]:
-    """Pair of the whole schema record and the whole channel record of a topic, both with the id `number`."""
+    """Bytes of the schema record and of the channel record that declare a topic, both with id `number`."""
     data, string = topic.schema_data(), container.pack_string
     schema = struct.pack("<H", number) + string(topic.schema_name) + string("protobuf")
     channel = struct.pack("<HH", number, number) + string(topic.name) + string("protobuf")

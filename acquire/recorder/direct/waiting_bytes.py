@@ -66,7 +66,10 @@ class WaitingBytes:
         return self._room
 
     def add_block(self, block: memoryview) -> None:
-        """Copy the next bytes into `block`, an empty one of BLOCK_BYTES; the block before it is full."""
+        """Make the empty `block` (BLOCK_BYTES long) the one that later calls of `copy` fill.
+
+        Call it when the block before is full, or there is none yet.
+        """
         self._block, self._room = block, BLOCK_BYTES
 
     def copy(self, at: int, part: memoryview) -> None:

@@ -117,7 +117,10 @@ def best_naive(record: SessionRecord) -> float:
 
 @dataclass(frozen=True)
 class Standardised:
-    """Errors of one quantity over their stated standard deviations (sd), of many sessions."""
+    """Errors of one quantity over their stated standard deviations (sd), in many sessions.
+
+    It also holds, for each 95 % interval, whether it contains the true value.
+    """
 
     name: str
     """Name of the quantity."""

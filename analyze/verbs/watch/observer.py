@@ -60,7 +60,10 @@ def unreadable(request: JudgeRequest, reason: str) -> StrikeVerdict:
 
 
 class Observer:
-    """Observer of one recording's images; add them in the order of their times.
+    """Observer of one recording's images: states what they show, and judges strikes from them.
+
+    Images are added in the order of their times with `add`, which returns the markers in view and the check
+    of the object's placement; `judge` returns the verdict on a strike from the images kept.
 
     Args:
         camera: the camera, with its pose in the world frame W.
