@@ -64,13 +64,20 @@ class RigLimits:
         return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
 
     def as_dict(self) -> dict[str, Any]:
-        """Tip speeds, impact heights and camera pose as a JSON object: the answer to a request `rig`."""
+        """Tip speeds, impact heights and camera pose as a JSON object: the answer to a request `rig`.
+
+        Its entries: `speeds_m_s` (slowest, fastest) and `reach_m` (lowest, highest), both None for strikes by
+        hand, and `T_world_camera` (4, 4) [m].
+        """
         speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
         return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
 
     @classmethod
     def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
-        """Limits of a rig from the daemon's answer to the request `rig`, a JSON object."""
+        """Limits of a rig (tip speeds, heights, camera pose) from the daemon's answer to the request `rig`.
+
+        The answer is a JSON object; a limit that it gives as None stays None.
+        """
         speeds, reach = answer["speeds_m_s"], answer["reach_m"]
         return cls(
             None if speeds is None else TipSpeeds(*speeds),

@@ -338,7 +338,10 @@ class CentreOfMass:
 
 @dataclass(frozen=True)
 class AxisInertia:
-    """Moments of inertia about one pivot edge, and about the parallel axis through the centre of mass c."""
+    """Moments of inertia [kg m^2] of the object about two parallel axes: a pivot edge, and through c.
+
+    c is the centre of mass.
+    """
 
     axis_id: str
     """id of the pivot axis"""
@@ -380,7 +383,10 @@ class InertialParameters:
 
 @dataclass(frozen=True)
 class ShellThickness:
-    """Thickness of the object's shell, estimated from moments of inertia if the object file states none."""
+    """Estimated thickness [m] of the object's shell (outer wall), with sd, interval and range tried.
+
+    It is estimated from the moments of inertia if the object file states no thickness.
+    """
 
     value: float
     """thickness [m]"""
@@ -397,7 +403,7 @@ class MassDistribution:
     """Masses of the shell (region R1) and of the interior on either side of a dividing plane.
 
     Region R2 is the interior at points x (in the object frame O) where dividing_plane_normal . x >
-    dividing_plane_offset; R3 is the rest of the interior. n is the number of regions.
+    dividing_plane_offset; R3 is the rest of the interior. Arrays have n entries, one per region.
     """
 
     names: tuple[str, ...]

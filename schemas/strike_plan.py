@@ -152,7 +152,7 @@ class PredictedMoment(Document):
 
 
 class PredictedRegion(Document):
-    """Predicted standard deviation of the mass of one region of the object.
+    """Predicted standard deviation of the mass of one region of the object [kg].
 
     It is the median over fillings that are taken as equally likely. Regions are the shell (outer wall) and
     the interior on either side of a dividing plane.

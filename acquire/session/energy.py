@@ -54,10 +54,10 @@ _MEASURED = frozenset({Quantity.LOG_SWING_RATIO, Quantity.PHI, Quantity.LOG_ENER
 
 @dataclass(frozen=True)
 class StrikerEstimate:
-    """Effective mass, restitution and swing ratio of the striker, with standard deviations.
+    """Effective mass [kg], coefficient of restitution and swing ratio of the striker, each with its sd.
 
-    They are estimated from the strikes so far. The swing ratio is reached over commanded tip speed. Strikes
-    of the object alone hardly distinguish effective mass from restitution.
+    They are estimated from the session's strikes so far. The swing ratio is reached over commanded tip
+    speed. Strikes of the object alone hardly distinguish effective mass from restitution.
     """
 
     effective_mass_kg: float
@@ -71,7 +71,7 @@ class StrikerEstimate:
     swing_ratio_sd: float
 
     def text(self) -> str:
-        """One line of text: restitution, effective mass, reached over commanded speed, with sd."""
+        """One line of text: restitution, effective mass [g], reached over commanded speed [%], with sd."""
         mass, mass_sd = 1000 * self.effective_mass_kg, 1000 * self.effective_mass_sd_kg
         reached, reached_sd = 100 * self.swing_ratio, 100 * self.swing_ratio_sd
         return (
@@ -233,10 +233,10 @@ class EnergyLearner:
         self._mode = z
 
     def _residuals(self, z: Array) -> Array:
-        """Residuals (k, n) of all observations, then of the prior, for k states z (k, d) of the model.
+        """Residuals (k, n), in standard deviations, for k states z (k, d) of the model.
 
-        z are the unknowns of striker and object. The residuals are in standard deviations. The prior of each
-        entry of z is N(0, 1), so its residuals are z itself; n is the number of observations plus d.
+        A state is the vector of the d unknowns of striker and object. The residuals are those of the n - d
+        observations, then of the prior: N(0, 1) for each unknown, so that its residuals are z itself.
         """
         if not self._observations:
             return z

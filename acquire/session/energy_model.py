@@ -84,11 +84,17 @@ class EnergyModel:
         return self._log_mass + self._log_mass_sd * z[:, 4]
 
     def log_rebound(self, z: Array) -> Array:
-        """Logarithm ln (1 + e) (k,), e the restitution of tip and object, for k model states z (k, d)."""
+        """Logarithm ln (1 + e) (k,), e the restitution of tip and object, for k model states z (k, d).
+
+        A state is the vector of the model's unknowns in prior standard deviations.
+        """
         return self._log_rebound + self._log_rebound_sd * z[:, 5]
 
     def log_swing_ratio(self, z: Array) -> Array:
-        """Logarithm (k,) of reached over commanded tip speed, for k states z (k, d) of the model."""
+        """Logarithm (k,) of reached over commanded tip speed, for k model states z (k, d).
+
+        A state is the vector of the model's unknowns in prior standard deviations.
+        """
         return SWING_RATIO_SD * z[:, 6]
 
     def log_energy_and_phi(self, z: Array, axis: int) -> tuple[Array, Array]:
@@ -124,7 +130,11 @@ class EnergyModel:
 
 @dataclass(frozen=True)
 class _Axis:
-    """Geometry and inertia of one pivot axis (edge about which the object tips), in the object frame O."""
+    """One pivot axis (edge about which the object tips): geometry in the object frame O, and its tip.
+
+    Of the tip it holds the moment of inertia, the predicted balance angle, and the planned energy ratio
+    (kinetic energy after the strike over the energy needed to reach balance).
+    """
 
     point: Array
     """(3,) point on the axis [m]"""

@@ -104,10 +104,11 @@ class Reads:
 
     @classmethod
     def from_samples(cls, samples: Sequence[Sample], origin_ns: int) -> Reads:
-        """Arrays of time, arm angle, velocity and read duration, from samples in order of time.
+        """Reads of the servo as arrays (n,), from n samples in order of time.
 
-        A sample's time [s] is that at which the servo probably took it, 0.35 of the read's duration after the
-        read's begin. Time 0 is `origin_ns`, a host monotonic time.
+        The arrays are time [s], arm angle [rad], its velocity [rad/s] and duration of the read [s]. A
+        sample's time is that at which the servo probably took it, 0.35 of the read's duration after the
+        read's begin. Time 0 is `origin_ns`, a host monotonic time [ns].
         """
         return cls(
             origin_ns,

@@ -39,7 +39,10 @@ GYRATION_OVER_COM_SD = 0.5
 
 @dataclass(frozen=True)
 class UnitPrior:
-    """Prior of the inertia tensor about the centre of mass per kilogram: mean and sd by the shape [m^2]."""
+    """Prior of the inertia tensor per kilogram, from the shape: mean and sd of each entry [m^2].
+
+    The tensor is about the centre of mass, along the axes of the object frame O.
+    """
 
     mean: Array
     """(3, 3) mean [m^2]."""
@@ -67,10 +70,10 @@ class MomentModel:
 
 @dataclass(frozen=True)
 class StrikeData:
-    """Measured ln k of all strikes, and the matrices that whiten the residuals of (phi, ln k).
+    """Measured ln k (strikes,) of all strikes, and matrices (strikes, 2, 2) that whiten their residuals.
 
-    phi is the balance angle, k the rate constant of the tipping motion. Whitened residuals are independent
-    and have unit sd.
+    Residuals are those of (phi, ln k): phi is the balance angle [rad], k the rate constant of the tipping
+    motion [rad/s^2]. Whitened residuals are independent and have unit sd.
     """
 
     log_k: Array
@@ -252,7 +255,8 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
     """Information (count, count) that the priors contribute about the unknowns, an inverse covariance.
 
-    The shape's prior is not linear in the unknowns and is linearised at `x`.
+    The unknowns are those of `JointModel`: centre of mass, second moments, shared errors. The prior that the
+    shape gives of the inertia is not linear in them and is linearised at `x`.
 
     Args:
         diagonal: (count,) inverse variances of the unknowns' own priors.
@@ -277,7 +281,10 @@ def _step(
 ) -> tuple[Array, Array, Array]:
     """Unknowns (count,) after one Gauss-Newton step, shortened until the misfit does not rise.
 
-    The step is limited in the logarithms of lengths, then halved as often as needed.
+    The unknowns are those of `JointModel`: centre of mass, second moments (the first three of them logarithms
+    of the body's lengths), shared errors. The misfit is the weighted sum of squared `z` plus the squared
+    deviations from the priors, in sd. The step is limited in those logarithms, then halved as often as
+    needed.
 
     Args:
         model: Model of balance angle phi and ln k (rate constant) of the strikes.

@@ -131,16 +131,19 @@ class JointModel:
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd
 
     def tilt_terms(self, level: int) -> slice:
-        """Place in the vector of unknowns, as a slice, of the two errors of lean of levelling `level`.
+        """Slice of the vector of unknowns that holds a levelling's two errors of lean, towards x, then y.
 
-        A levelling is a set-up of the table with one unknown lean of the vertical towards x and y of the
-        world frame W; levellings count from 0.
+        A levelling is a set-up of the table, with the lean of the vertical towards x and y of the world frame
+        W the same for all its strikes; `level` is its number, from 0.
         """
         start = TILT.start if level == 0 else self._further_levels + LEVEL_TERMS * (level - 1)
         return slice(start, start + LEVEL_TERMS)
 
     def start(self, com: Array, inertia: Array) -> Array:
-        """Vector of unknowns (count,) with the given centre of mass and inertia, and all shared errors 0.
+        """Vector of unknowns (count,) with the given centre of mass and inertia, and all errors 0.
+
+        In order: centre of mass (3) [m], six numbers for the inertia (`log_cholesky`), then the errors common
+        to several strikes, such as those of gravity and of an edge's place.
 
         Args:
             com: (3,) centre of mass [m], in the object frame O.
@@ -160,8 +163,9 @@ class JointModel:
     def design(self, x: Array) -> Array:
         """Derivative (strikes, count) of the balance angles [rad] by the unknowns, at unknowns `x` (count,).
 
-        The part by the centre of mass c is n / R [rad/m], with n the unit normal of the plane through c and
-        the pivot's centre line, R the distance of c from that line.
+        `count` is the number of unknowns: centre of mass c [m], second moments and errors. The derivative by
+        c is n / R [rad/m], with n the unit normal of the plane through c and the pivot's centre line, R the
+        distance of c from that line.
         """
         forward, height = self._across(x)
         R = self.distances(x)
@@ -180,16 +184,16 @@ class JointModel:
     def distances(self, x: Array) -> Array:
         """Distances R (strikes,) [m] of the centre of mass from each strike's pivot line.
 
-        The pivot line is the centre line of the edge's rounding. R is at least `MIN_DISTANCE`; `x` (count,)
-        are the unknowns.
+        The pivot line is the centre line of the edge's rounding. R is at least `MIN_DISTANCE`. `x` (count,)
+        holds the model's unknowns: centre of mass [m], second moments, shared errors.
         """
         return np.maximum(np.hypot(*self._across(x)), MIN_DISTANCE)
 
     def distance_design(self, x: Array) -> Array:
         """Derivative (strikes, count) of the distances [m] of the centre of mass from the pivot lines.
 
-        A pivot line is the centre line of an edge's rounding. The derivative is by the unknowns, at `x`
-        (count,).
+        A pivot line is the centre line of an edge's rounding. The derivative is by the model's unknowns
+        (centre of mass [m], second moments, shared errors), at their values `x` (count,).
         """
         forward, height = self._across(x)
         R = self.distances(x)

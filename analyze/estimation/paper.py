@@ -72,7 +72,7 @@ def paper_centre_of_mass(
         err: Half-angle of the regions [rad].
 
     Returns:
-        Centre of mass in O, with the half-angle reached and the volume of the overlap.
+        Centre of mass in O [m], with the half-angle reached [rad] and the volume of the overlap [m^3].
     """
     while True:
         lower, upper = cells.points.min(axis=0) - cells.pitch / 2, cells.points.max(axis=0) + cells.pitch / 2
@@ -189,10 +189,11 @@ def distance_from_pivot(plane: EquiPlane, point: Array) -> float:
 
 @dataclass(frozen=True)
 class PaperRegions:
-    """Masses of shell, upper and lower part by the paper's method (VISAPP 2013, eqs. 8 and 9, 3.3.2).
+    """Result of the paper's method for masses [kg] of shell, upper and lower part (VISAPP 2013, 3.3.2).
 
-    The dividing plane separates the interior into the upper and the lower part. The method also selects, for
-    each axis, a value near the measured moment about the edge: the corrected moment.
+    It also holds the plane that divides the interior into upper and lower part, and for each pivot axis the
+    corrected moment: the moment of inertia about the edge [kg m^2], near the measured one, that goes with the
+    masses found.
     """
 
     masses: Array

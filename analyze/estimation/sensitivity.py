@@ -54,7 +54,8 @@ class ErrorSource(enum.Enum):
 class Influence:
     """Derivatives of the centre of mass c by one strike's balance angle phi and by its ln k.
 
-    k is the rate constant of the strike's motion. The robust weights of the strikes are kept as they are.
+    c [m] is in the object frame O, phi in rad, k the rate constant of the strike's motion. All strikes keep
+    the weights that the robust estimate of c gave them.
     """
 
     strike_id: str
@@ -69,7 +70,10 @@ class Influence:
 
 @dataclass(frozen=True)
 class SourceShare:
-    """Contribution of one error source to the covariance of the centre of mass c."""
+    """Contribution of one error source to the covariance (3, 3) [m^2] of the centre of mass c, in O.
+
+    O is the object frame.
+    """
 
     source: ErrorSource
     """The source of error."""
@@ -79,7 +83,11 @@ class SourceShare:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Influence of every strike on the centre of mass c, and contribution of each error source to it."""
+    """Influence of every strike on the centre of mass c, and share of each error source in its covariance.
+
+    The influence of a strike is the derivative of c by its balance angle [m/rad] and by its ln k [m], k the
+    rate constant of its motion. The share is a covariance (3, 3) [m^2].
+    """
 
     strikes: tuple[Influence, ...]
     """Influences in the order of the joint estimate's planes."""

@@ -258,9 +258,10 @@ def _largest_faces(
 
 
 def _bending_bound(points: Array, normal: Array, band: float) -> float:
-    """Upper bound [m] of a face's bending, the range of the curved part of a fit to its heights.
+    """Upper bound [m] of the bending of a face: how far it is from flat.
 
-    It is the fitted bending plus 4 sd of the noise over sqrt(n).
+    Bending is the range of the curved part of a quadratic fit to the points' heights over the plane. The
+    bound is the fitted bending plus 4 / sqrt(n) times the sd of the noise.
 
     Args:
         points: (n, 3) points of the face [m].

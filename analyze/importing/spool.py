@@ -31,7 +31,7 @@ MAX_HELD_BYTES = 256 << 20
 
 @dataclass
 class _Interval:
-    """Interval of time in which every image of the source is stored, ends included."""
+    """Interval, on the source's clock [ns], in which every image of the source is stored; ends included."""
 
     start_ns: int
     """first time on the source's clock [ns]"""

@@ -146,14 +146,14 @@ def _extended(number: IntArray, scaled: Array, sd: Array, start: int, stop: int)
 
     Args:
         number: (n,) number of each frame on an even grid of frames.
-        scaled: (n, 3) positions over their standard deviations.
+        scaled: (n, 3) positions of the tag over their standard deviations.
         sd: (3,) those standard deviations [m].
         start: index of the stretch's first frame.
         stop: index after its last frame.
 
     Returns:
-        The stretch, with the distance fallen [m]; None if fewer than 8 frames or a fall of less than 0.2 m
-        remain.
+        The extended stretch [start, stop) of frames, with the distance fallen [m]; None if fewer than 8
+        frames or a fall of less than 0.2 m remain.
     """
     noise = max(1.0, _Curve(number[start:stop], scaled[start:stop]).rms)
     while stop < len(number) and _continues(number, scaled, sd, (start, stop), stop, noise):
@@ -174,7 +174,12 @@ class _Curve:
     """
 
     def __init__(self, number: IntArray, scaled: Array) -> None:
-        """Fit the polynomial to positions (n, 3), in standard deviations, at frame numbers (n,)."""
+        """Fit a polynomial of third degree in the frame number to each coordinate of a tag's positions.
+
+        Args:
+            number: (n,) numbers of the frames.
+            scaled: (n, 3) positions, divided by their standard deviations.
+        """
         self._middle, self._half = (number[0] + number[-1]) / 2, max((number[-1] - number[0]) / 2, 1)
         design = np.vander((number - self._middle) / self._half, 4, increasing=True)
         self._inverse = np.linalg.inv(design.T @ design)
@@ -193,14 +198,14 @@ class _Curve:
         return 4 * float(np.linalg.norm(self._parts[2] * sd))
 
     def off(self, frame: int, position: Array) -> Array:
-        """Distance (3,) of a position from the fitted curve along x, y and z, in standard deviations.
+        """Distance (3,) of a tag's position from the fitted curve along x, y and z, in standard deviations.
 
-        The curve is the polynomial of third degree fitted to a stretch of the track; the standard deviation
-        is that of position and curve together.
+        The curve is the cubic fitted to the tag's positions in a stretch of frames; the standard deviation is
+        that of position and curve together. The distance is not negative.
 
         Args:
-            frame: number of the position's frame on an even grid of frames.
-            position: (3,) the position, divided by the standard deviations by which all positions are scaled.
+            frame: number of the position's frame, missing frames counted.
+            position: (3,) the position, each component divided by its standard deviation.
         """
         at = ((frame - self._middle) / self._half) ** np.arange(4)
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)

@@ -41,9 +41,10 @@ _PARAMETERS = 4
 
 @dataclass(frozen=True)
 class PredictedValues:
-    """Balance angle phi and rate k of a strike, as predicted from other strikes, with covariances.
+    """Balance angle phi and rate k of a strike, as predicted from other strikes.
 
-    k is that of the tip's equation theta'' = -k sin(phi - theta), theta the tipping angle.
+    k is that of the tip's equation theta'' = -k sin(phi - theta), theta the tipping angle. With them come the
+    covariances of (phi, ln k) of the prediction and of the strike's own fit.
     """
 
     phi: float
@@ -58,9 +59,10 @@ class PredictedValues:
 
 @dataclass(frozen=True)
 class PredictedMotion:
-    """Measured minus predicted tipping angle theta(t) over the n free frames up to the prediction's end.
+    """Measured minus predicted tipping angle theta [rad] of one strike, in n frames.
 
-    Free frames are those in which only gravity and the table act. phi is the balance angle.
+    They are the free frames (in which only gravity and the table act) up to the prediction's end. phi is the
+    balance angle, k the rate constant [rad/s^2] of the motion.
     """
 
     strike_id: str
@@ -82,7 +84,10 @@ class PredictedMotion:
 
     @property
     def worst(self) -> int:
-        """Index, into `offset`, of the predicted frame with the largest offset over its sd."""
+        """Index of the predicted frame whose theta is off by most sd, among the n free frames.
+
+        theta is the tipping angle; off is measured minus predicted.
+        """
         return self.start + int(np.argmax(np.abs(self.offset[self.start :]) / self.sd[self.start :]))
 
     @property
@@ -166,7 +171,7 @@ def _estimator_rows(by: Array, noise: Array) -> Array:
 def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float:
     """Chi^2 of the shift of (phi, ln k) that best explains the offsets of the tipping angle theta.
 
-    phi is the balance angle, k the rate of the tip; chi^2 has 2 degrees of freedom.
+    phi is the balance angle [rad], k the rate constant of the tip; chi^2 has 2 degrees of freedom.
 
     Args:
         offset: (n,) measured minus predicted theta [rad].

@@ -63,7 +63,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class PlanarMotion:
-    """Motion of a strike in the plane across the pivot axis, and its deviations from a pure tip."""
+    """Measured motion of a strike in n frames: tip about the pivot axis, and deviations from a pure tip.
+
+    The deviations are slip and lift of the pivot, rotation about other axes, and the axis's heading.
+    """
 
     angle: TipAngle
     """tipping angle theta since rest, slip (sliding of the edge along the table) and rotation about other
@@ -283,7 +286,11 @@ def _collect(
 
 @dataclass(frozen=True)
 class _Solution:
-    """Displacement of the object since rest, fitted in n frames: p = 3 (planar) or 6 unknowns in each."""
+    """Motion of the object since rest, fitted in n frames, with covariance and misfit of each frame.
+
+    A frame has p = 3 unknowns (planar: tipping angle, shift of the pivot across its axis and up) or 6 (also
+    two rotations, and the shift along the axis), in rad and m.
+    """
 
     x: Array
     """(n, p) theta and the pivot's displacement x (across the axis) and z (up); for p = 6 also the rotations

@@ -80,9 +80,9 @@ class PaperStrike:
 
 @dataclass(frozen=True)
 class PaperPlan:
-    """All impact points on an object by the paper, smallest force first (VISAPP 2013, 3.1).
+    """All impact points on an object that the paper's method finds, smallest force first (VISAPP 2013, 3.1).
 
-    The force is the one needed to tip the object there, by eq. (2).
+    The force is the one that tips the object when it acts there, by eq. (2).
     """
 
     strikes: tuple[PaperStrike, ...]

@@ -113,12 +113,15 @@ class Problem:
         self._table_at = self._edge_at + 2 * len(self._edges)
 
     def solve(self, start: Mapping[int | str, Array]) -> Solution:
-        """Best fit of marker poses, placements and tables, from first marker poses near the truth.
+        """Fit marker poses on the object, its placement in each strike, and table poses, to all corners seen.
 
         Single misread frames are left out, and the fit is then repeated.
 
         Args:
-            start: first pose T_object_marker (4, 4) per marker.
+            start: first pose T_object_marker (4, 4) per marker, near the true one.
+
+        Returns:
+            Marker poses (in the object frame O) and table poses (in the world frame W) with covariances.
 
         Raises:
             EstimationError: the iteration diverges.
@@ -259,9 +262,10 @@ class Problem:
     def _off_surface(self, u: Unknowns) -> list[tuple[int, Array, Array]]:
         """Deviation from the surface of each marker held to it: list of (index, deviation, derivative).
 
-        The index counts the markers of the problem, `markers`. The deviation (3,) is that of the marker's
-        height from its card's thickness, and its two tilts against the surface, over their standard
-        deviations. The derivative (3, 6) is by the marker's turn [rad] and position [m] in the object frame.
+        The index is that of the marker in `markers`. The deviation (3,) has the marker's height over the
+        surface less its card's thickness, and its two tilts against the surface, each over its standard
+        deviation. The derivative (3, 6) of these three is by the marker's turn (3) [rad] and position (3) [m]
+        in the object frame.
         """
         found: list[tuple[int, Array, Array]] = []
         for j, name in enumerate(self.markers):
@@ -283,7 +287,11 @@ class Problem:
         return found
 
     def _cost(self, u: Unknowns) -> float:
-        """Cost of the unknowns `u`: sum of squared deviations (corners, priors, surface) over their sd."""
+        """Cost of the unknowns `u`, unitless: sum of squared deviations, each over its standard deviation.
+
+        The deviations are those of seen from modelled marker corners, of the unknowns from their priors, and
+        of markers from the object's surface.
+        """
         total = 0.0
         for s in range(len(self._views)):
             total += float(np.sum(self._residual(s, self._model(s, u)[0]) ** 2))
@@ -328,7 +336,10 @@ class Problem:
             kept.append((columns, of_frames, across, right))
 
         def back(step: Array) -> list[Array]:
-            """Steps (f - 1, 5) per strike of its frames' own unknowns, for a step (n,) of those shared."""
+            """Steps of the frames' own unknowns that go with a step (n,) of the shared unknowns.
+
+            They are a list of arrays (f - 1, 5), one per strike of f frames; the frame at rest has none.
+            """
             return [
                 (inverse @ (right - across @ step[columns])[..., None])[..., 0]
                 for columns, inverse, across, right in kept

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TablePrior:
-    """Prior standard deviations of the table's pose relative to the recorded pose of the camera."""
+    """Prior sd of the table's tilts [rad] and height [m] in W, the world frame.
+
+    W is known by the recorded pose of the camera in it, which may be wrong.
+    """
 
     tilt_sd: float
     """tilt about W's x and y [rad]"""
@@ -59,9 +62,9 @@ def table_rotation(table: Array) -> Array:
 def tilt_axes(table: Array) -> Array:
     """Axes (2, 3) in the world frame W about which the table turns as each of its two tilts changes.
 
-    A small change of a tilt turns the table by this change times the axis. The axes are those of the
-    derivative of the table's rotation by its tilts, as a series up to the square of the tilts, for tilts
-    below 20 deg.
+    A small change of a tilt turns the table by this change times the axis of that tilt; the axes are not
+    exactly W's x and y because the two tilts do not commute. They are a series up to the squares of the
+    tilts, which is accurate below 20 deg. Row 0 is for the tilt about x, row 1 for that about y; unitless.
 
     Args:
         table: (3,) tilts about W's x and y [rad], and the height [m], which is not used.

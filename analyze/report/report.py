@@ -181,9 +181,10 @@ def _heaviest_in_words(distribution: MassDistribution) -> str:
 
 
 def camera_stills(estimate: Estimate) -> list[Still]:
-    """Camera images with the markers outlined, one per pivot axis, nearest to the balance angle.
+    """Camera images with outlined markers for the report: one per pivot axis, with the axis and a caption.
 
-    The recordings are read again. An axis without a strike that was used and tracked gives no image.
+    The image is the one in which the tipping angle is nearest to the balance angle. The recordings are read
+    again. An axis without a strike that was used and tracked gives no image.
 
     Raises:
         RecordingError: a recording cannot be read.

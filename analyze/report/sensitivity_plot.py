@@ -38,9 +38,10 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class SourceRow:
-    """Contribution of one kind of error to the uncertainty of the centre of mass.
+    """Contribution of one kind of error to the uncertainty of the centre of mass, for a bar of the figure.
 
-    The uncertainty is that along the direction in which it is largest.
+    It is given as half width [m] of a 95 % interval and as share of the variance, both along the direction in
+    which the whole uncertainty is largest.
     """
 
     source: ErrorSource

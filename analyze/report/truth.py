@@ -34,11 +34,15 @@ class ShownTruth:
 
 
 def shown_truth(score: Mapping[str, Any], answer: Answer) -> ShownTruth:
-    """Ground truth of the quantities in a report of a virtual recording.
+    """True values of the quantities that the report of a virtual recording shows.
 
     Args:
         score: errors and true values by name, from `score_answer`.
         answer: the answer (estimate and result) whose errors they are.
+
+    Returns:
+        Centre of mass [m] in the object's frame, balance angles [rad] of strikes, moments of inertia [kg m^2]
+        of strikes and pivot axes, and masses [kg] of regions, empty if the truth has none.
     """
     estimate = answer.estimate
     axis_of = {strike.id: strike.axis_id for strike in answer.result.strikes}

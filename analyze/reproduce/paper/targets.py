@@ -174,7 +174,10 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
 
 
 def targets_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the targets and the values reached: median, mean, worst and verdict."""
+    """Table of the reproduction's targets: for each error its limit, and the values reached.
+
+    Of the values it shows number, median, mean, worst and a verdict (reached or missed).
+    """
     rows = tuple(
         (
             f"{each.quantity} [{each.unit}]",
@@ -274,10 +277,12 @@ def _scatter(records: Iterable[SessionRecord]) -> list[float]:
 
 
 def _errors_mm(rows: Iterable[Sensitivity], level: float) -> list[float]:
-    """Errors [mm] of our centre of mass at one level of an input's noise.
+    """List of the distances [mm] of our centre of mass from the true one, at one level of an input's noise.
+
+    Values that are None are left out.
 
     Args:
-        rows: errors [m] at several levels.
+        rows: distances [m] at several levels.
         level: level of the noise, in the unit of the rows' levels.
     """
     return [
