@@ -85,8 +85,8 @@ class Camera(ABC):
         """Read the camera's clock now. A second thread may call this while frames are read.
 
         Returns:
-            Device time with the host's monotonic times before and after [ns]; None if the camera cannot latch
-            its clock (store its present value), or this reading failed.
+            Time of the camera's clock, and the host's monotonic times before and after the reading, all [ns];
+            None if the camera cannot latch its clock (store its present value), or this reading failed.
 
         Raises:
             CameraLost: the camera does not answer; a class may return None instead.

@@ -27,7 +27,7 @@ Attachments = list[tuple[str, str, bytes]]
 
 
 def frame_format(rig: RigConfig) -> FrameFormat:
-    """Camera name, image size and frame rate of a rig."""
+    """Name, image size [px] and frame rate [Hz] of the camera that a rig file describes."""
     camera = rig.camera
     return FrameFormat(camera.name, camera.width, camera.height, camera.frame_rate_hz)
 

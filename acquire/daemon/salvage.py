@@ -67,7 +67,10 @@ class Salvage:
         self._thread.start()
 
     def result(self) -> Salvaged:
-        """Wait until the recovery has ended; return the recovered files and the numbers of frames."""
+        """Wait until the recovery has ended; return its outcome.
+
+        It has the paths of the recovered files, the numbers of frames saved and lost, and a report as text.
+        """
         self._thread.join()
         return self._found
 

@@ -65,9 +65,11 @@ def cut_lines(
 
 
 def filled_layer(outline: Outline, width: int, height: int) -> Layer | None:
-    """Layer of the areas within an outline, averaged over its sub-exposures (poses during one exposure).
+    """Image layer of the areas within an outline, averaged over its sub-exposures.
 
-    None if the outline has no lines or lies outside the image of width x height px.
+    Sub-exposures are poses during one exposure. A layer has, for each pixel of a box of the image, the
+    fraction that is covered, and this fraction times the grey level. None if the outline has no lines or lies
+    outside the image of width x height px.
     """
     if outline.start.shape[1] == 0:
         return None

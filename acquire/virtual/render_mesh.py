@@ -49,14 +49,16 @@ class FaceGroup:
 
 
 def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[FaceGroup, ...]:
-    """Groups of faces of a closed mesh, split along its concave edges.
+    """Connected parts of a closed mesh's surface, split along its concave edges.
+
+    Seen from outside, no face of a part hides another of the same part.
 
     Args:
         vertices: (n, 3) vertices [m, in O, the object's frame].
         faces: (m, 3) triangles as indices of vertices, normals outward.
 
     Returns:
-        The groups; every face is in one of them.
+        One group of faces per part, with its boundary lines for drawing; every face is in one group.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -95,7 +95,10 @@ class Calibration:
 
     @property
     def sd(self) -> Array:
-        """Standard deviations (p,) of the lens's numbers, in the order and units of `Lens.numbers`."""
+        """Standard deviations (p,) of the lens's p numbers: of fx, fy, cx, cy [px], then the distortion.
+
+        The distortion is k1, k2, p1, p2, k3 for a pinhole, k1 to k4 for a fisheye.
+        """
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -186,7 +189,10 @@ def assess(
 
 
 def _observed(shots: Sequence[Shot], points: Array) -> list[ObservedView]:
-    """Corners of the board in each shot: place on the board, place in the image [px], weight in the fit.
+    """Corners of the board that each shot shows: places on the board and in the image, and weights.
+
+    Each entry, one per shot, holds of its m corners the places in the board's frame (m, 3) [m] and in the
+    image (m, 2) [px], and the matrices (m, 2, 2) [1/px] that divide a residual by its standard deviation.
 
     Args:
         shots: images with their corners.

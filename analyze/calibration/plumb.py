@@ -230,7 +230,8 @@ def table_lean(
             all lines.
 
     Returns:
-        The lean [rad] with its covariance, and the lines' residuals.
+        The lean (2,) towards W's x and y [rad] with its covariance, and per line the angle [rad] between its
+        plane and the vertical that the lines show.
     """
     normals = np.array([plane_normal(line, camera) for line in lines])
     sd = np.array([_turn_sd(line) for line in lines])

@@ -262,8 +262,9 @@ def _normal_equations(
     """Normal equations of n corner fits, linearised at their parameters `x`.
 
     Args:
-        x: (n, 9) parameters of the fits (`_PARAMETERS`).
-        at: positions of the pixels.
+        x: (n, 9) parameters of the fits: shift from the first position (2) [px], directions of the two lines
+            [rad], grey level, its slope (2) [1/px], half the contrast, blur [px].
+        at: positions of m pixels per corner, relative to the corner's first position [px].
         grey: (n, m) grey values of the pixels.
         used: (n, m) True for pixels that enter the fit.
 

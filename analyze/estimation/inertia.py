@@ -84,9 +84,11 @@ def inertial_parameters_from_joint(
         scale: Mass and gravity that the problem was solved with.
 
     Returns:
-        Parameters of the body that tipped, in the object frame O. A tensor entry counts as measured if its sd
-        is below `MEASURED_FRACTION` of the prior's. For each pivot axis with a k that was used, sorted by id:
-        the moments about its edge and about its parallel through the centre of mass.
+        Parameters of the body that tipped, in the object frame O, with covariance in the order mass [kg],
+        centre of mass [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2] about the centre of mass. A tensor
+        entry counts as measured if its sd is below `MEASURED_FRACTION` of the prior's. For each pivot axis
+        with a k that was used, sorted by id: the moments about its edge and about its parallel through the
+        centre of mass.
     """
     model, x, P = solution.model, solution.x, solution.covariance
     J, by = unit_inertia(x[SECOND])

@@ -55,9 +55,9 @@ def whitening_matrix(covariance: Array) -> Array:
 
 @dataclass(frozen=True)
 class MeasuredMoments:
-    """Measured mass, centre of mass c and moments of inertia about axes through c, with covariance.
+    """Measured mass, centre of mass c and moments of inertia about `a` axes through c, with covariance.
 
-    There are a axes; c and the axes are in the object frame O, units are SI.
+    c and the axes are in the object frame O, units are SI.
     """
 
     mass: float
@@ -89,8 +89,9 @@ class MeasuredMoments:
     def by_cell(self, cells: Cells, about: Array) -> Array:
         """Mass, first moment and moments of inertia (n, 4 + a) of a kilogram in each of n cells.
 
-        Columns: 1; the first moment (3) [m] about the measured centre of mass; the moments of inertia [m^2]
-        about the measured directions, a in number, through `about` (3,) [m], in the object frame O.
+        Columns: 1; first moment (3) [m] about the measured centre of mass; moments of inertia [m^2] about a
+        lines. The lines have the a directions about which moments were measured, and pass through the point
+        `about` (3,) [m]. All are in the object frame O.
         """
         arm = cells.points - about
         off_axes = np.sum(arm**2, axis=1)[:, None] - (arm @ self.directions.T) ** 2

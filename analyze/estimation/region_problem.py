@@ -89,7 +89,7 @@ class DividingPlanes:
 
     @classmethod
     def concatenate(cls, sets: Sequence[DividingPlanes]) -> DividingPlanes:
-        """Join several sets of dividing planes to one: all planes of the first set, then of the second, ..."""
+        """Join several sets of dividing planes to one: the planes of the first set, then of the next, ..."""
         return cls(
             *(np.concatenate([getattr(each, name) for each in sets]) for name in cls.__dataclass_fields__)
         )

@@ -24,7 +24,7 @@ RESERVED_NAMES = {"world", "base", "root", "default", "main"}
 
 @dataclass(frozen=True)
 class Inertial:
-    """Ten inertial parameters of a rigid body: mass, centre of mass (3) and inertia tensor (6).
+    """Mass, centre of mass and inertia tensor about the centre of mass, of a rigid body.
 
     O is the frame of the object's shape file.
     """

@@ -36,7 +36,7 @@ def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
 
     Raises:
         ExportError: the library that reads the format is missing, cannot read the file, or does not find the
-            same ten parameters.
+            same mass, centre of mass and inertia.
         OutputError: a file cannot be written.
     """
     refuse_unwritable(output)

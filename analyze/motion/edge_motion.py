@@ -40,10 +40,11 @@ _MIN_RISE = 3e-4
 
 @dataclass(frozen=True)
 class EdgeMotion:
-    """Motion of a strike with slip and lift of the true pivot edge, and their ranges in a window [m].
+    """Motion of a strike with slip and lift of the true pivot edge, and their ranges [m].
 
     Slip is sliding along the table, lift the height off it. A range is the largest less the least of the
-    smoothed values, less what noise explains. `offset` leads from the assumed to the true edge.
+    smoothed values in a stretch of frames, less what noise explains. The true edge is displaced from the
+    assumed one by `offset`.
     """
 
     motion: PlanarMotion
@@ -68,7 +69,7 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
 
     Returns:
         The corrected motion, the ranges of its slip and lift in the window [m], and the offset (2,) of the
-        true edge from the assumed one at rest, along and off the table [m], with covariance.
+        true edge from the assumed one at rest, along and off the table [m], with covariance (2, 2) [m^2].
     """
     angle = motion.angle
     used = slice(*window)
@@ -143,9 +144,9 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
     """Offset (2,) [m] of the assumed edge from the true, sliding one, and its covariance (2, 2) [m^2].
 
-    The offset is along and off the table at rest. It follows from the lift alone, with a prior of 0 and a
-    standard deviation of 0.5 mm. An offset of 1.5 mm or more is taken for a real lift: then the prior itself
-    is returned.
+    Its components, at rest, are horizontal in the direction of the tip, then upwards. It follows from the
+    lift alone, with a prior of 0 and a standard deviation of 0.5 mm. An offset of 1.5 mm or more is taken for
+    a real lift: then the prior itself is returned.
 
     Args:
         theta: (n,) tipping angle [rad].

@@ -87,9 +87,11 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     def expect(sets: Array) -> Array:
         """Expected observations (n + 3, c) for c sets (c, 5) of parameters.
 
-        They are the tipping angles [rad] at n times, then three values, over their sd, that the prior of
-        centre of mass and inertia states. The parameters are 1 / J, a / J, b / J (inertia and place of the
-        centre of mass), theta0 and omega0 (first angle and speed).
+        They are the tipping angles [rad] at n times, then three combinations of 1 / J, a / J and b / J, over
+        their sd, whose values the prior of centre of mass and inertia states. The parameters are 1 / J,
+        a / J, b / J, theta0 [rad] and omega0 [rad/s] (first angle and speed), with J [m^2] the inertia per
+        mass about the pivot point, a [m] the height of the centre of mass above it at rest, and -b [m] its
+        offset from it in the direction of tipping.
         """
         return np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
 
@@ -130,15 +132,19 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
 
 
 def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
-    """Prior (place and sd) of the centre of mass before the fit of a body that rolls on its cross-section.
+    """Prior of the centre of mass c for the fit of a body that rolls on its cross-section.
 
-    Its place is near the middle of a known section. If the section is only a circle (`middle_sd` infinite),
-    it is where a solid body with the first guess of phi and k has its centre of mass, and the sd is wide: the
-    distance from there to the pivot. Places are relative to the pivot point at rest.
+    c is expected near the middle of a known section. If the section is only a circle (`middle_sd` infinite),
+    c is expected where a solid body with the first guess of phi and k has it, with a wide sd: the
+    distance from there to the pivot.
 
     Args:
         sample: measured tipping angle with a first guess of balance angle phi and rate constant k of the tip.
         section: support function of the cross-section.
+
+    Returns:
+        Place of c ahead of and above the pivot point at rest [m], its sd [m], and the expected inertia per
+        mass about that point [m^2].
     """
     if math.isfinite(section.middle_sd):
         ahead, above = section.middle

@@ -86,7 +86,7 @@ def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
     found[0] = theta
 
     def rate(state: Array) -> Array:
-        """Time derivative (2, c) of the state of c bodies: of tipping angle and momentum.
+        """Time derivatives (2, c) of tipping angle [rad/s] and momentum [rad/s^2] of c bodies.
 
         The momentum [rad/s] is the angular speed times the inertia about the contact, over the inertia about
         the pivot point at rest.

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solution:
-    """Best fit of all marker poses and table poses, with covariances.
+    """Best fit of the poses of all markers on the object and of the table, with covariances.
 
-    O is the object frame, M a marker's, W the world frame (z up). In covariances, the rotation of a marker is
-    a small turn in O, applied before its position.
+    O is the object frame, M a marker's, W the world frame (z up). The error of a marker's pose is a small
+    rotation about its centre, as a rotation vector in O, and a shift of the centre in O.
     """
 
     T_object_marker: Mapping[int | str, Array]

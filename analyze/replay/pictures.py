@@ -119,7 +119,10 @@ class _ImagesBeforeContact:
             timelines.stream.log(path, rr.Image.from_fields(draw_order=_DRAW_ORDER_BENEATH), static=True)
 
     def take(self, frame: ImageFrame) -> None:
-        """Send a frame without encoding if it precedes the contact and is due: an interval after the last."""
+        """Send a frame's image uncompressed to the viewer, if it was taken before the contact and is due.
+
+        It is due if a fixed interval has passed since the last frame sent. Other frames are ignored.
+        """
         if self._contact_ns is None or not self._next_ns <= frame.time_ns < self._contact_ns:
             return
         self._next_ns = frame.time_ns + self._step_ns

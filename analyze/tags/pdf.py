@@ -69,7 +69,10 @@ class _Sheet:
         self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
 
     def black(self, rectangles: Sequence[Rect]) -> None:
-        """Fill rectangles [mm] with black, joined to one outline so that no hairline shows between them."""
+        """Fill rectangles (x, y, width, height [mm]) of the page with black.
+
+        They are joined to one outline, so that no hairline shows between them.
+        """
         corners = [
             [(f.x, f.y), (f.x + f.width, f.y), (f.x + f.width, f.y + f.height), (f.x, f.y + f.height)]
             for f in rectangles
@@ -129,9 +132,9 @@ class _Sheet:
 
 
 def _draw_tag(sheet: _Sheet, placed: PlacedTag) -> None:
-    """Draw a tag with a text strip below it, and cutting lines around both.
+    """Draw a tag on a sheet, with a text strip below it and cutting lines around both.
 
-    The text is the tag's id, size and family, as far as there is room.
+    The text is the tag's id, size [mm] and family; family, then size, is left out for lack of room.
     """
     size, rim = placed.tag.size_mm, placed.quiet_zone
     left, right = placed.x - rim, placed.x + size + rim

@@ -88,7 +88,10 @@ _DENSITY = np.exp(-0.5 * _Z * _Z) / math.sqrt(2.0 * math.pi)
 
 @dataclass(frozen=True)
 class Square:
-    """Corners of a black square, fitted to its edges in an image, with covariance and the image's blur."""
+    """Corners of a black square, fitted to its edges in an image, with covariances and the image's blur.
+
+    Corners are in ideal (distortion-free) pixels.
+    """
 
     corners: Array
     """(4, 2) ideal px, in the order given"""
@@ -164,15 +167,16 @@ def fit_square(
 ) -> Square | None:
     """Square with corners refined to its edges in an image; None if no square is there.
 
-    The result is that of `find_square` without the pixels along the edges; its corners are in the order
-    given. None if an edge leaves the image, is too short or too long, or the fit of an edge fails or shows a
-    contrast, from dark inside to light outside, of less than 12 grey levels.
-
     Args:
         image: (height, width) grey values.
-        pixels: ideal coordinates of the pixel centres.
+        pixels: distortion-free (ideal) coordinates [px] of the centres of the image's pixels.
         corners_ideal: (4, 2) first corners, free of lens distortion [ideal px], within about 2 px.
         corners_raw: (4, 2) these corners in the image [raw px].
+
+    Returns:
+        Corners in the order given [ideal px], with their covariance and the blur. None if an edge leaves the
+        image, is too short or too long, or the fit of an edge fails or shows a contrast, from dark inside to
+        light outside, of less than 12 grey levels.
     """
     found = find_square(image, pixels, corners_ideal, corners_raw)
     return None if found is None else found.square

@@ -312,7 +312,7 @@ class MarkerFollower:
         return {time_ns: self._row_delay_s(float(np.mean(found))) for time_ns, found in rows.items()}
 
     def _row_delay_s(self, row: Any) -> Any:
-        """Delay [s] of the read-out of a row against the middle row, which defines a frame's time.
+        """Delay [s] of the read-out of an image row after the middle row's, which defines a frame's time.
 
         Args:
             row: row [px], or an array of rows; the result has its shape.
