@@ -147,7 +147,7 @@ class Recording:
 
     @property
     def object(self) -> ObjectSpec:
-        """Object file stored in the recording: name, mass, shape, markers; not the one that replaces it."""
+        """Object file stored in the recording (name, mass, shape, markers), even if another replaces it."""
         return self._head.manifest.object
 
     @property

@@ -61,9 +61,10 @@ class DividingPlanes:
 
     @property
     def shares(self) -> ShareDistribution:
-        """Truncated normal distributions, one per plane, of the mass shares of shell, upper and lower part.
+        """Truncated normal distributions of the mass shares of shell, upper and lower part of the interior.
 
-        No share is negative, and the three add up to 1.
+        There is one for each of the b planes that divide the interior. No share is negative, and the
+        three add up to 1.
         """
         return share_distribution(self.mean, self.precision)
 
@@ -258,8 +259,9 @@ class _CutPieces:
     def from_cells(cls, points: Array, contents: Array, pitch: float) -> _CutPieces:
         """Pieces of the interior at `points` (n, 3) with `contents` (n, 10), rounded to float32.
 
-        `points` [m] are relative to the body's middle. `contents` are the pieces' volume (1), and their first
-        (3) and second (6) moments at unit density. `pitch` is a piece's edge [m].
+        `points` [m] are relative to the body's middle. `contents` are the pieces' volume [m^3] (1), and at
+        unit density their first moments [m^4] (3) and second moments [m^5] (xx, yy, zz, xy, xz, yz), about
+        the measured centre of mass. `pitch` is a piece's edge [m].
         """
         return cls(
             np.vstack([points.T / pitch, np.ones(len(points))]).astype(np.float32),

@@ -171,7 +171,8 @@ def _shares(
 ) -> Iterator[tuple[ErrorSource, Array]]:
     """Yield pairs: a source of error, and its part (3, 3) [m^2] of the covariance of the centre of mass.
 
-    All sources are included but the mass.
+    First noise of the frames and scatter from strike to strike, then the errors that strikes share (table
+    tilt, scale, edges and others), last the prior of the shape; not the mass.
     """
     P, rows, precisions = solution.covariance, _rows(solution), solution.data.precisions
     scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))

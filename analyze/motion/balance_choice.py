@@ -73,7 +73,13 @@ def balance_instead_of_hinge(
     phi = None if hinge is not None else planned.phi_predicted_rad
 
     def balance(frames: tuple[int, int]) -> MotionFit:
-        """Fit that allows for the edge's measured motion (moment balance) over frames [start, stop).
+        """Fit by moment balance: balance angle phi [rad] and rate constant k [rad/s^2] with covariance.
+
+        The moment balance allows for the edge's measured sliding and lifting; k is that of the tip
+        theta'' = -k sin(phi - theta), with theta the tipping angle.
+
+        Args:
+            frames: first frame that is fitted, and the one after the last.
 
         Raises:
             EstimationError: the fit fails.

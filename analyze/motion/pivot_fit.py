@@ -46,7 +46,11 @@ _FALLBACK_K = 60.0
 
 @dataclass(frozen=True)
 class Sample:
-    """Part of the tipping angle theta(t) that is fitted, with a first guess of the parameters."""
+    """Part of the tipping angle theta(t) that is fitted, with a first guess of the motion's parameters.
+
+    They are those of theta'' = -k sin(phi - theta): balance angle phi, rate constant k, and the angle theta0
+    and its rate omega0 at the first time.
+    """
 
     time: Array
     """(n,) time since the first frame [s]"""
@@ -60,7 +64,11 @@ class Sample:
 
 @dataclass(frozen=True)
 class FittedModel:
-    """Best parameters of a model of the tipping angle theta(t), with residuals and covariance."""
+    """Best parameters of a model of the tipping angle theta(t), with residuals and covariance.
+
+    phi is the balance angle, k the rate constant of theta'' = -k sin(phi - theta), theta0 the angle and
+    omega0 its rate at the first time.
+    """
 
     parameters: Array
     """(p,) phi, k, theta0, omega0 [rad, rad/s^2, rad, rad/s], then any further parameters of the model"""

@@ -58,7 +58,9 @@ def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array
 
 
 def _differentiated(theta: Array, time: Array, points: int) -> tuple[Array, Array]:
-    """First (n,) and second derivative (n,) of `theta` (n,) over `time` (n,), each after a moving mean.
+    """First (n,) [rad/s] and second derivative (n,) [rad/s^2] of an angle by time, smoothed.
+
+    Before each of the two differentiations a moving mean is applied.
 
     Args:
         theta: (n,) angle [rad].

@@ -231,7 +231,9 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 
 
 def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
-    """Frames [start, stop) from release to 5 deg past balance; later ones do not affect phi.
+    """Frames [start, stop) from release to 5 deg past balance, in which the contact is judged.
+
+    The balance angle phi depends little on what the contact does later.
 
     Args:
         angle: tipping angle of the strike.
@@ -298,11 +300,11 @@ def _result(
 
     Args:
         task: the strike as planned and as carried out.
-        judgement: its verdict.
+        judgement: verdict on the motion, such as good or slid, with its reason.
         angle: tipping angle theta(t).
-        course: events of the strike.
+        course: frames of first motion, release, largest angle and end.
         fit: the chosen fit; None if there is none, then there is no energy ratio.
-        alternatives: fits by other estimators.
+        alternatives: fits by other estimators, for comparison.
     """
     return TipMotion(
         strike_id=task.strike_id,
@@ -318,9 +320,9 @@ def _result(
 
 
 def _energy_ratio(fit: MotionFit) -> float:
-    """Energy ratio of a fitted strike, for a hinge or a rolling contact.
+    """Energy ratio of a fitted strike: its energy over that needed to reach balance; 1 just reaches it.
 
-    It is the energy of the strike over the energy needed to reach the balance; 1 just reaches it.
+    It is that of the fit of a rolling contact if there is one, else that of a hinge (edge in place).
     """
     return (
         fit.rolling.energy_ratio

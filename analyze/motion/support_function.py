@@ -140,7 +140,8 @@ class SupportFunction:
     def curved_over(self, low: float, high: float, least: float) -> float:
         """Size [rad], in total, of the ranges of tipping angle in which a large curve touches the table.
 
-        A curve is a rounded part of the shape's cross-section; 0 if it is not known which parts are curved.
+        A curve is a curved part of the shape's cross-section, not a corner or an edge's rounding. It is large
+        if its radius exceeds `least`.
 
         Args:
             low: least tipping angle counted [rad].

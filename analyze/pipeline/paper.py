@@ -79,10 +79,12 @@ def _sign_change(motion: TipMotion) -> MotionFit | None:
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """Masses [kg] of shell and interior parts by the method of VISAPP 2013; None if no masses fit.
+    """Masses [kg] of shell, upper and lower part by the method of VISAPP 2013; None if no masses fit.
 
-    The moment about each edge is the mean over its strikes. A strike's balance angle is that by the paper's
-    estimator, or that of the fit chosen for the motion if the paper's estimator has none.
+    Given too are the plane that divides the interior, in the object frame O, and the moments of inertia about
+    the edges [kg m^2] as the method corrects them. The measured moment about each edge is the mean over its
+    strikes. A strike's balance angle is that by the paper's estimator, or that of the fit chosen for the
+    motion if the paper's estimator has none.
 
     Args:
         planes: planes of the strikes through pivot line and centre of mass, in the object frame O.

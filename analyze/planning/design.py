@@ -276,11 +276,11 @@ class _Search:
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
         """Set of axes improved by exchanging one axis at a time for another while this lowers the loss.
 
-        At most 50 exchanges are made. The loss is the weighted logarithm of the predicted errors of centre of
-        mass and inertia.
+        At most 50 exchanges are made. The loss is the weighted sum of the logarithms of the predicted errors
+        of centre of mass and inertia.
 
         Args:
-            members: Indices of the candidates in the set.
+            members: Indices of the set's axes among the candidates (axes that can be struck).
             each: Number of strikes on each axis.
 
         Returns:

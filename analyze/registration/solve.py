@@ -348,7 +348,9 @@ class Problem:
         return normal, gradient, back
 
     def _jacobian(self, s: int, u: Unknowns) -> tuple[IntArray, Array, Array, Array]:
-        """Derivatives of strike s's expected corners, over their sd, by the unknowns, and the residuals.
+        """Derivatives of strike s's expected marker corners by the unknowns, and residuals of the corners.
+
+        Both are divided by the corners' standard deviations. Corners are distortion-free pixels.
 
         Args:
             s: index of the strike.
@@ -357,8 +359,7 @@ class Problem:
         Returns:
             For f frames and k corner coordinates (8 per marker): (c,) indices of the shared unknowns (of
             markers, strike, edge, table); derivatives (f, k, c) by these; derivatives (f, k, 5) by a frame's
-            own unknowns; and residuals (f, k). Derivatives and residuals are those of the coordinates over
-            their sd.
+            own unknowns (tipping angle and heading [rad], position (3) [m]); and residuals (f, k).
         """
         view = self._views[s]
         e = self._edges.index(view.axis_id)

@@ -102,8 +102,8 @@ class LiveRecording:
         Images and frame metadata of the first camera are kept in this object, images for at most 120 s.
 
         Returns:
-            All other messages, except strikes' records; and the strikes' records that have arrived. Both are
-            empty if nothing was written.
+            Two lists, both empty if nothing was written: the new messages that are neither images or frame
+            metadata of the first camera nor strikes' records; and the new strikes' records.
 
         Raises:
             RecordingError: the file is damaged, not a recording, or of another major schema version.

@@ -111,10 +111,10 @@ def comparison_summary(document: Comparison) -> str:
 
 
 def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
-    """CSV tables of a comparison in SI units, named sessions, precision and results.
+    """Three CSV tables of a comparison of sessions, in SI units: "sessions", "precision", "results".
 
-    "precision" has a row per quantity with its standard deviations, "results" the values of each session
-    behind them.
+    "sessions" has a row per session; "precision" a row per quantity, with the standard deviations of its
+    repeated results; "results" a row per single result from which these were computed.
     """
     document = comparison_document(compared)
     return [

@@ -236,10 +236,12 @@ def _axis_moment(
 
 
 def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
-    """Answer of the paper's method from one round of strikes, with errors of its moments of inertia.
+    """Centre of mass, region masses and errors of moments by the paper's method, for the session's record.
 
-    A round is one strike on each axis. The region masses are in the order of the ground truth; moments of
-    axes whose strikes our estimate does not use are left out.
+    The answer comes from one round of strikes, one on each axis. The centre of mass [m] is in the object
+    frame O. The region masses [kg] are those of shell, upper and lower part, with the ground truth's upper
+    part called upper; None if the method found none. Moments of inertia of axes whose strikes our estimate
+    does not use are left out.
     """
     planes, regions = _first_planes(estimate), answer.regions
     corrected = {} if regions is None else regions.corrected_i_edge
@@ -291,7 +293,11 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
 
 
 def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
-    """Motion of the first strike that tipped over, up to `LANDING_FRAMES` of its landing, for Fig. 6.
+    """Motion of the first strike that tipped over, for Fig. 6 of the paper.
+
+    It holds, per frame, time [s], tipping angle [rad], its first and second derivative (smoothed) [rad/s,
+    rad/s^2]; the frame ranges of the phases; and the balance angle [rad] as fitted and as true. It ends
+    `LANDING_FRAMES` frames after the last phase before the landing.
 
     None if no strike tipped over, or if that strike has no tipping angle, phases or fit.
     """
