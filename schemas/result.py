@@ -57,7 +57,10 @@ class ResultWarning(Document):
 
 
 class AxisMoment(Document):
-    """Moments of inertia about one pivot axis and about its parallel through the centre of mass c."""
+    """Moments of inertia [kg m^2] about one pivot axis and about its parallel through c.
+
+    c is the centre of mass.
+    """
 
     axis_id: str
     """name of the pivot edge"""

@@ -49,8 +49,9 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
             minus 1.
 
     Returns:
-        Mean and covariance of the lines' rate and offset; None if no line satisfies all readings. The offset
-        [ns] is a line's host time at the newest reading, minus that reading's `host_before_ns`.
+        Mean and covariance of the lines' offset [ns] and rate (a pure number); None if no line satisfies all
+        readings. The offset is a line's host time at the newest reading, minus that reading's
+        `host_before_ns`.
     """
     newest = readings[-1]
     width = float(max(1, newest.host_after_ns - newest.host_before_ns))

@@ -47,9 +47,9 @@ ReadServo = Callable[["StrikerConfig"], ServoState]
 
 
 def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
-    """Model number, supply voltage, temperature and hardware error, read from the servo over its bus.
+    """Read model number, supply voltage [V], temperature [deg C] and hardware error over the servo's bus.
 
-    The serial port is opened and closed again.
+    The hardware error is a text; None if there is none. The serial port is opened and closed again.
 
     Args:
         config: the rig file's settings of the striker.
@@ -94,8 +94,9 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
         config: the rig file's settings of the striker.
 
     Returns:
-        The checks of SERVO_LINES; if the servo does not answer, the first fails and the others are not made.
-        If a person strikes by hand, a single check that passes.
+        Four checks: answer and model, supply voltage, temperature, hardware error. If the servo does not
+        answer, the first fails and the others are not made. If a person strikes by hand, a single check that
+        passes.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]
@@ -119,8 +120,9 @@ def check_held_servo(
         trouble: reason of the striker's fault, if it is in one.
 
     Returns:
-        The checks of SERVO_LINES, of which only the first is made without a reading. If a person strikes by
-        hand, a single check that passes.
+        Four checks: state of the striker (in place of the servo's answer), supply voltage, temperature,
+        hardware error; only the first is made without a reading. If a person strikes by hand, a single check
+        that passes.
     """
     if config.kind == "manual":
         return [passed_check("servo", "none: a person strikes by hand")]

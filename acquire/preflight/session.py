@@ -67,7 +67,7 @@ class RunningDaemon:
 class Probes:
     """Objects and functions through which the checks read computer, disk, servo, camera and daemon.
 
-    Tests have substitutes.
+    Tests put substitutes in their place.
     """
 
     computer: Computer

@@ -358,7 +358,7 @@ def _contact_force(restitution: float, exponent: float) -> tuple[NDArray[np.floa
 def _simulate_contact(
     damping: float, exponent: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Time over duration (n,), force (n,) and final velocity of a contact, for unit speed at its start.
+    """Share of the duration passed (n,), force (n,) and final velocity of a contact from unit speed.
 
     Semi-implicit Euler integration in dimensionless units, from depth x = 0 and speed v = 1. The velocity is
     positive into the object, so the final one is negative.

@@ -94,7 +94,7 @@ class Repeated:
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of all results of an archive."""
+    """Summary of all results of an archive of recordings: counts, failures, repeatability, objects."""
 
     recordings: int
     """number of distinct recordings with results, without those that failed"""

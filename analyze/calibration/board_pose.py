@@ -49,7 +49,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class ObservedView:
-    """Corners of the board in one view (image), with matrices that weight them by their accuracy."""
+    """Corners of the board in one view (image): on the board [m] and in the image [raw px], with weights."""
 
     points: Array
     """(n, 3) corners in the board's frame B [m]"""

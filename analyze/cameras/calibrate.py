@@ -330,7 +330,7 @@ def _place(options: CalibrateOptions, table: Path, found: Calibration) -> Camera
         found: calibration of the lens.
 
     Returns:
-        The pose with its standard deviations.
+        The pose T_world_camera (4, 4) [m], with the standard deviations of rotation [rad] and position [m].
 
     Raises:
         CalibrationError: the image cannot be read, has another size than the others, shows too little of the

@@ -81,9 +81,9 @@ Move = Turn | Tilt
 def placement_moves(R_before: Array, R_now: Array) -> list[Move]:
     """Turns and tilts of an object, in the order of execution, from one placement to the next.
 
-    A turn is about the vertical, a tilt about a horizontal axis of the world frame. There are as few turns as
-    possible; of equal numbers, those with the smallest sum of angles are taken. A turn or tilt by less than
-    `MIN_ROTATION` is left out.
+    A turn is about the vertical, a tilt about a horizontal axis of the world frame, each by an angle [rad].
+    There are as few turns as possible; of equal numbers, those with the smallest sum of angles are taken. A
+    turn or tilt by less than `MIN_ROTATION` is left out.
 
     Args:
         R_before: (3, 3) rotation from object to world frame on the previous card.

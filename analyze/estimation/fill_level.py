@@ -301,8 +301,9 @@ class _Grid:
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
         """Fill level, filled share, masses of shell and filling, its density, and shell thickness.
 
-        Each has mean, sd and 95 % interval, from `DRAWS` random draws. Draws of masses outside their bounds
-        are rejected; if fewer than `MIN_DRAWS` remain, masses are clipped to the bounds instead.
+        Each has mean, sd and 95 % interval in SI units (the thickness is None if it was given), from `DRAWS`
+        random draws. Draws of masses outside their bounds are rejected; if fewer than `MIN_DRAWS` remain,
+        masses are clipped to the bounds instead.
 
         Args:
             whole: lowest and highest possible level [m], to which drawn levels are clipped.

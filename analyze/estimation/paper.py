@@ -298,10 +298,10 @@ class _Sweep:
 def _sweep(cells: Cells) -> _Sweep:
     """Candidate planes that divide the interior, with centroids and second moments of the three regions.
 
-    There are `PLANE_STEPS` evenly spaced planes along each principal direction of the body. The regions are
-    the shell, and the interior above and below the plane; planes for which one of them has less volume than
-    one voxel are left out. Centroids [m] are in the object frame O, second moments per kilogram [m^2] about
-    O's origin.
+    There are `PLANE_STEPS` evenly spaced planes along each principal direction of the body, each with unit
+    normal and offset [m]. The regions are, in this order, the shell, and the interior above and below the
+    plane; planes for which one of them has less volume than one voxel are left out. Centroids (3,) [m] are in
+    the object frame O. Second moments (3, 3), the means of x x^T over a region [m^2], are about O's origin.
 
     Args:
         cells: Cells of the body.

@@ -109,8 +109,8 @@ def _information(row: Array) -> Array:
 def _sd(information: Array) -> Array:
     """Standard deviations (6,) of the inertia tensor's entries, divided by those of the prior.
 
-    `information` (6, 6) is the Fisher information about the entries; the prior is the assumption from the
-    shape alone.
+    The order is that of `TENSOR_ENTRIES`. `information` (6, 6) is the Fisher information about the entries,
+    in units of their prior sd; the prior is the assumption from the shape alone.
     """
     return np.sqrt(np.diag(np.linalg.inv(information)))
 

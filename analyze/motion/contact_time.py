@@ -27,7 +27,7 @@ ms"""
 
 @dataclass(frozen=True)
 class ContactTime:
-    """Time of an impact, estimated from the motion that follows it, with its standard deviation."""
+    """Log time of an impact, estimated from the motion that follows it, with its sd, both [ns]."""
 
     time_ns: int
     """log_time of the impact [ns]"""

@@ -67,7 +67,10 @@ class Outline:
 
     @cached_property
     def curvature(self) -> Array:
-        """Curvature (n,) of the outline at its corners [1/m]; exact for chords of a circle of any length."""
+        """Curvature (n,) [1/m] at the outline's corners: that of the curve which the polygon approximates.
+
+        It is exact for equal chords of a circle, of any length.
+        """
         turns = np.remainder(self.angle - np.roll(self.angle, 1), 2 * math.pi)
         return 2.0 * turns / (self.length + np.roll(self.length, 1))
 
@@ -79,6 +82,9 @@ def simplified_polygon(corners: Array) -> Outline:
 
     Args:
         corners: (n, 2) corners of a convex polygon, anticlockwise [m]; at least three remain.
+
+    Returns:
+        The remaining corners, with the lengths and angles of the facets between them.
     """
     while len(corners) > 3:
         sides = np.roll(corners, -1, axis=0) - corners
@@ -243,7 +249,8 @@ class Curve:
 def _curves(outline: Outline) -> list[Curve]:
     """Curves of an outline: runs of 3 or more neighbouring facets without a flat face or a corner.
 
-    A corner is a turn of at least 20 deg.
+    Facets are the sides of the polygon that the outline is. A corner is a turn of at least 20 deg. The list
+    has one curve per run, with the indices of its facets.
     """
     n = len(outline)
     joined = [outline.turn(i) < CORNER_TURN for i in range(n)]

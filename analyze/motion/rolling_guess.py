@@ -43,7 +43,10 @@ _DRIFT_RAD, _NOISE_FACTOR = 2e-3, 5.0
 
 @dataclass(frozen=True)
 class ComPrior:
-    """Prior of the centre of mass c across the pivot axis, relative to the pivot point at rest."""
+    """Prior of the centre of mass c across the pivot axis, relative to the pivot point at rest.
+
+    Assumed are c's offsets ahead and upwards [m] with their sd, and the inertia per mass [m^2].
+    """
 
     ahead: float
     """expected horizontal offset in the direction of tipping [m]"""
@@ -57,6 +60,7 @@ class ComPrior:
     def rows(self) -> Array:
         """Left side (3, 3) of the three linear equations that state this prior, each divided by its sd.
 
+        The first two rows are of the height and the offset of the centre of mass, the third of the inertia.
         The columns are coefficients of the unknowns 1 / J, a / J and b / J: a [m] is the height of the centre
         of mass c above the pivot point, -b [m] the offset of c from it in the direction of tipping, J [m^2]
         the inertia per mass about it. `values` is the right side.

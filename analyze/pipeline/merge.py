@@ -206,7 +206,8 @@ def levelling_indices(recordings: Sequence[RecordingHead]) -> list[int]:
 def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
     """Rig name, sd of the table's tilt [rad] and level reading: the identity of a set-up of the table.
 
-    The reading is None if the manifest (the recording's metadata) has none.
+    They are those in the manifest (the recording's metadata). Recordings with equal values share one tilt.
+    The reading is the tilt [rad] as read from a level or a plumb line; None if there is none.
     """
     return str(manifest.rig.get("name", "")), manifest.gravity_tilt_sd_rad, manifest.level
 

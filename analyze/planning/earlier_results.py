@@ -42,7 +42,10 @@ class StrikeMade:
 
 @dataclass(frozen=True)
 class EarlierResult:
-    """Result of an earlier estimate of the object, in the object frame; c is the centre of mass."""
+    """Result of an earlier estimate of the object, from which a plan starts, in the object frame.
+
+    c is the centre of mass.
+    """
 
     name: str
     """Name of the result's file, for messages."""

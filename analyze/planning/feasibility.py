@@ -259,7 +259,7 @@ class _Bodies:
         self.most_slip = np.inf
 
     def still_moving(self) -> _Bodies:
-        """Copy of parameters and state with only the cases (strikes) whose simulation goes on."""
+        """Copy, with parameters and state, of only those simulated strikes that still go on."""
         rest = _Bodies.__new__(_Bodies)
         for name, value in vars(self).items():
             setattr(rest, name, value[..., self.goes_on] if isinstance(value, np.ndarray) else value)
@@ -306,7 +306,7 @@ class _Bodies:
         self._advance(dt, turning, u, load / (m * g))
 
     def _advance(self, dt: Array, turning: Array, u: Array, load: Array) -> None:
-        """Update motion, largest slip and smallest load of n simulated strikes by a time step, in place.
+        """Advance n simulated strikes by a time step, in place: motion, largest slip and smallest load.
 
         The motion is tipping, sliding and yaw (turn about the vertical); strikes that ended do not change.
         Only after the striker's push does the load count, and are strikes that reach balance, rock back, lift

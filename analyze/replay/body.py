@@ -132,9 +132,14 @@ def log_inside(
 def _centre(
     stream: rr.RecordingStream, root: str, model: ObjectModel, answer: DrawnAnswer, *, named: bool
 ) -> None:
-    """Log the 95 % ellipsoid of the centre of mass, enlarged where it would be too small to be seen.
+    """Draw the 95 % ellipsoid of the centre of mass, enlarged where it would be too small to be seen.
 
-    If `named`, a cross and a label "centre of mass" are logged too.
+    Args:
+        stream: stream that the viewer or a file receives.
+        root: path of the object's frame in the stream.
+        model: shape of the object, of which the extent is used.
+        answer: estimate, of which the centre of mass is used.
+        named: True to draw a cross and the label "centre of mass" too.
     """
     reach = float(model.extent.max())
     half, axes = views.ellipsoid(answer.com.covariance, _MIN_HALF_AXIS * reach)
@@ -156,10 +161,15 @@ def _centre(
 
 
 def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> None:
-    """Log the cells of the voxel map (estimated density), coloured from dark (low) to bright (high).
+    """Draw the cells of the voxel map (estimated density), coloured from dark (low) to bright (high).
 
-    Of 8000 cells or more, every second, third ... is logged, 4000 to 6000 in all; nothing is logged if the
+    Of 8000 cells or more, every second, third ... is drawn, 4000 to 6000 in all; nothing is drawn if the
     answer has no map.
+
+    Args:
+        stream: stream that the viewer or a file receives.
+        path: path of the cells in the stream.
+        answer: estimate with its map.
     """
     voxels = answer.voxels
     if voxels is None:

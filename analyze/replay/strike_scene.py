@@ -102,7 +102,14 @@ def send_strike_inside(
 
 
 def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[MarkerTrack]) -> None:
-    """Send the outlines of the detected tags in each frame, with the first corner of each marked."""
+    """Send the outlines of the detected tags in each frame to the replay, first corners marked.
+
+    Args:
+        timelines: timelines of the stream, and the stream.
+        root: path of the camera's image in the stream, below which the outlines are put.
+        contact_ns: log time of the contact [ns], at which the time shown is 0.
+        tracks: tracks of the tags; nothing is sent if they are empty.
+    """
     rows = sorted(
         (int(time_ns), number, i)
         for number, track in enumerate(tracks)

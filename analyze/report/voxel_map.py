@@ -64,9 +64,10 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
 
 
 def voxel_map_text(voxels: VoxelMap) -> str:
-    """Sentences on a voxel map (density per cell): its prior, the share measured, and a misfit.
+    """Sentences on a voxel map (density per cell): what is assumed, what measured, and a misfit.
 
-    The prior is the uniform density assumed before any measurement. The misfit to the measured moments is
+    Assumed is a uniform density. Measured is stated as the number of directions, and as the least and the
+    largest share by which the moments reduce the variance of an octant's mass. The misfit to the moments is
     named if it exceeds `_MAX_MISFIT` sd.
     """
     low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())

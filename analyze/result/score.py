@@ -207,7 +207,8 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
     def aligned(masses: Array, normal_found: Array) -> Array:
         """Masses (3,) of shell, upper and lower part, the last two swapped if the dividing plane is reversed.
 
-        It is reversed if its normal `normal_found` is opposite to that of the true plane.
+        `masses` (3,), in any unit, are those before. The plane is reversed if its normal `normal_found` (3,)
+        points away from that of the true plane.
         """
         return masses if normal_found @ normal >= 0 else masses[[0, 2, 1]]
 

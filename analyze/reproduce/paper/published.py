@@ -53,7 +53,7 @@ class PublishedMasses:
 
 
 def published_centres() -> list[PublishedCentre]:
-    """The nine results of the paper's Table 1 (centre of mass), in its order."""
+    """Errors of the nine results in the paper's Table 1 (centre of mass), in its order."""
     found: list[PublishedCentre] = []
     for name, error, _ in _errors("table1_centre_of_mass.csv", ("x_mm", "y_mm", "z_mm")):
         distance = float(np.linalg.norm(error))
@@ -62,7 +62,7 @@ def published_centres() -> list[PublishedCentre]:
 
 
 def published_masses() -> list[PublishedMasses]:
-    """The nine results of the paper's Table 2 (region masses), in its order."""
+    """Errors of the nine results in the paper's Table 2 (region masses), relative, in its order."""
     found: list[PublishedMasses] = []
     for name, error, row in _errors("table2_mass_distribution.csv", ("surface_g", "top_g", "bottom_g")):
         off, total = np.abs(error), float(row["total_mass_g"])

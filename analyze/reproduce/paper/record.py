@@ -87,7 +87,7 @@ class MethodAnswer(Document):
 
 
 class Angle(Document):
-    """Balance angle phi of one strike: ground truth and estimates."""
+    """Balance angle phi [rad] of one strike: ground truth, our estimate, and that by the paper's method."""
 
     axis_id: str
     """Id of the strike's pivot axis."""
