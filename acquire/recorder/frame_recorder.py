@@ -73,10 +73,10 @@ class _Window:
     """number of images lost, or dropped by a slow disk"""
 
     def add(self, delayed: DelayedFrame) -> None:
-        """Count a frame in the window: as an image recorded, or as one lost if the frame has no image.
+        """Count a frame in this window (time span of a strike): as an image recorded, or as one lost.
 
-        Frames lost on the way from the camera just before this frame are counted as lost as well, unless the
-        window has no image yet.
+        It is lost if it has no image. Frames lost on the way from the camera just before it are counted as
+        lost too, unless the window has no image yet.
         """
         frame = delayed.frame
         self.lost += frame.lost_before if self.frames else 0

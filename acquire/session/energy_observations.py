@@ -142,7 +142,7 @@ def _energy_observation(axis: int, log_speed: float, verdict: StrikeVerdict, sd:
 
 
 def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[Observation]:
-    """Bounds on ln E from a strike that tipped the object, but whose energy ratio E was not measured.
+    """Bounds on ln E from whether a strike tipped the object over, if its energy ratio E was not measured.
 
     E is the kinetic energy after the strike over the energy needed to reach balance.
 

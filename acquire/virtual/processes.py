@@ -36,9 +36,9 @@ class _Interruption:
 
     @contextlib.contextmanager
     def postponed(self) -> Iterator[None]:
-        """Postpone KeyboardInterrupt of this handler's signals during the block.
+        """Context manager: a signal during the block raises no KeyboardInterrupt, but is remembered.
 
-        The caller calls `check` afterwards, which raises it.
+        The caller calls `check` after the block, which raises it then.
         """
         self._postponing = True
         try:

@@ -48,15 +48,20 @@ class Lines:
 
 @cache
 def tag_lines(family: TagFamily, marker_id: int) -> Lines:
-    """Boundary lines of a tag on its white card, in pieces short enough for lens distortion to bend them.
+    """Boundary lines between black and white of a tag on its white card, and the card's rim.
 
-    Coordinates are in cells (squares of the tag) from the card's centre. The lines are the longest straight
-    runs of equal step in grey level, cut into pieces of about two cells. Orientation as in OpenCV's detector:
-    the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
+    The lines are the longest straight runs with an equal step in grey level across them. They are cut into
+    pieces of about two cells (squares of the tag), so that lens distortion can bend a line at its joints.
+    Orientation as in OpenCV's detector: the first row of `generateImageMarker` is the top (+y), its first
+    corner the top left (-x, +y).
 
     Args:
         family: family of tags (dictionary of codes).
         marker_id: id of the tag in its family.
+
+    Returns:
+        The pieces: start and end points, in cells from the card's centre, and the step in grey level across
+        each.
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
     tag_cells = dictionary.markerSize + 2

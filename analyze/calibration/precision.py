@@ -44,7 +44,7 @@ class PixelMap:
 
     @property
     def worst_at(self) -> tuple[float, float]:
-        """Column and row [px] of the grid's point with the largest standard deviation."""
+        """Column and row [px] of the place in the image where the lens is least certain (largest sd)."""
         row, column = np.unravel_index(int(np.nanargmax(self.value)), self.value.shape)
         return float(self.column[column]), float(self.row[row])
 

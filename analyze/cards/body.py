@@ -132,9 +132,9 @@ def _faces(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
 def _edges(view: View, body: PlacedObject) -> list[tuple[float, str, str]]:
     """Outline and visible sharp edges of the object: tuples of nearness [m], "" and SVG element.
 
-    The "" stands where `_faces` has a colour; the element contains its own. Edges of a shape that is not
-    convex are cut into pieces, one tuple each. Nearness is measured from the point at which the eye looks,
-    along the direction to the eye; added is a length that draws an edge after its face.
+    Nearness is how far the edge's middle lies towards the eye from the point looked at, plus a small length
+    by which an edge is drawn after its face. The "" stands in place of a fill colour, as a line has none.
+    Edges of a shape that is not convex are cut into pieces, one tuple each.
     """
     shape = body.shape
     ends, sides = body.world(shape.edges), shape.edge_normals @ body.R.T

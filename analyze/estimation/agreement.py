@@ -158,7 +158,8 @@ def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> Estimator
     """Disagreement between the fit used and the fit `other` of one strike's motion; None if they agree.
 
     They are compared in the balance angle phi and, if both have one, in the rate constant k; they disagree if
-    either differs by more than `MAX_SIGMAS` sd. The one that differs by more sd is reported.
+    either differs by more than `MAX_SIGMAS` sd. Reported are the estimators, the difference of phi [rad], and
+    that of phi or k in sd, whichever is larger; if it is that of k, also its relative difference.
     """
     off = other.phi - fit.phi
     sigmas = abs(off) / float(np.sqrt(fit.covariance[0, 0] + other.covariance[0, 0]))

@@ -105,10 +105,10 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
 
 def _precision_of_phi(solution: JointSolution) -> Array:
-    """Precision 1 / variance (strikes,) [1/rad^2] of each strike's balance angle phi alone.
+    """Precision (1 over variance) [1/rad^2] of each strike's balance angle phi alone, (strikes,).
 
-    Where phi and the rate constant k were measured together, it is the marginal precision: k is integrated
-    out.
+    Where the rate constant k of the motion was measured together with phi, the precision is the marginal
+    one: k is integrated out.
     """
     inverse = solution.data.precisions
     used = solution.data.uses_k > 0

@@ -343,8 +343,8 @@ def estimated_rate(
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
     """Posterior over prior sd of ln g, g the gravity: 0 if the strikes determine g, 1 if they do not.
 
-    The solution's own unknowns of the inertia are logarithms of lengths, by which an inertia near zero would
-    look well known. They are therefore replaced by the entries of the inertia tensor.
+    The inertia's unknowns in the solution are logarithms of lengths, by which an inertia near zero would look
+    well known. The ratio is therefore computed with the entries of the inertia tensor in their place.
 
     Args:
         found: Joint solution with gravity as a free parameter.

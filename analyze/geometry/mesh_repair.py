@@ -99,16 +99,17 @@ def _without_repeats(faces: IntArray) -> IntArray:
 
 
 def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Mesh with vertices merged that lie within `CRACK` of the extent, to close cracks between faces.
+    """Mesh with vertices merged that lie very close together, to close cracks between faces.
 
-    The mesh is returned as given if merging leaves no fewer open edges.
+    Close is within the share `CRACK` of the mesh's largest extent. The mesh is returned as given if merging
+    leaves no fewer open edges (edges of one face only).
 
     Args:
         vertices: (n, 3) vertices [m].
-        faces: (f, 3) faces.
+        faces: (f, 3) vertex indices of the faces.
 
     Returns:
-        Vertices (k, 3) [m] and faces (g, 3).
+        Vertices (k, 3) [m], and the vertex indices (g, 3) of the faces.
     """
     step = float(np.ptp(vertices, axis=0).max()) * CRACK
     _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)

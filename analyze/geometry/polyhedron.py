@@ -132,7 +132,7 @@ def body_volumes(vertices: Array, faces: IntArray, body: IntArray) -> Array:
 
     Args:
         vertices: (n, 3) vertices [m].
-        faces: (f, 3) faces.
+        faces: (f, 3) vertex indices of the faces.
         body: (f,) number of the body of each face, from 0.
     """
     a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[faces], 1, 0)

@@ -101,6 +101,8 @@ def camera_pose_from_strike(
 def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
     """Mean camera pose over the strikes, with the root mean square deviation of the strikes' poses.
 
+    The pose is in the world frame; the deviations of orientation [rad] and of position [m] are given.
+
     Args:
         views: camera pose estimated from each strike.
 

@@ -257,7 +257,8 @@ def _estimate_camera_pose(
         progress: called with a text, the number of finished strikes and of all.
 
     Returns:
-        Mean pose over the strikes, with their deviation from it.
+        Mean pose over the strikes, with the rms deviation from it of their orientations [rad] and positions
+        [m].
 
     Raises:
         ImportRefused: no strike gives a pose, or the poses differ too much.

@@ -87,12 +87,13 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
 def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
     """Stretches of evenly spaced positions that lie on a parabola, the one with the greatest fall first.
 
-    A fall is 1/2 a T^2 [m], with a the acceleration and T the stretch's duration. Returned are at most
-    `MAX_FALLS` (8) stretches that do not overlap, with indices into the positions.
-
     Args:
-        scaled: (n, 3) positions over their standard deviations.
+        scaled: (n, 3) positions of a tag at equal time steps, each coordinate over its standard deviation.
         sd: (3,) those standard deviations [m].
+
+    Returns:
+        At most `MAX_FALLS` (8) stretches that do not overlap: index of the first position and after the last,
+        and the fall 1/2 a T^2 [m], with a the acceleration and T the stretch's duration.
     """
     candidates: list[FallWindow] = []
     length = float(MIN_FRAMES)

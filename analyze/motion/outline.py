@@ -69,7 +69,7 @@ class Outline:
     def curvature(self) -> Array:
         """Curvature (n,) [1/m] at the outline's corners: that of the curve which the polygon approximates.
 
-        It is exact for equal chords of a circle, of any length.
+        For chords of a circle, of equal length or not, it is that of the circle to second order in the turns.
         """
         turns = np.remainder(self.angle - np.roll(self.angle, 1), 2 * math.pi)
         return 2.0 * turns / (self.length + np.roll(self.length, 1))

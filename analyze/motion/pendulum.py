@@ -69,8 +69,9 @@ def trajectory(
     def pull(psi: float) -> tuple[float, float, float]:
         """Acceleration psi'' [rad/s^2] at angle psi [rad] from balance; its derivatives by psi and energy.
 
-        The energy [rad^2/s^2], i psi'^2 + 2 k cos psi, stays constant during the motion. k is the rate
-        constant of the tip, i the inertia about the contact over that at balance (1 for a sharp edge).
+        psi is tipping angle less balance angle. The energy [rad^2/s^2], i psi'^2 + 2 k cos psi, stays
+        constant during the motion. k is the rate constant of the tip [rad/s^2], i the inertia about the
+        contact over that at balance (1 for a sharp edge).
         """
         s, c = sin(psi), cos(psi)
         by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))

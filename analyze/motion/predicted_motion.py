@@ -101,11 +101,14 @@ def predicted_motion(
 ) -> PredictedMotion:
     """Difference between measured tipping angle theta(t) and a pendulum with predicted phi and k.
 
+    The pendulum is theta'' = -k sin(phi - theta); its start is fitted to the first frames. The prediction
+    ends with the fit's window, or where its standard deviation exceeds `MAX_PREDICTION_SD`.
+
     Args:
         strike_id: id of the strike.
         angle: measured theta(t).
         fit: the strike's own fit; its window holds the free frames.
-        predicted: balance angle phi and rate k from other strikes.
+        predicted: balance angle phi [rad] and rate k [rad/s^2] from other strikes, with covariance.
 
     Returns:
         Offset [rad] (measured minus predicted) of every free frame up to the end of the prediction, with its

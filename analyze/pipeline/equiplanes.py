@@ -77,11 +77,11 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
 
 
 def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
-    """Lean of the vertical [rad] towards the world's x and y by the reading of a level, with sd.
+    """Lean of the vertical towards the world's x and y, and its two sd [rad], from a level's reading.
 
-    A level is the instrument; its reading is positive if that side of the table is the higher one. None if
-    the manifest (the recording's metadata) has no reading. If the reading has no sd towards y, the sd is the
-    one that the manifest states for a table without a level.
+    The level (instrument) reads positive if that side of the table is the higher one. None if the manifest
+    (the recording's metadata) has no reading. If the reading has no sd towards y, the sd is the one that the
+    manifest states for a table without a level.
     """
     read = manifest.level
     if read is None:

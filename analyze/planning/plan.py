@@ -320,10 +320,10 @@ def _turned_strikes(
 
 
 def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, str, int, str]:
-    """Sort key of an axis, by which strikes are ordered: those on the surest faces come first.
+    """Sort key of a pivot axis, to order strikes: those with the object on the surest faces come first.
 
-    On the surest faces the object stands for every expected centre of mass; the strikes there show whether it
-    stands on the others.
+    On the surest faces the object stands wherever its centre of mass is expected; the strikes there show
+    whether it stands on the other faces.
 
     Returns:
         Minus the face's firmness (largest factor, at most 1, by which the region of the centre of mass can be

@@ -104,7 +104,8 @@ def read_tosses(path: Path) -> list[BodyMotion]:
     """Read the motions of the tosses from a packed file (.npz), with poses at `FRAME_RATE_HZ`.
 
     Returns:
-        Motion of each toss: poses of the cube by time [s], in the file's unit of length (its "metre").
+        Motion of each toss: poses of the cube in the world frame by time [s]. Lengths are in the file's own
+        unit, which it calls metre.
 
     Raises:
         RecordingError: the file does not exist, or does not contain packed tosses with valid poses.

@@ -178,7 +178,9 @@ def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _swept_figure(*panels: tuple[Sequence[Sensitivity], float, str, str]) -> Figure:
-    """Figure with two panels: errors of centre of mass c [mm], and of region masses [%], over noise.
+    """Figure with two panels over the level of added noise: errors of c [mm] and of region masses [%].
+
+    c is the centre of mass.
 
     Args:
         panels: for c, then for the region masses: the errors at each level of the noise, the factor on the

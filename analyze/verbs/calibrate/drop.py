@@ -255,9 +255,9 @@ def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
 def _consistent(falls: list[Fall]) -> list[Fall]:
     """Falls whose ratio of true to stated time agrees with that of the longest fall, in the given order.
 
-    Each fall's ratio compares its duration by gravity with that by the time stamps. Two agree if they differ
-    by at most four standard deviations of the difference, which leaves out a hand's swing that resembles a
-    fall. The longest fall itself is always among the result.
+    A fall's ratio is its duration by gravity over that by the time stamps. Ratios agree if they differ by at
+    most four standard deviations of the difference; a hand's swing that resembles a fall does not. The
+    longest fall itself is always returned.
     """
     best = max(falls, key=lambda fall: fall.dropped)
     return [
