@@ -144,7 +144,8 @@ def read_board(image: NDArray[np.uint8], board: Board) -> BoardSighting:
         board: the board.
 
     Returns:
-        The tags found, and predicted positions of corners [px]; both are empty if no tag is seen.
+        The tags found, with their ids and corners [raw px], and the predicted position [raw px] of each board
+        corner beside them, by corner index; both are empty if no tag is seen.
     """
     return predict_corners(read_tags(image, board.family), board)
 
@@ -156,11 +157,12 @@ def predict_corners(tags: Mapping[int, Array], board: Board) -> BoardSighting:
     `_MAX_DISAGREEMENT` squares plus 2 px.
 
     Args:
-        tags: corners (4, 2) of each tag [px], by tag id.
+        tags: corners (4, 2) of each tag [raw px], by tag id.
         board: the board.
 
     Returns:
-        The tags with the predicted positions of the corners beside them [px].
+        The tags; and by corner index the predicted position (2,) [raw px], with the shift in the image (2, 2)
+        [px] for one square along the board's x and y.
     """
     known = {tag: quad for tag, quad in tags.items() if tag < tag_count(board)}
     beyond = tuple(sorted(set(tags) - set(known)))

@@ -88,9 +88,10 @@ def plain_lens(model: LensModel, width: int, height: int, focal_px: float) -> Le
 def prior_sd(lens: Lens) -> Array:
     """Standard deviation (p,) that each of the lens's numbers has before views are used (prior).
 
-    Order and units are those of the numbers; the expected values are those of `plain_lens`, a lens without
-    distortion. The prior is so wide that views that determine a number override it. It keeps undetermined
-    numbers finite, so that their uncertainty can be reported.
+    Order and units are those of the numbers: focal lengths fx, fy and principal point cx, cy [px], then the
+    distortion coefficients. The expected values are those of `plain_lens`, a lens without distortion. The
+    prior is so wide that views that determine a number override it. It keeps undetermined numbers finite,
+    so that their uncertainty can be reported.
     """
     focal = float(lens.numbers[:2].mean())
     radius = 0.5 * math.hypot(lens.width, lens.height) / focal

@@ -240,13 +240,14 @@ def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bo
 
 
 def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -> None:
-    """Set grey level, its slope and half the contrast in the fits' parameters `x`, in place.
+    """Set grey level, its slope and half the contrast in the parameters `x` of n corner fits, in place.
 
-    They are fitted by linear least squares.
+    They are fitted by linear least squares, and stand in columns 4 to 7: level, slope along the image's x and
+    y [per px], half the contrast.
 
     Args:
-        x: (n, 9) parameters of the fits, whose positions, directions and blurs are used.
-        at: positions of the pixels.
+        x: (n, 9) parameters of the fits (`_PARAMETERS`), whose positions, directions and blurs are used.
+        at: undistorted positions (n, m) of the pixels, relative to their corner's first position [px].
         grey: (n, m) grey values of the pixels.
         used: (n, m) True for pixels that enter the fit.
     """

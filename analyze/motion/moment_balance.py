@@ -169,10 +169,10 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
             """Time integral, weighted by `window`, of a moment about the contact, per kilogram [m^2/s].
 
-            It is a part of the moment, along e, of a mass at `arm`: e . (a x (q'' - g) + radius z x a''). Here
-            a is `arm` in the world frame, q the point `radius` above the contact (on the centre line of the
-            edge's rounding), z the unit vector upwards, g the gravity vector. Partial integration replaces the
-            accelerations by velocities.
+            It is a part of the moment, along e, of a mass at `arm`: e . (a x (q'' - g) + radius z x a'').
+            Here a is `arm` in the world frame, q the point `radius` above the contact (on the centre line of
+            the edge's rounding), z the unit vector upwards, g the gravity vector. Partial integration
+            replaces the accelerations by velocities.
 
             Args:
                 arm: (3,) vector from q to the mass, in the object frame O [m].
@@ -253,10 +253,11 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         prior_row[9] = spread / radius[1]
 
         def residual(x: Array) -> Array:
-            """Residuals of the moment balance (n), then of the prior of the edges' radius (1), at x (10,).
+            """Residuals (n + 1,) at x (10,): n of the moment balance, then one of the prior of the radius.
 
+            The residuals of the balance are in m^2/s^1.5; the last one is scaled to the same spread.
             x holds, in the object frame O, the centre of mass [m] (3) and the inertia per mass about O's
-            origin [m^2] (6), then the radius of the edges' rounding [m].
+            origin as xx yy zz xy xz yz [m^2] (6), then the radius of the edges' rounding [m].
             """
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 

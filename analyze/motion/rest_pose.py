@@ -76,12 +76,12 @@ def rest_pose(
     def linearise(pose: tuple[Array, Array]) -> Linearised:
         # The rotation is R exp(w): derivatives about the marker's own axes, so that the prior separates tilt
         # from direction.
-        """Residuals (11,), observed less expected, and derivatives (11, 6) of the expected values.
+        """Residuals (11,) of a marker's pose, observed less expected; derivatives (11, 6) of the expected.
 
-        Both are divided by the standard deviations. The pose is that of the marker in the camera frame. The
-        derivatives are by a turn about the marker's own axes [rad] and by its position in the camera frame
-        [m]. The residuals are those of eight corner coordinates, and of three angles from the planned
-        orientation (the prior).
+        Rows: x and y of four corners [ideal px, without lens distortion], then three angles [rad] from the
+        planned orientation (the prior), all over their standard deviations. Columns: a turn about the
+        marker's own axes [rad], and its position in the camera frame [m]. `pose` is the rotation (3, 3) and
+        position (3,) of the marker in the camera frame.
         """
         R, p = pose
         in_camera = points @ R.T + p

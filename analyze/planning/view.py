@@ -155,9 +155,10 @@ def visible_markers(
 def _marker_path(
     axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel
 ) -> Array:
-    """Corners (steps, 4, 2) [px] of a marker's black square in the image through the tip.
+    """Corners (steps, 4, 2) [raw px] of a marker's black square in the image, at angles of the tip.
 
-    All corners of a step are inf if one lies behind the camera, or in its plane.
+    The angles go in even steps from rest to `PAST_BALANCE` past balance. All corners of a
+    step are inf if one lies behind the camera, or in its plane.
 
     Args:
         axis: Pivot axis, on whose rounding the object rolls.
@@ -227,8 +228,8 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
 def _too_small(path: Array, marker_id: int | str) -> Fault | None:
     """Fault if a marker's black square is smaller in the image than `MIN_TAG_EDGE_PX`; else None.
 
-    The size is the mean edge at rest. `path` (steps, 4, 2) [px] holds the square's corners in the image
-    through the tip.
+    The size is the mean edge at rest, which is step 0 of `path` (steps, 4, 2): the square's four corners in
+    the image [raw px] at each step of the tip.
     """
     pixels = _edge(path[0])
     if pixels >= MIN_TAG_EDGE_PX:

@@ -205,10 +205,10 @@ class Sender:
     # --- the answer
 
     def send_answer(self, head: RecordingHead) -> None:
-        """Send the estimate from all strikes, or the reason why there is none, and put its page in front.
+        """Send the viewer the estimate from all strikes, or the reason why there is none; show its page.
 
-        The reason becomes the only entry of the list `no_answer`. A page that the user asked for stays in
-        front.
+        The reason becomes the only entry of the list `no_answer`. If the user chose another page of the
+        viewer, that stays in front.
 
         Args:
             head: identity of the recording.

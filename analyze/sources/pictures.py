@@ -199,9 +199,10 @@ def _foxglove_raw(data: bytes) -> Picture:
 
 
 def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Callable[[bytes], Picture]:
-    """Function that parses a protobuf message of type `kind` to its coded picture.
+    """Function that parses the bytes of a protobuf message of type `kind`, a coded picture.
 
-    The function raises DecodeError for a damaged message.
+    It returns the picture's time stamp [ns], format (such as "jpeg" or "h264") and coded bytes, and raises
+    DecodeError for a damaged message.
     """
 
     def parse(data: bytes) -> Picture:

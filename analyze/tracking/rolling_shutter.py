@@ -89,9 +89,10 @@ class _CornerPaths:
         self._terms = _divided_differences(self._nodes, corners[index])
 
     def evaluate(self, time_s: Array) -> Array:
-        """A marker's corners (n, 4, 2) [px] at n times of each, `time_s` (n, 4) [s].
+        """Positions (n, 4, 2) [ideal px] of a marker's four corners, at n times of each, `time_s` (n, 4).
 
-        Row i is computed from the cubic in time that was fitted around frame i of n.
+        Ideal pixels are free of lens distortion; times [s] count as those of the fit. Row i is computed
+        from the cubic in time that was fitted around frame i of n.
         """
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):
@@ -143,7 +144,7 @@ def _corner_shift(corners: Array, bow: Array) -> Array:
     """Shift (n, 4, 2) [px] from the true corners to the intersections of lines fitted to bowed edges.
 
     Args:
-        corners: (n, 4, 2) corners [px].
+        corners: (n, 4, 2) corners, in order round the square [ideal px, without lens distortion].
         bow: (n, 4, 2) bow [px] in the middle of the edge that begins at each corner; along an edge, t from -1
             to 1, it is (1 - t^2) times that.
     """
