@@ -220,7 +220,8 @@ def find_corners(image: NDArray[np.uint8], board: Board, sight: BoardSighting) -
         sight: tags of the board in the image.
 
     Returns:
-        The corners; None if fewer than `_MIN_CORNERS` are good, or all lie in one row or column of the board.
+        The good corners by index on the board, with places in the image [raw px] and their covariances; None
+        if there are fewer than `_MIN_CORNERS`, or all lie in one row or column of the board.
     """
     if len(sight.start) < _MIN_CORNERS:
         return None

@@ -375,7 +375,9 @@ def _size(extent: Array, unit: LengthUnit | None) -> str:
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:
-    """Remedy for an implausible size: a unit in which the longest edge is plausible, or other advice.
+    """Remedy for an implausible size, as text: a unit in which the longest edge is plausible, or advice.
+
+    Plausible for this advice are 0.03 m to 0.6 m.
 
     Args:
         longest: Longest edge [m] with the declared unit.

@@ -203,7 +203,7 @@ def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
 
 
 def speed_jump(time: Array, residual: Array, sd: Array, omega_response: Array) -> tuple[int, float, float]:
-    """Most likely jump in angular speed within a window: (index, size [rad/s], gain in chi^2).
+    """Most likely jump in angular speed within a window: (index of frame, size [rad/s], drop of chi^2).
 
     A jump at frame i adds a ramp to the tipping angle theta. It is taken as linear in time, which holds for
     the few frames that determine it. (0, 0, 0) if no jump reduces chi^2.

@@ -47,7 +47,8 @@ def com_over_angles(
 ) -> list[Sensitivity]:
     """Errors [m] of the centre of mass from true balance angles with noise added (Fig. 9(b)).
 
-    Our method is given the sd of the noise, and the session's own systematic errors.
+    They are distances from the true centre of mass, by our method and by the paper's. Our method is given the
+    sd of the noise, and the session's own systematic errors.
 
     Args:
         estimate: result of the session; the pivot lines of its strikes are used, but not their angles.
