@@ -175,7 +175,8 @@ class PredictionStep(Document):
 class Prediction(Document):
     """Predicted standard deviations of all results of a plan, shares by cause, and gain of more strikes.
 
-    Vectors and matrices are in O, the object's frame; c is the centre of mass.
+    Vectors and matrices are in O, the object's frame; c is the centre of mass. Shares by cause are
+    contributions [m] to the root mean square error of c.
     """
 
     com_sd_m: Vector3

@@ -23,7 +23,7 @@ class FrameFile:
     """Writer of frames as messages of two topics: the image, and the meta (times, exposure, losses)."""
 
     def __init__(self, sink: FileSeries, frames: FrameFormat, wall_anchor_ns: int, *, raw: bool) -> None:
-        """Declare the two topics in `sink`.
+        """Declare two topics in `sink`: the camera's images, and the frames' metadata (FrameMeta).
 
         Args:
             sink: file, or series of files, that is written.

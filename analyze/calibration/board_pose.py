@@ -82,9 +82,10 @@ def weighted_corners(view: View, points: Array) -> ObservedView:
 
 
 def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance: Array) -> Array:
-    """Covariance (6, 6) of a board pose's rotation vector and translation [rad, m].
+    """Covariance (6, 6) of a board's pose in the camera's frame: rotation vector [rad], translation [m].
 
-    It includes the errors of the corners and of the lens.
+    The first three rows are of the vector of the rotation from the board's to the camera's frame. It includes
+    the errors of the corners and of the lens.
 
     Args:
         view: corners of the view, whose stated covariance is used.

@@ -90,11 +90,11 @@ def undetermined(
     nothing was found before.
 
     Args:
-        lens: the lens, with p numbers.
-        sd: (p,) standard deviations of the lens's numbers.
-        pixels: standard deviation of the pixel to which a direction projects.
+        lens: the lens, with p numbers: focal lengths and principal point [px], distortion coefficients.
+        sd: (p,) standard deviations of the lens's numbers, in their units.
+        pixels: standard deviation [px] of the pixel to which a direction projects, over the image.
         tilts: angle between the board's normal and the line of sight per view [rad].
-        covered: coverage of the image by corners.
+        covered: coverage of the image by corners of the board.
     """
     found: list[str] = []
     if len(tilts) < MIN_VIEWS:

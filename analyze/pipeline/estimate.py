@@ -238,7 +238,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         options: choices of the user; None for the defaults; `exclude` holds ids as the evidence names them.
 
     Returns:
-        The joint estimate with its checks; the same evidence and options give the same estimate.
+        The estimate from all strikes together: inertial parameters, region masses, checks of the strikes
+        against each other, and the paper's estimate (VISAPP 2013) for comparison. The same evidence and
+        options give the same estimate.
 
     Raises:
         EstimationError: fewer than three strikes can be used, or parts or filling cannot be estimated.

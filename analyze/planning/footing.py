@@ -65,7 +65,8 @@ def footing(
 def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Region) -> str:
     """Warning with remedy that a plan uses faces on which the object may not stay; empty if none.
 
-    Q is the region that is believed to hold the centre of mass.
+    Such a face holds the expected centre of mass over it, but not the whole region Q that is believed to hold
+    the centre of mass. The text names each with the distances [mm] of the two from its edges.
 
     Args:
         used: Resting planes of the plan's strikes.

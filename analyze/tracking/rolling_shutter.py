@@ -104,7 +104,11 @@ def _divided_differences(nodes: Array, values: Array) -> Array:
     """Divided differences (m, w, 4, 2) of corners (m, w, 4, 2) [px] at times (m, w, 4) [s].
 
     They are the coefficients of Newton's polynomial through w frames, for m stretches of frames: entry i of
-    the second axis is the difference of order i of the first i + 1 values.
+    the second axis is the difference of order i of the first i + 1 values [px/s^i].
+
+    Args:
+        nodes: the times.
+        values: the corners, x and y in the last axis.
     """
     terms = values.copy()
     width = nodes.shape[1]

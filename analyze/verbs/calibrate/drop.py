@@ -231,11 +231,14 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
 
 
 def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
-    """Tag size, gravity, mass of the falling body, and shutter, as the fit of a fall assumes them.
+    """Known quantities of a falling tag, as the fit of the fall assumes them.
 
-    The shutter's line time is the delay [s] from one image row to the next: 0 with --global-shutter, else
-    that of the camera file or recording. A stated 0 counts only for images that a rig's camera recorded; for
-    others it means unknown (None).
+    They are the tag's edge [m] and gravity [m/s^2], each with its sd; the mass of the falling body [kg]; the
+    shutter's line time [s], the number of image rows, and the sd of a frame's time [s].
+
+    The line time is the delay from one image row to the next: 0 with --global-shutter, else that of the
+    camera file or recording. A stated 0 counts only for images that a rig's camera recorded; for others it
+    means unknown (None).
     """
     gravity, gravity_sd = footage.gravity if options.gravity is None else (options.gravity, STATED_G_SD)
     stated = footage.camera.line_time_s
