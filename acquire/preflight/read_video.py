@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class VideoContent:
-    """Content of a test video's recording: last image, clock readings, sd of the last frame's time."""
+    """Content of a test video's recording: last image, and quality of the frame times.
+
+    The quality is the number of readings of the camera's clock, and the standard deviation of the last
+    frame's time on the host's clock [ns].
+    """
 
     image: NDArray[np.uint8]
     """(height, width) last image, grey levels 0 to 255"""

@@ -27,7 +27,7 @@ Answer = tuple[Source, Outcome]
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """Options of one batch run."""
+    """Options of one batch run: processes, limits per recording, which recordings, part of the archive."""
 
     jobs: int = field(default_factory=lambda: max(1, len(os.sched_getaffinity(0))))
     """largest number of worker processes on this machine; by default the CPU cores it may use"""

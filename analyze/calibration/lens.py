@@ -29,7 +29,11 @@ _FOCAL_SD_SHARE, _MIDDLE_SD_SHARE = 1.0, 0.25
 
 @dataclass(frozen=True)
 class Lens:
-    """Lens model with image size and p numbers: focal lengths, principal point, distortion."""
+    """Lens: pinhole or fisheye, image size [px], and p numbers.
+
+    The numbers are, in this order, focal lengths and principal point fx, fy, cx, cy [px], then the distortion
+    coefficients of OpenCV.
+    """
 
     model: LensModel
     """pinhole with distortion, or fisheye"""

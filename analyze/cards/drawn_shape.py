@@ -27,7 +27,10 @@ MAX_CUTS = 12
 
 @dataclass(frozen=True)
 class DrawnShape:
-    """Faces and edges of an object for drawing, in the object frame O [m]."""
+    """Triangles and edges of an object for drawing, with their normals, in the object frame O [m].
+
+    It also tells which edges are sharp, and whether the shape is convex.
+    """
 
     triangles: Array
     """(t, 3, 3) corners, counter-clockwise seen from outside."""

@@ -211,7 +211,7 @@ class JointModel:
         return np.einsum("si,ij,sj->s", self._along, J, self._along), rows
 
     def about_edge(self, x: Array) -> tuple[Array, Array]:
-        """Moment per kilogram about the contact line, l.J.l + (R + rho)^2 (strikes,) [m^2].
+        """Moment of inertia per kilogram (strikes,) [m^2] about the contact line, l.J.l + (R + rho)^2.
 
         J is the inertia per kilogram about the centre of mass, l the pivot's unit direction, rho the edge's
         radius, R the distance of the centre of mass from the centre line of the edge's rounding. Returned as

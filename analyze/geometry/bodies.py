@@ -20,7 +20,10 @@ body they touch."""
 
 @dataclass(frozen=True)
 class Body:
-    """One connected part of a mesh file, in the object frame O; closed if `open_edges` is 0."""
+    """One connected part of a mesh file, in the object frame O [m]: mass properties, vertices and faces.
+
+    The mass properties are those of a uniform solid. The part is closed if its number of open edges is 0.
+    """
 
     properties: MassProperties
     """Mass properties as a uniform solid, in O."""

@@ -59,7 +59,10 @@ REGION_PX = 40
 
 @dataclass(frozen=True)
 class Onset:
-    """Onset of a strike in a clip: the moment at which a marker at rest begins to tip with the object."""
+    """Onset of a strike in a clip: the moment at which a marker at rest begins to tip with the object.
+
+    It lies between two times [ns] on the source's clock: the marker last seen at rest, and first seen moved.
+    """
 
     rest_ns: int
     """time on the source's clock from which a marker was seen at rest [ns]"""

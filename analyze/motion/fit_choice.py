@@ -274,7 +274,7 @@ def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: Verd
         fits: fits of the strike; returned as they are if none is chosen, or the chosen one is not of rolling.
         angle: tipping angle theta(t).
         rolls: reason in words why the contact rolls.
-        limits: limit above which the edge counts as moved.
+        limits: their `edge_moved` [m] is the limit above which the edge counts as moved.
     """
     fit = fits.chosen
     if fit is None or fit.rolling is None:

@@ -12,7 +12,7 @@ from analyze.motion.contact import ContactErrors
 class WindowLimits:
     """Bounds of the window of frames in which the object tips freely, the striker being off.
 
-    They are times after the impact (in frames and [s]), and tipping angles [rad] at start and end.
+    They are times after the impact, in frames and in s, and limits of the tipping angle [rad].
     """
 
     guard_frames: int = 2

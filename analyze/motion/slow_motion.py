@@ -87,9 +87,9 @@ def slow_motion_ratio(
 
 
 def _rise_time_s(angle: TipAngle) -> float:
-    """Rise time [s] by the frames' stated times: last frame below 0.5 deg to 90 % of the largest angle.
+    """Time [s] in which the tipping angle rises from 0.5 deg to 90 % of its largest value.
 
-    The angle is the tipping angle. In slow motion the stated times are longer than the true ones.
+    It is taken from the frames' stated times, which in slow motion are longer than the true ones.
     """
     theta = angle.theta
     end = int(np.argmax(theta >= 0.9 * float(theta.max())))

@@ -148,10 +148,10 @@ def _hypothesis(model: ObjectModel) -> Hypothesis:
 
 
 def _groups(values: Array) -> tuple[int, int, int]:
-    """Group numbers of the principal axes, from three eigenvalues (3,) given largest first.
+    """Group number of each of three principal axes, from their eigenvalues (3,), largest first.
 
-    Neighbours that differ by at most `ROUND_EIGENVALUES` of the larger share one group. Groups are numbered
-    from 0.
+    Neighbours whose eigenvalues differ by at most `ROUND_EIGENVALUES` of the larger share one group. The
+    numbers are in the order of the eigenvalues and begin with 0, such as 0, 0, 1.
     """
     first = int(values[0] - values[1] > ROUND_EIGENVALUES * values[0])
     return 0, first, first + int(values[1] - values[2] > ROUND_EIGENVALUES * values[1])

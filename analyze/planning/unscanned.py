@@ -92,6 +92,9 @@ def _separated(
         shares: Fraction of each that was not scanned.
         most: Largest such fraction of a part that is kept.
         text: Middle part of a rejection's message, between "<fraction> %" and the remedy.
+
+    Returns:
+        The parts kept, in their order, and one rejection for each of the others.
     """
     pairs = list(zip(parts, shares, strict=True))
     return [part for part, share in pairs if share <= most], [

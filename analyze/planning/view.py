@@ -38,8 +38,8 @@ RAY_TOLERANCE = 1e-9
 class Fault:
     """Reason why a marker cannot be tracked through a tip: rejection code, number and message.
 
-    The number is the measured quantity behind the fault, such as the marker's size in the image; None if
-    there is none.
+    The number is the measured quantity behind the fault, such as the marker's size in the image [px], in SI
+    units or px; None if there is none.
     """
 
     code: str

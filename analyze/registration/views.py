@@ -47,9 +47,10 @@ PLACED_AS_PLANNED = (
 
 @dataclass(frozen=True)
 class StrikeView:
-    """Marker corners of one strike: frame 0 is the median at rest, the others show the object tipping.
+    """Marker corners [px, free of lens distortion] of one strike, with planned pose and pivot line.
 
-    There are m markers and f frames. O is the object frame, M a marker's, C the camera's, W the world frame.
+    Frame 0 is the median of the frames at rest, the others show the object tipping. There are m markers and f
+    frames. O is the object frame, M a marker's, C the camera's, W the world frame.
     """
 
     strike_id: str

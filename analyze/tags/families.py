@@ -45,9 +45,9 @@ def count(family: str) -> int:
 
 @cache
 def cells(family: str, tag_id: int) -> NDArray[np.bool_]:
-    """Black and white cells (n, n) of a tag, True for white; the outermost ring is its black border.
+    """Cells (squares of the code) of a tag as an array (n, n), True for white.
 
-    Row 0 is the top. The array is read-only.
+    The outermost ring of cells is the tag's black border. Row 0 is the top. The array is read-only.
 
     Raises:
         TagError: the family is unknown, or has no such id.

@@ -178,7 +178,7 @@ class OwnChoice(Document):
 
 
 class SessionRecord(Document):
-    """Ground truth and estimates of one session on one object."""
+    """Ground truth of one session on one object, and its estimates by our and by the paper's method."""
 
     object: str
     """Name of the object."""
