@@ -202,7 +202,9 @@ def calibrate(
 def _completed_swing(
     client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm
 ) -> StrikeOutcome:
-    """Measurements of a swing that reached angle 0 (the arm hanging down), repeated until one did.
+    """Swing the arm until one swing reaches angle 0 (the arm hanging down); return its measurements.
+
+    They are the time at angle 0 and the tip speed there, among others. Before each swing `confirm` asks.
 
     Raises:
         SessionError: none of MAX_SWING_TRIES swings reached angle 0.

@@ -201,7 +201,7 @@ def _statistics(
     factor: float,
     known: Sequence[tuple[float, float, float]],
 ) -> Repeated:
-    """Repeatability of one quantity of one object from its value in each session.
+    """Repeatability of one quantity of one object over its sessions: mean, scatter, chi^2 and drift.
 
     Args:
         name: name of the object.

@@ -121,7 +121,11 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
 
 
 def stands_out_text(each: Repeated) -> str:
-    """Text that names how one quantity scatters or drifts more than chance explains, with its figures."""
+    """Text on a quantity that varies over sessions more than chance explains, with its figures.
+
+    It states how (scatters, drifts), the sd from session to session, the median sd that the sessions state,
+    and the drift per day if it drifts.
+    """
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (

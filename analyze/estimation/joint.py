@@ -228,7 +228,9 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
 
 
 def _information(rows: Array, weight: Array) -> Array:
-    """Information (count, count) that the strikes contribute about the unknowns, an inverse covariance.
+    """Information (count, count) that the strikes contribute about the `count` unknowns.
+
+    It is an inverse covariance.
 
     Args:
         rows: (strikes, 2, count) derivatives by the unknowns of the standardised residuals of balance angle
@@ -327,7 +329,7 @@ def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float
     """Effective number of parameters that the strikes, not the priors, determine: trace of the hat matrix.
 
     Args:
-        precision: (count, count) information of the priors.
+        precision: (count, count) information of the priors about the `count` unknowns.
         rows: (strikes, 2, count) derivatives by the unknowns of the standardised residuals of balance angle
             and ln k (rate constant).
         weight: (strikes,) robust weights.

@@ -93,9 +93,10 @@ def paper_centre_of_mass(
 
 
 def _grid(lower: Array, step: Array) -> Array:
-    """Centres (n, 3) [m] of a grid of `GRID_POINTS` cells per side, from the corner `lower` (3,) [m].
+    """Centres (n, 3) [m] of the cells of a grid with `GRID_POINTS` cells along each side.
 
-    `step` (3,) are the edges of a cell [m].
+    The grid begins at the corner `lower` (3,) [m]; `step` (3,) are the edges of a cell along x, y and z [m].
+    The centres are in the frame of `lower`; z varies fastest.
     """
     axes = [lower[i] + step[i] * (np.arange(GRID_POINTS) + 0.5) for i in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -205,9 +205,9 @@ class OnsetFinder:
         return None
 
     def _wait(self, usual_ns: int) -> int:
-        """Interval or time limit of the search for strikes [ns]; longer if the clip may be in slow motion.
+        """Interval or time limit of the search for strikes [ns], on the clip's clock.
 
-        It is counted on the clip's clock.
+        It is `usual_ns`, or a multiple of that if the clip may be in slow motion.
 
         Args:
             usual_ns: the interval or limit at normal speed [ns].

@@ -139,11 +139,11 @@ def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
 
 
 def _roughness(outline: Outline, curves: list[Curve]) -> float | None:
-    """Roughness of an outline's curves: scatter of ln(curvature) from corner to corner, dimensionless.
+    """Roughness of an outline's curved parts: how much ln(curvature) varies from corner to corner.
 
-    It is a robust standard deviation, from the second differences of ln(curvature) along each curve, so that
-    a steady change does not count. Only corners that may touch the table are used; None if no curve has three
-    of them in a row.
+    It is a robust standard deviation (dimensionless), from the second differences of ln(curvature) along each
+    curve, so that a steady change does not count. Only corners that may touch the table are used; None if no
+    curve has three of them in a row.
     """
     parts: list[Array] = [np.zeros(0)]
     for curve in curves:

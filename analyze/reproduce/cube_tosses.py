@@ -323,9 +323,10 @@ def _heights(motion: BodyMotion) -> Array:
 
 
 def _parts(motion: BodyMotion, touching: Array) -> list[BodyMotion]:
-    """Stretches of a motion in which `touching` (n,) is True, without `CONTACT_GUARD` frames at both ends.
+    """Parts of a motion of n frames in which the body keeps touching the table, as motions of their own.
 
-    Stretches with fewer than `LEAST_FRAMES` frames left are omitted.
+    Each part is a run of True in `touching` (n,), without `CONTACT_GUARD` frames at both ends. Parts with
+    fewer than `LEAST_FRAMES` frames left are omitted.
     """
     runs = [(start + CONTACT_GUARD, stop - CONTACT_GUARD) for start, stop in _runs(touching)]
     return [motion.part(start, stop) for start, stop in runs if stop - start >= LEAST_FRAMES]

@@ -206,7 +206,9 @@ def _axis_moment(
     corrected: float | None = None,
     left_out: float | None = None,
 ) -> AxisMoment:
-    """Errors of one axis's estimated moments of inertia, relative to the ground truth.
+    """Errors of one axis's estimated moments of inertia and their sd, over the true moments.
+
+    An error is estimate / truth - 1. The true moment about the edge [kg m^2] is added.
 
     Args:
         plane: equi-plane (through pivot line and centre of mass) of a strike on the axis, for its edge.

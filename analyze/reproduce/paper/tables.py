@@ -122,7 +122,9 @@ def table1(records: Sequence[SessionRecord]) -> Table:
 def _by_object(
     records: Sequence[SessionRecord], published: Sequence[P]
 ) -> Iterator[tuple[str, list[SessionRecord], list[P]]]:
-    """Yield each object's name, its sessions planned by our method (not the paper's), and published results.
+    """Yield each object's name, its sessions, and the paper's published results of it, as two lists.
+
+    Of the sessions only those are taken that our method planned, not the paper's.
 
     Args:
         records: sessions.

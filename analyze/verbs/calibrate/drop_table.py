@@ -70,7 +70,7 @@ def capture_fps_sd(answer: DropAnswer) -> float:
 
 
 def drop_text(answer: DropAnswer) -> list[str]:
-    """Measured frame rate, shares of its uncertainty, and doubts, as lines for the terminal."""
+    """Lines for the terminal: measured frame rate [Hz], what each source adds to its uncertainty, doubts."""
     time, setup, falls = answer.time, answer.setup, answer.falls
     to_hz = SIGMAS_95 * answer.true_hz / time.time_ratio
     longest = max(falls, key=lambda fall: fall.dropped)

@@ -67,9 +67,9 @@ class GravityAnswer:
 
     @property
     def places_px(self) -> list[float]:
-        """Image column [undistorted px] of each plumb line (hanging string), in the order of `lines`.
+        """List of the image columns [undistorted px] of the plumb lines (strings), in the order of `lines`.
 
-        It is that of the middle of the visible part of the string.
+        A column is that of the middle of the visible part of the string.
         """
         return [float((line.bottom + line.top)[0] / 2) for line in self.lines]
 
