@@ -207,7 +207,7 @@ class Prediction(Document):
 
 
 class StrikerPrior(Document):
-    """Effective mass and restitution of the striker that the plan assumed, with 1 sigma each."""
+    """Effective mass [kg] and restitution (0 to 1) of the striker that the plan assumed, with 1 sigma."""
 
     effective_mass_kg: float = Field(gt=0)
     effective_mass_sd_kg: float = Field(gt=0)

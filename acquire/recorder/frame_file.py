@@ -42,7 +42,7 @@ class FrameFile:
         self._meta_template = pb.FrameMeta(width=frames.width, height=frames.height)
 
     def write_images(self, frames: Sequence[Frame]) -> None:
-        """Write the images of frames together, all or none; without their meta.
+        """Write the images of frames together, all or none; without their metadata (FrameMeta).
 
         Raises:
             DiskBehind: there is no memory for the images now.

@@ -238,7 +238,7 @@ class FrameRecorder(ABC):
         return WindowReport(self._anchor + first_ns, self._anchor + last_ns, window.frames, window.lost)
 
     def close(self) -> None:
-        """Write the waiting frames and all meta that are not written yet; then take no more frames.
+        """Write all frames and frame metadata that are not written yet; then take no more frames.
 
         Safe to call twice.
         """

@@ -76,7 +76,7 @@ class CameraStatistics:
 
 @dataclass(frozen=True)
 class _Slot:
-    """Rendered image of one exposure, with the exposure's start on the camera's clock [ns]."""
+    """Rendered image (height, width) of one exposure, whose start is on the camera's clock [ns]."""
 
     device_time_ns: int
     image: NDArray[np.uint8]

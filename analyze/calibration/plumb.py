@@ -379,6 +379,6 @@ def _across(points: Array, line: PlumbLine) -> Array:
 
 
 def _separation(line: PlumbLine, other: PlumbLine) -> float:
-    """Mean distance [px] of the ends and the middle of `line` from the line `other`."""
+    """Mean distance [undistorted px] of the ends and the middle of `line` from the line `other`."""
     ends = np.column_stack([np.array([line.bottom, line.top, (line.bottom + line.top) / 2]), np.zeros(3)])
     return float(np.abs(_across(ends, other)).mean())

@@ -120,8 +120,9 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
     """Estimated tilt of the table (2,) [rad] in levelling number `level`, with covariance and prior sd.
 
-    The tilt is the lean of the vertical from the table's normal towards x and y of the world frame W. A
-    levelling is a set-up of the table with one unknown tilt; levellings count from 0.
+    The tilt is the lean of the vertical from the table's normal towards x and y of the world frame W, its
+    covariance (2, 2) [rad^2], its prior sd (2,) [rad]. A levelling is a set-up of the table with one unknown
+    tilt; levellings count from 0.
     """
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)

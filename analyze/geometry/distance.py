@@ -66,8 +66,8 @@ def box_depth(half_size: Array, points: Array) -> Depth:
 def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
     """Depth of points in a cylinder centred on the origin, with its axis along z, and its gradient.
 
-    The depth is the distance to the surface, negative outside. The gradient is 0 on the axis where the flank
-    is nearest.
+    The depth (n,) [m] is the distance to the surface, negative outside. The gradient (n, 3) is 0 on the axis
+    where the flank is nearest.
 
     Args:
         radius: Radius [m].

@@ -67,7 +67,7 @@ class ScannedSurface:
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
     def surely_scanned(self) -> Array:
-        """Samples (k, 3) [m] farther from every unscanned sample than twice `reach`.
+        """Samples (k, 3) [m, object frame] of the surface farther than twice `reach` from any unscanned one.
 
         `reach` is the distance [m] from a scanned point up to which the surface counts as scanned.
         """
@@ -101,6 +101,8 @@ def scanned_cloud(
 
 def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedSurface:
     """Samples of a repaired mesh, marked as not scanned on the faces that close holes.
+
+    The samples are points with outward normals, each for the same area, in the frame of `vertices`.
 
     Args:
         vertices: (n, 3) vertices [m].

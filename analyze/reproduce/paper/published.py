@@ -53,7 +53,10 @@ class PublishedMasses:
 
 
 def published_centres() -> list[PublishedCentre]:
-    """Errors of the nine results in the paper's Table 1 (centre of mass), in its order."""
+    """Errors of the nine results in the paper's Table 1 (centre of mass), in its order.
+
+    Each is a distance [m], and the paper's volume ratio (`volume_ratio`).
+    """
     found: list[PublishedCentre] = []
     for name, error, _ in _errors("table1_centre_of_mass.csv", ("x_mm", "y_mm", "z_mm")):
         distance = float(np.linalg.norm(error))
@@ -62,7 +65,10 @@ def published_centres() -> list[PublishedCentre]:
 
 
 def published_masses() -> list[PublishedMasses]:
-    """Errors of the nine results in the paper's Table 2 (region masses), relative, in its order."""
+    """Errors of the nine results in the paper's Table 2 (region masses), over the object's mass.
+
+    The order is the table's.
+    """
     found: list[PublishedMasses] = []
     for name, error, row in _errors("table2_mass_distribution.csv", ("surface_g", "top_g", "bottom_g")):
         off, total = np.abs(error), float(row["total_mass_g"])
