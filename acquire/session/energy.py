@@ -168,7 +168,7 @@ class EnergyLearner:
 
     @property
     def striker(self) -> StrikerEstimate:
-        """Effective mass [kg], restitution and swing ratio of the striker, with standard deviations.
+        """Effective mass [kg], restitution and swing ratio of the striker, each with standard deviation.
 
         Restitution is that of tip and object; the swing ratio is reached over commanded tip speed. Each value
         is the median of the posterior after all strikes so far.

@@ -115,8 +115,8 @@ def fit_pose(view: ObservedView, lens: Lens) -> Pose:
 def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
     """Pose of the board near `start` that fits a view's corners best by Huber's loss, by Gauss-Newton.
 
-    The pose is in the camera's frame. The iteration ends after `max_steps`, or at a step below `tolerance`
-    [rad, m].
+    The pose maps the board's frame to the camera's: rotation vector [rad] and translation [m]. The lens is
+    held fixed. The iteration ends after `max_steps`, or at a step below `tolerance` [rad, m].
     """
 
     def linearise(pose: Pose) -> Linearised:
@@ -178,7 +178,7 @@ def _rays(lens: Lens, place: Array) -> Array:
 
     Args:
         lens: the lens.
-        place: (n, 2) pixels.
+        place: (n, 2) raw pixels, column and row, as in the image.
     """
     ideal = np.nan_to_num(undistort(lens.camera(), place), nan=5.0 * lens.width)
     return (ideal - lens.numbers[2:4]) / lens.numbers[:2]

@@ -428,7 +428,9 @@ class Problem:
         return dropped
 
     def _solution(self, u: Unknowns, normal: Array, converged: bool) -> Solution:
-        """Solution at the minimum: poses, their covariances, and misfits.
+        """Solution at the minimum: poses of markers and tables with covariances, and how well they fit.
+
+        The fit is told by chi^2 per degree of freedom of each strike, and rms residual [px] of each marker.
 
         Args:
             u: values of the unknowns at the minimum.

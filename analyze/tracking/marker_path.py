@@ -45,11 +45,12 @@ class MarkerPath:
     """the newest fit; None if there is none"""
 
     def predict(self, time_ns: int) -> tuple[Array, Array, float]:
-        """Expected corners (4, 2) [raw px] and (4, 2) [ideal px], and their uncertainty [px].
+        """Expected corners of the marker, (4, 2) [raw px] and (4, 2) [ideal px], and their uncertainty [px].
 
-        They move on at the velocity of the last two observations, by at most four times the motion between
-        these. After a single observation they stay in its place, with an uncertainty of 4 px. The marker must
-        have been found at least once.
+        Raw pixels are those of the image, ideal ones are free of lens distortion. The corners move on at the
+        velocity of the last two observations, by at most four times the motion between these. After a single
+        observation they stay in its place, with an uncertainty of 4 px. The marker must have been found at
+        least once.
 
         Args:
             time_ns: log time of the frame for which the corners are expected [ns].
