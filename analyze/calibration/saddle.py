@@ -125,8 +125,8 @@ def fit_saddles(
         straight: (n, m, 2) undistorted positions of the patch's pixels relative to `start` [px].
 
     Returns:
-        Positions and covariances of all n corners; those that were not fitted well, or have too few pixels,
-        have `good` False.
+        Positions [px] and their covariances [px^2] of all n corners, and the blur [px]; corners that were not
+        fitted well, or have too few pixels, have `good` False.
     """
     n = len(start)
     x = np.zeros((n, _PARAMETERS))

@@ -55,12 +55,12 @@ def coverage(places: Sequence[Array], width: int, height: int) -> Coverage:
     """Count the board's corners in each cell of the image, all views together.
 
     Args:
-        places: positions (n, 2) of the corners in each view [px].
+        places: positions (n, 2) of the corners in each view, column and row as in the image [px].
         width: image width [px].
         height: image height [px].
 
     Returns:
-        Number of corners per cell; the image is divided into the columns and rows of cells in `CELLS`.
+        Number of corners per cell (rows, columns); `CELLS` holds the numbers of columns and rows.
     """
     points = np.concatenate(list(places))
     count, _, _ = np.histogram2d(

@@ -69,9 +69,10 @@ class DividingPlanes:
         return share_distribution(self.mean, self.precision)
 
     def misfit(self, shares: Array) -> Array:
-        """Chi^2 (b,) of the measured moments if the mass shares of shell, upper and lower part are `shares`.
+        """Chi^2 (b,) of measured less modelled moments, for the mass shares `shares` (b, 3).
 
-        `shares` (b, 3) holds one row for each of the b planes.
+        Each of the b planes divides the interior; its row holds the shares of the body's mass in shell, upper
+        and lower part.
         """
         off = shares[:, :2] - self.mean
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)

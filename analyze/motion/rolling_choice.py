@@ -71,14 +71,15 @@ def is_curved(section: SupportFunction, phi: float) -> bool:
 
 
 def relative_to_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
-    """The motion, with slip and lift measured against rolling on a curve.
+    """Copy of a motion with slip and lift [m] measured against rolling on a curve, without sliding.
 
     The given slip is measured against rolling on the circle that the plan states for the edge's rounding, the
     given lift against the height at rest.
 
     Args:
         motion: tracked motion, with slip (along the table) and lift (off it) of the pivot edge.
-        curve: support function of the cross-section that rolls.
+        curve: support function of the cross-section that rolls: height of the pivot point over the table by
+            tipping angle.
         planned: the planned strike, with the rounding of its edge.
     """
     along, over = curve.rolling_displacement(motion.angle.theta)

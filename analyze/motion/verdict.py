@@ -153,10 +153,11 @@ def judge_hard(
 ) -> Judgement | None:
     """Verdict "airborne" on a strike so hard that the object left the table; None if it did not.
 
-    None also below the energy ratio `limits.hard_energy_ratio`, or if the object did not move.
+    None also below the energy ratio `limits.hard_energy_ratio`, or if the object did not move. The verdict
+    comes with a sentence for the user.
 
     Args:
-        motion: motion with the lift of the edge.
+        motion: motion with the height [m] of the pivot edge over its place at rest (lift).
         course: events of the strike; the free motion from release to end is checked.
         energy_ratio: energy of the strike over the energy needed to tip.
         limits: limits of energy ratio and lift.

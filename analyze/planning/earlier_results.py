@@ -162,7 +162,8 @@ def with_strikes_made(
         gravity: Gravity [m/s^2].
 
     Returns:
-        A new belief; the inverse covariances of strikes on one axis at one heading are added up.
+        A new belief that also holds, by axis and heading, the inverse covariance (2, 2) of balance angle and
+        ln k (k the tip's rate constant), summed over the strikes made.
 
     Raises:
         PlanError: a strike's axis is not one of the object's.

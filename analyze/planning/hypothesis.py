@@ -70,9 +70,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Centre of mass and inertia expected before measuring, or after an earlier result.
+    """Region that holds the centre of mass, and expected inertia, on which the planning of strikes rests.
 
-    Before any result they follow from the exterior shape.
+    They follow from the exterior shape, or from an earlier result if there is one.
     """
 
     region: Region

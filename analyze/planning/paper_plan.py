@@ -64,7 +64,10 @@ class PaperStrike:
 
     @property
     def axis(self) -> Array:
-        """Unit rotation axis l_ij (3,), in the object frame; a positive turn about it tips the object."""
+        """Unit direction (3,) of the axis about which the object tips (l_ij in VISAPP 2013).
+
+        It is in the object frame; a positive turn about it tips the object.
+        """
         return np.cross(self.plane.up, self.tip)
 
     @property

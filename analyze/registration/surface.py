@@ -41,7 +41,7 @@ class SurfaceFit:
 
 @dataclass(frozen=True)
 class Surface:
-    """Height over the body's surface as a function of the point, and the markers held to that surface."""
+    """The body's surface, as a function that gives a point's height over it, and the markers held to it."""
 
     height: Callable[[Array], tuple[float, Array]]
     """height over the surface [m] and outward normal (3,), of a point in O (3,) [m]"""

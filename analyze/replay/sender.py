@@ -83,10 +83,10 @@ class Sender:
         self.send_layout(newest)
 
     def send_layout(self, front: str) -> None:
-        """Send the layout of all pages.
+        """Send to the viewer the layout of all pages (tabs of the viewer).
 
         Args:
-            front: page to show first, unless the user asked for another one.
+            front: name of the page to show first, unless the user asked for another one.
         """
         self._stream.send_blueprint(layout(self._pages, self._options.page or front, self._bounds()))
 

@@ -73,7 +73,11 @@ def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Val
 
 
 def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[AxisMoment]:
-    """Entries of the axis `axis_id` from the lists of moments of several answers, in their order."""
+    """Errors of the moments about the axis `axis_id`, in the order of `answers`.
+
+    An answer, one result of a session, is a list of one entry per pivot axis; those without this axis are
+    left out.
+    """
     return [axis for moments in answers for axis in moments if axis.axis_id == axis_id]
 
 

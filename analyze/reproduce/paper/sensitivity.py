@@ -81,9 +81,10 @@ def com_over_angles(
 
 
 def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
-    """Equi-plane with its balance angle replaced by `phi` [rad] with standard deviation `sd` [rad].
+    """Copy of an equi-plane with another balance angle: `phi` [rad] with standard deviation `sd` [rad].
 
-    The equi-plane contains the pivot line and the centre of mass. The rate constant k of the tip is removed.
+    An equi-plane, measured by a strike, contains the pivot line and the centre of mass. The copy has the
+    normal that follows from `phi`, and no rate constant k of the tip.
     """
     normal = equiplane_normal(plane.direction, plane.up, phi)
     return replace(plane, phi=phi, sd_phi=sd, k=None, sd_k=None, cov_phi_k=0.0, normal=normal)
