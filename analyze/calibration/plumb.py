@@ -58,7 +58,10 @@ MAX_SD_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PlumbLine:
-    """Image of one hanging string, as a straight line in undistorted pixels."""
+    """Image of one hanging string: a line between two end points [undistorted px], with their sd [px].
+
+    It also holds the number of image rows, the scatter about the line, and whether the string is dark.
+    """
 
     bottom: Array
     """(2,) lowest point seen [undistorted px]"""

@@ -45,7 +45,7 @@ PROGRESS_EVERY_IMAGES = 100
 
 @dataclass(frozen=True)
 class Written:
-    """A recording that was written by an import, with its counts and remarks."""
+    """A recording written by an import: path, hash, size, numbers of images and strikes, and remarks."""
 
     path: Path
     """path of the recording"""

@@ -83,7 +83,7 @@ class PaperStrike:
 
 @dataclass(frozen=True)
 class PaperPlan:
-    """All impact points on an object that the paper's method finds, smallest force first (VISAPP 2013, 3.1).
+    """All impact points that the paper's method finds on an object, by ascending force (VISAPP 2013, 3.1).
 
     The force is the one that tips the object when it acts there, by eq. (2).
     """

@@ -40,7 +40,10 @@ class Compression:
 
 @dataclass
 class McapContents:
-    """Contents of one MCAP file, up to its last whole record."""
+    """Contents of one MCAP file, up to its last whole record: channels, attached files, metadata, damage.
+
+    Of the messages it keeps only the times, by topic.
+    """
 
     path: Path
     """path of the file"""

@@ -277,7 +277,7 @@ def _scatter(records: Iterable[SessionRecord]) -> list[float]:
 
 
 def _errors_mm(rows: Iterable[Sensitivity], level: float) -> list[float]:
-    """List of the distances [mm] of our centre of mass from the true one, at one level of an input's noise.
+    """Distances [mm] of our centre of mass from the true one, at one level of an input's noise.
 
     Values that are None are left out.
 
