@@ -107,7 +107,10 @@ class Summary:
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:
-        """Quantities that scatter or drift beyond chance, in order of falling chi-square."""
+        """Measured quantities that vary over an object's sessions beyond chance, the largest chi^2 first.
+
+        They scatter more than the sd that the sessions state, drift with time, or both.
+        """
         found = [each for each in self.repeated if each.stands_out]
         return tuple(sorted(found, key=lambda each: -each.chi_square))
 

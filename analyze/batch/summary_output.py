@@ -36,7 +36,8 @@ MAX_SHOWN = 20
 def render_summary(summary: Summary) -> None:
     """Print a summary of an archive's results on standard output.
 
-    Tables: quantities that scatter or drift beyond chance, objects, repeatability per object, and failures.
+    Tables: measured quantities that vary over an object's sessions beyond chance (scatter, or drift with
+    time), objects, repeatability per object, and failures.
     """
     console = plain_console()
     if summary.standing_out:

@@ -115,7 +115,7 @@ def project(lens: Lens, points: Array, rotation: Array, translation: Array) -> t
         translation: (3,) translation [m].
 
     Returns:
-        Pixels (n, 2), their derivatives (n, 2, 6) by rotation vector and translation [px/rad, px/m], and
+        Raw pixels (n, 2), their derivatives (n, 2, 6) by rotation vector and translation [px/rad, px/m], and
         their derivatives (n, 2, p) by the lens's numbers.
     """
     shaped = np.ascontiguousarray(points, dtype=float).reshape(-1, 1, 3)

@@ -143,8 +143,9 @@ def _weights(standardised: Array) -> Array:
 def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
     """Covariance (p, p) of a robust fit's parameters, to be multiplied by the variance of its residuals.
 
-    That variance is `residual_variance`, unitless. With variance 1 the result is (J^T W J)^-1, where J holds
-    the derivatives over the observations' sd, and W the Huber weights.
+    That variance is `residual_variance`, unitless. With variance 1 the result is (J^T W J)^-1, where J (n, p)
+    holds the derivatives of the expected values by the parameters, over the observations' sd, and W the Huber
+    weights.
 
     Args:
         minimum: the fit.

@@ -164,7 +164,8 @@ def _fit_window(
         estimator: function that fits theta(t) over a window.
 
     Returns:
-        The last fit with its window. The fit is None, with the reason, if any fit of the iteration fails.
+        The last fit with its window, frames [start, stop). The fit is None, with the reason, if any fit of
+        the iteration fails.
     """
     window = free_window(angle, course, phi_predicted, limits)
     try:

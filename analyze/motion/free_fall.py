@@ -172,7 +172,7 @@ def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setu
 
 
 def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall:
-    """Fit one fall by generalised least squares with robust weights.
+    """Fit the motion of one free fall by generalised least squares with robust weights.
 
     Args:
         track: track of the tag, not yet corrected for a rolling shutter.
@@ -181,7 +181,8 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: F
         setup: tag, gravity, falling mass and camera.
 
     Returns:
-        The fall with q, the ratio of true to stated time, its errors and its misfit.
+        The fall with q, the ratio of true to stated time, the standard deviations of q, and the fit's
+        residuals over those expected from noise.
 
     Raises:
         EstimationError: the tag shows no acceleration in the window.

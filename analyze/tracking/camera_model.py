@@ -156,9 +156,10 @@ def project(camera: CameraModel, points_camera: Array) -> Array:
 
 
 def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
-    """Derivative (..., 2, 3) [px/m] of the ideal pixels at which points are seen by the points' positions.
+    """Derivative (..., 2, 3) [px/m] of points' places in the image by their places in the camera frame.
 
-    Ideal pixels are free of lens distortion. The positions (..., 3) [m] are in the camera frame.
+    The places in the image are ideal pixels (free of lens distortion); those in the camera frame (..., 3) are
+    in m.
     """
     K = camera.K
     X, Y, Z = points_camera[..., 0], points_camera[..., 1], points_camera[..., 2]
