@@ -41,10 +41,11 @@ _MAX_MISFIT = 1.0
 
 @dataclass(frozen=True)
 class VoxelMap:
-    """Density of each of n cells, and how far the measured moments determine it.
+    """Density [kg/m^3] of each of n cells of a body, and how far the measured moments determine it.
 
-    That is stated for octants of the body, formed by three planes through its centroid: the share of the
-    prior variance of an octant's mass that the moments remove.
+    How far is stated for the body's octants, formed by three planes through its centroid: the share (0 to 1)
+    of the prior variance of an octant's mass that the moments remove. Moments are mass, centre of mass and
+    moments of inertia.
     """
 
     points: Array

@@ -196,7 +196,7 @@ def _strikes_on(
     """Impact point for each of the four rotation points of a resting plane (VISAPP 2013, 3.1.3).
 
     A rotation point, about which the object tips, lies on the rim of the plane's support polygon. The impact
-    point is on the shape's hull, on the far side from it. Each has the force needed [N].
+    point is on the shape's hull, on the far side from it. With each pair comes the force [N] needed to tip.
 
     Args:
         model: Shape of the object.

@@ -192,11 +192,14 @@ class Problem:
         return unknowns, self._normal(unknowns)[0], converged
 
     def _model(self, s: int, u: Unknowns) -> tuple[Array, Array, Array, Array]:
-        """Modelled corners of strike s in the camera frame, and at three earlier steps of the model.
+        """Modelled marker corners of strike s in the camera frame, with three intermediate results.
 
-        Each of the four is (f, m, 4, 3) [m] for f frames and m markers: corners in the camera frame; arms
-        from the pivot point, turned by the tipping angle theta; these arms turned by the heading as well; and
-        corners in axes of the recorded world frame W, without the table's height.
+        Each of the four arrays is (f, m, 4, 3) [m] for f frames and m markers of four corners. In order:
+
+        - corners in the camera frame;
+        - vectors from pivot point to corner, turned by the tipping angle theta;
+        - these vectors turned by the heading (about the vertical) as well;
+        - corners in axes of the recorded world frame W, the table's height left out.
 
         Args:
             s: index of the strike.

@@ -163,10 +163,10 @@ def _moments(axes: Axes, answer: CubeAnswer) -> None:
 
 
 def _flight(axes: Axes, answer: CubeAnswer) -> None:
-    """Draw how far points of the cube deviate from a parabola in flight, over their height in the cube.
+    """Draw how far points of the cube deviate from a parabola in flight [mm], over their z in the cube [mm].
 
-    The deviation is smallest at the centre of mass. A line with a 95 % band marks the height of the centre of
-    mass by each of the three methods.
+    The deviation is smallest at the centre of mass. A line with a 95 % band marks the z of the centre of mass
+    by each of the three methods. `axes` are the matplotlib axes that receive the drawing.
     """
     axes.plot(1e3 * answer.heights, 1e3 * answer.off_parabola, color=ORANGE, lw=1.6)
     for name, colour, body in _methods(answer):

@@ -86,10 +86,10 @@ class FrameTiming:
 
     @cached_property
     def _step_ns(self) -> tuple[int, int]:
-        """Capture time [ns] between time stamps n and n + 1, as numerator and denominator.
+        """Capture time [ns] per unit of a video's time stamps, as numerator and denominator.
 
-        In slow motion it is shorter than the time in playing. Arithmetic with whole numbers is faster than
-        with fractions.
+        In slow motion it is shorter than the time that the unit takes in playing. Arithmetic with whole
+        numbers is faster than with fractions.
         """
         return (self.unit / self.slowed * 10**9).as_integer_ratio()
 

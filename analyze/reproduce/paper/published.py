@@ -42,7 +42,10 @@ class PublishedCentre:
 
 @dataclass(frozen=True)
 class PublishedMasses:
-    """One result of the paper's Table 2: error of the masses of shell, upper and lower part."""
+    """One result of Table 2 of the paper (VISAPP 2013): error of the masses of shell and two inner parts.
+
+    Errors are relative to the total mass.
+    """
 
     object: str
     """Name of its virtual counterpart."""
