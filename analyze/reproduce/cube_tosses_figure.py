@@ -163,7 +163,7 @@ def _moments(axes: Axes, answer: CubeAnswer) -> None:
 
 
 def _flight(axes: Axes, answer: CubeAnswer) -> None:
-    """Draw how far points of the cube deviate from a parabola in flight [mm], over their z in the cube [mm].
+    """Draw how far points of the cube deviate from a parabola in flight, over their z in the cube (mm).
 
     The deviation is smallest at the centre of mass. A line with a 95 % band marks the z of the centre of mass
     by each of the three methods. `axes` are the matplotlib axes that receive the drawing.

@@ -27,7 +27,7 @@ MIN_TIME_SD_NS = 1_000
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Conversion of a video's time stamps (steps of `unit` seconds) to capture times since the first frame.
+    """Conversion of a video's stamps (steps of `unit` seconds) to capture times since its first frame.
 
     A slow-motion file may play at 30 frames a second what was captured at 240: `slowed` is then 8, and the
     playing times are divided by it. If `steady_s` is not None, the frame rate is constant, with this playing
