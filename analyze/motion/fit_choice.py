@@ -79,12 +79,13 @@ def fit_strike(
     settings: MotionSettings,
     section: SupportFunction | None = None,
 ) -> StrikeFits:
-    """Fit balance angle phi [rad] and rate k [rad/s^2] of a strike by the estimator that its contact needs.
+    """Fit phi [rad] and k [rad/s^2] of a strike by the estimator that its contact requires.
 
-    The tip is theta'' = -k sin(phi - theta). The estimators are a hinge (edge in place), a rolling contact,
-    and the moment balance (with the edge's measured motion); if none fits, two impacts are tried. The window
-    of the fit ends a fixed angle past phi (25 deg by default), so that it is found by iteration; earlier if
-    the object lands, returns to rest or leaves the edge.
+    The tip is theta'' = -k sin(phi - theta), with theta the tipping angle and phi the balance angle. The
+    estimators are a hinge (edge in place), a rolling contact, and the moment balance (with the edge's
+    measured motion); if none fits, two impacts are tried. The window of the fit ends a fixed angle past phi
+    (25 deg by default), so that it is found by iteration; earlier if the object lands, returns to rest or
+    leaves the edge.
 
     Args:
         motion: the motion through the whole window of the strike.

@@ -64,7 +64,7 @@ SMOOTHING_FRAMES = 5
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Levels of noise added to angles, moments and scan at which a session is analysed again; () omits one.
+    """Levels of noise that is added to angles, moments and scan for further analyses; () omits a sweep.
 
     The sweeps give the paper's Figs. 9(b), 9(c) and 10. By default there is only the paper's angle noise.
     """
