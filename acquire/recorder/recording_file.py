@@ -65,7 +65,8 @@ class RecordingFile(Protocol):
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
         """Append all `buffers` to the file, or none; the caller may reuse them on return.
 
-        Waits while there is no room.
+        Waits for the disk while the memory for bytes to be written is full or disk space is not yet
+        allocated; a full disk is an error at once.
 
         Args:
             buffers: bytes to append, in order.

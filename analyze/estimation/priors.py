@@ -51,11 +51,12 @@ class SystematicErrors:
     """Readings of a level for levellings 0, 1, ...; None or missing: 0 within the sd above."""
 
     def tilts(self) -> list[TiltPrior]:
-        """Prior of the vertical's lean [rad] for every levelling of the table, in the order of their numbers.
+        """Prior of the vertical's lean for every levelling of the table, in the order of their numbers.
 
-        A levelling is a set-up of the table with one lean. Where it was read off a level (the instrument),
-        mean and sd are those of the reading; otherwise the mean is 0 and the sd the one assumed for the
-        levelling.
+        The lean is from the table's normal towards x and y of the world frame W, with a mean and an sd for
+        each of the two [rad]. A levelling is a set-up of the table with one lean. Where it was read off a
+        level (the instrument), mean and sd are those of the reading; otherwise the mean is 0 and the sd the
+        one assumed for the levelling.
         """
         plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
         read = [*self.readings, *[None] * (len(plain) - len(self.readings))]

@@ -1,4 +1,4 @@
-"""Closed bodies of a mesh file with volume, centroid and inertia, for labelled parts."""
+"""Bodies (connected parts) of a mesh file with volume, centroid and inertia, for labelled parts."""
 
 from __future__ import annotations
 

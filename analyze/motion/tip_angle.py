@@ -178,8 +178,8 @@ def _random_scale(theta: Array, sd: Array) -> float:
     """Ratio of the scatter of theta between neighbouring resting frames to its stated standard deviation.
 
     It is shrunk towards 1 if frames are few; 1 for fewer than five. Residuals within a frame do not measure
-    it: their systematic part (from a lens, a code or a placement that is not quite as modelled) is the same
-    in all frames, so that it moves theta's zero but does not add scatter.
+    it: their systematic part (from a lens, a printed marker or its place not quite as modelled) is the
+    same in all frames, so that it moves theta's zero but does not add scatter.
 
     Args:
         theta: (n,) tipping angle of the resting frames [rad].

@@ -34,9 +34,9 @@ class Unknowns:
     """Unknowns of the registration, which estimates the poses of an object's markers from strikes.
 
     They are those of markers, strikes, pivot edges, tables and video frames. O is the object frame, M a
-    marker's, W the world frame. Of a strike, psi is the heading of the object as put down, x and y its place
-    on the table, kappa its turn about the vertical by the impact, and tau its further turn about the vertical
-    while it tips, per rad of tipping angle theta.
+    marker's, W the world frame. Of a strike, psi is the heading of the object as put down, less the planned
+    one, x and y its place on the table, kappa its turn about the vertical by the impact, and tau its further
+    turn about the vertical while it tips, per rad of tipping angle theta.
     """
 
     R: list[Array]

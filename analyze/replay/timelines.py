@@ -58,7 +58,9 @@ class Timelines:
         self.stream.set_time(SESSION, duration=(time_ns - self.origin_ns) * 1e-9)
 
     def time_columns(self, time_ns: IntArray, contact_ns: int | None) -> list[rr.TimeColumn]:
-        """Time columns for n rows of data: `session`, and `since_contact` within a strike.
+        """Times [s] of n rows of data, as rerun's time columns.
+
+        They are `session`, from the timelines' origin, and within a strike `since_contact`, from its contact.
 
         Args:
             time_ns: (n,) log times of the rows [ns].

@@ -195,9 +195,9 @@ def find_square(
         corners_raw: (4, 2) these corners in the image [raw px].
 
     Returns:
-        The square, its corners in the order given, with the pixels along its edges. None if an edge leaves
-        the image, is too short or too long, or the fit of an edge fails or shows a contrast, from dark inside
-        to light outside, of less than 12 grey levels.
+        The square, its corners in the order given [ideal px], with the pixels along its edges. None if an
+        edge leaves the image, is too short or too long, or the fit of an edge fails or shows a contrast, from
+        dark inside to light outside, of less than 12 grey levels.
     """
     band = _band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
     found = None if band is None else _fit(image, band, _START_SHAPE)

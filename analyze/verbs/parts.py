@@ -1,4 +1,4 @@
-"""`analyze parts`: list the closed bodies of an object's mesh, with the numbers that its labels use.
+"""`analyze parts`: list the bodies of an object's mesh, with the numbers that its labels use.
 
 A label ([[labels]] in the object file) names a part of the object and the bodies that it consists of.
 """
@@ -28,7 +28,7 @@ _MILLI, _CUBIC_CM = 1e3, 1e6
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def parts(object_file: Path, as_json: bool) -> None:
-    """List the closed bodies in an object's mesh, with the numbers by which its [[labels]] name them."""
+    """List the bodies in an object's mesh, with the numbers by which its [[labels]] name them."""
     files, bodies = read_bodies(object_file)
     if as_json:
         click.echo(json.dumps(bodies_json(files, bodies), allow_nan=False))
@@ -37,13 +37,14 @@ def parts(object_file: Path, as_json: bool) -> None:
 
 
 def read_bodies(path: Path) -> tuple[ObjectFiles, list[Body]]:
-    """Read an object file and find the closed bodies of its mesh.
+    """Read an object file and find the bodies (connected parts) of its mesh.
 
     Args:
         path: the object file (TOML).
 
     Returns:
-        The object file with its shape, and the bodies, largest first; labels number them from 1.
+        The object file with its shape, and the bodies, largest first, which labels number from 1; a body need
+        not be closed (`open_edges`).
 
     Raises:
         ShapeError: the object file or its shape cannot be used, the shape is no mesh, or a label names a body
@@ -70,7 +71,7 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
 
     Args:
         files: the object file with its shape.
-        bodies: closed bodies of the mesh, largest first.
+        bodies: bodies of the mesh, largest first.
         console: where to print; None for standard output.
     """
     from rich.box import SIMPLE_HEAD
@@ -111,7 +112,7 @@ def bodies_json(files: ObjectFiles, bodies: list[Body]) -> list[dict[str, object
 
     Args:
         files: the object file with its shape.
-        bodies: closed bodies of the mesh, largest first.
+        bodies: bodies of the mesh, largest first.
     """
     part_of = _part_of_body(files)
     return [
