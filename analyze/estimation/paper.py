@@ -1,4 +1,4 @@
-"""Estimators of the paper (VISAPP 2013, 3.2.2, 3.3), to reproduce its tables and to compare with ours.
+"""The paper's estimators (VISAPP 2013, 3.2.2, 3.3), for comparison; one file, to be read beside the paper.
 
 They give the centre of mass, moments about edges, and masses of the shell and of two parts of the interior.
 """

@@ -1,4 +1,4 @@
-"""Centre of mass c and inertia per mass I/m of a real cube from 400 tosses, by flight and by contact.
+"""Centre of mass c and inertia per mass of a real cube from 400 tosses; one file, as both ways share them.
 
 Data: ContactNets (Pfrommer, Halm and Posa 2020). The cube slides on every contact, so that a fit about a
 fixed pivot fails: this tests the moment balance (contact forces have no moment about the line of contact) on
