@@ -73,7 +73,7 @@ class Repeated:
 
     @property
     def stands_out(self) -> str:
-        """How a measured quantity varies over sessions beyond chance, as "drifts"; "" if it does not.
+        """Variation of a measured quantity over sessions beyond chance, as "drifts"; "" if there is none.
 
         It "scatters 1.8 times as much as stated" (by the sd that the sessions' results give), drifts with
         time, or both, joined by ", ". Beyond chance is a p-value below `MAX_CHANCE_PROBABILITY` (1e-4).

@@ -133,7 +133,7 @@ def largest_height(planes: Array, points: Array) -> Array:
 
 
 def _candidate_planes(planes: Array, points: Array) -> Array:
-    """Those of `planes`, (k, 4), that are needed for the largest height of each point over any of them.
+    """Planes (k, 4) of `planes` that are needed for the largest height of each point over any of them.
 
     A height is n.x + d. A plane is kept if the height of the points' middle over it is below the middle's
     largest height by at most twice the largest distance of a point from the middle.

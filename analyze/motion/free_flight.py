@@ -170,7 +170,7 @@ def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
     line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))
 
     def rest(values: Array) -> Array:
-        """What remains of values (n, ...), one row per frame, without the best straight line in time."""
+        """Values (n, ...), one row per frame, less their best straight line in time."""
         return values - line @ (line.T @ values)
 
     slowed = _twice_integrated(motion, drag)

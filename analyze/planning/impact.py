@@ -223,7 +223,7 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
-    """That of `points` at which the pivot edge needs the least friction not to slip; None without points.
+    """Impact point of `points` at which the pivot edge needs the least friction; None without points.
 
     The friction is the coefficient needed for the worst of the examined places of the centre of mass.
 

@@ -236,7 +236,7 @@ class Information:
         )
 
     def measurements(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
-        """What strikes on one axis measure at each of its h headings, as a linear model.
+        """Linear model of the measurements of strikes on one axis, at each of its h headings.
 
         A heading is the turn [rad] of object and striker about the vertical; the usual one always counts.
         Included are the strikes made before, and `strikes` more at the usual heading. The table's tilt

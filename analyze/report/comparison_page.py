@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Shown:
-    """How the comparison page shows one kind of quantity, such as region masses: title, unit and digits."""
+    """Title, unit and digits of one kind of quantity on the comparison page, such as region masses."""
 
     title: str
     unit: str
