@@ -19,6 +19,8 @@ from acquire.virtual.dynamixel_servo import HardwareError
 from tests.acquire.striker.conftest import Heard, home_arm_and_cock, wait_for
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
+ARM_STEP_MS = 1.0
+"""step of the simulated arm"""
 CONTACT_SD_MS = 0.3
 """standard deviation of the contact time expected at 1 kHz"""
 WELL_READ_MS = 2.2
@@ -30,12 +32,6 @@ def bracket_ms(heard: Heard, time_ns: int) -> float:
     near = [s for s in heard.samples if -10_000_000 < s.host_before_ns - time_ns < 10_000_000]
     gaps = [later.host_after_ns - earlier.host_before_ns for earlier, later in pairwise(near)]
     return 1e-6 * max(gaps, default=20_000_000)
-
-
-def read_ms(heard: Heard, time_ns: int) -> float:
-    """Longest read near a contact [ms]: the angle that it returns is of any moment between its two ends."""
-    near = [s for s in heard.samples if -10_000_000 < s.host_before_ns - time_ns < 10_000_000]
-    return 1e-6 * max((s.host_after_ns - s.host_before_ns for s in near), default=20_000_000)
 
 
 def test_strike_has_one_contact_at_the_commanded_speed_and_true_time(plant: Plant, heard: Any) -> None:
@@ -64,13 +60,11 @@ def test_strike_has_one_contact_at_the_commanded_speed_and_true_time(plant: Plan
                 assert outcome.impulse_n_s is not None
             if outcome.impulse_n_s is not None:
                 assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
-            late_ms = max(plant.delay_ms(truth.time_ns), read_ms(heard, truth.time_ns))
-            allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS, late_ms))
-        # Plant and striker share one interpreter here, which a busy host delays: the delay is allowed for.
-        # `make bench-striker` runs them in two processes.
-        assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(
-            np.mean(np.square(allowed_ms))
-        )  # 99.7 % of four
+            allowed_ms.append(max(ARM_STEP_MS, sd_ms, gap_ms - WELL_READ_MS, plant.delay_ms(truth.time_ns)))
+        # This arm moves in steps of 1 ms, in the striker's own interpreter, and shows contacts 0.2 to 0.7 ms
+        # early: only gross errors are seen here. To 0.3 ms they are tested in simulated time
+        # (test_contact.py) and between two processes (`make bench-striker`: -0.03 ± 0.21 ms).
+        assert np.sqrt(np.mean(np.square(error_ms))) < np.sqrt(np.mean(np.square(allowed_ms)))
         cycle = ["ARMED", "COCKED", "RELEASED", "CONTACT", "CAUGHT", "VERIFIED", "DISARMED"]
         assert heard.kinds() == ["HOMED", *cycle * 4]
         assert {event.strike_id for event in heard.events} == {"", "s0", "s1", "s2", "s3"}
