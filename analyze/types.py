@@ -212,7 +212,7 @@ class MotionFit:
 
 @dataclass(frozen=True)
 class TipMotion:
-    """Motion of one strike: verdict, tipping angle theta(t), phases and fits."""
+    """Motion of one strike: verdict, tipping angle theta(t) [rad], its phases, and fits to it."""
 
     strike_id: str
     """id of the strike"""
@@ -287,7 +287,10 @@ class EquiPlane:
 
 @dataclass(frozen=True)
 class TableTilt:
-    """Tilt of the vertical against the table's normal, for one levelling (set-up) of the table."""
+    """Tilt [rad] of the vertical against the table's normal, for one levelling (set-up) of the table.
+
+    It has two components, towards x and y of the world frame W, with covariance and prior sd.
+    """
 
     lean: Array
     """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
@@ -359,7 +362,7 @@ class AxisInertia:
 
 @dataclass(frozen=True)
 class InertialParameters:
-    """Mass, centre of mass c and inertia tensor about c, in the object frame O: ten parameters."""
+    """Mass [kg], centre of mass c [m] and inertia tensor about c [kg m^2], in the object frame O, with sd."""
 
     mass: float
     """mass [kg]"""

@@ -158,7 +158,7 @@ class VideoSource(ABC):
             self._clock.sleep(_POLL_S)
 
     def _video(self, report: WindowReport, event: WatchEvent | None, written: Path) -> CheckVideo:
-        """Test video, put together from three sources.
+        """Test video: duration [s], frame counts, content of its file, and report of `analyze watch`.
 
         Args:
             report: times and frame counts of its recording window.

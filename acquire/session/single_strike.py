@@ -291,7 +291,7 @@ def write_striker(path: Path, entries: Mapping[str, str]) -> None:
 
 
 def air_swings_by_speed(swings: Sequence[MeasuredSwing]) -> list[tuple[float, list[MeasuredSwing]]]:
-    """Pairs of a commanded tip speed [m/s] and the swings in the air at that speed, slowest first."""
+    """Pairs of commanded tip speed [m/s] and list of swings without an impact at it, slowest first."""
     air = [each for each in swings if each.body_kg is None]
     speeds = sorted({each.command_m_s for each in air})
     return [(speed, [each for each in air if each.command_m_s == speed]) for speed in speeds]

@@ -145,7 +145,8 @@ def run_batch(
         callback: called with (outcome, recordings done, recordings in all) after each; None for silence.
 
     Returns:
-        Outcomes of the run.
+        Outcome of each recording analysed, the number of unchanged ones, ledger entries of those that failed
+        before and were not analysed again, and whether Ctrl-C ended the run.
 
     Raises:
         ArchiveError: the results cannot be written, another run writes them, the object file changed during

@@ -73,10 +73,11 @@ class Repeated:
 
     @property
     def stands_out(self) -> str:
-        """Variation of a measured quantity over sessions beyond chance, as "drifts"; "" if there is none.
+        """In words, how a quantity varies over an object's sessions beyond chance; "" if it does not.
 
-        It "scatters 1.8 times as much as stated" (by the sd that the sessions' results give), drifts with
-        time, or both, joined by ", ". Beyond chance is a p-value below `MAX_CHANCE_PROBABILITY` (1e-4).
+        The text "scatters 1.8 times as much as stated" says that the sessions' values deviate from their mean
+        by 1.8 times the sd that the sessions' results state; "drifts" says that the values change steadily
+        with time. Both are joined by ", ". Beyond chance is a p-value below `MAX_CHANCE_PROBABILITY` (1e-4).
         """
         said: list[str] = []
         if (
@@ -107,9 +108,10 @@ class Summary:
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:
-        """Measured quantities that vary over an object's sessions beyond chance, the largest chi^2 first.
+        """Quantities, each of one object, that vary over its sessions beyond chance, the largest chi^2 first.
 
-        They scatter more than the sd that the sessions state, drift with time, or both.
+        Their values scatter more than the sd that the sessions state, drift with time, or both. Chi^2 is that
+        of the values about their mean, per degree of freedom.
         """
         found = [each for each in self.repeated if each.stands_out]
         return tuple(sorted(found, key=lambda each: -each.chi_square))
@@ -204,7 +206,11 @@ def _statistics(
     factor: float,
     known: Sequence[tuple[float, float, float]],
 ) -> Repeated:
-    """Repeatability of one quantity of one object over its sessions: mean, scatter, chi^2 and drift.
+    """Statistics of one quantity of one object over its sessions: mean, spread, chi^2 and drift.
+
+    They are in `unit`: weighted mean; scatter (sd of the values from session to session) and median of the
+    stated sd; chi^2 about the mean per degree of freedom; drift (trend over the start times) per day, with
+    its sd and half 95 % interval.
 
     Args:
         name: name of the object.

@@ -122,10 +122,10 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
 
 
 def stands_out_text(each: Repeated) -> str:
-    """Text on a quantity that varies over sessions more than chance explains, with its figures.
+    """Text on a quantity that varies from session to session more than chance explains.
 
-    It states how (scatters, drifts), the sd from session to session, the median sd that the sessions state,
-    and the drift per day if it drifts.
+    It states whether the values scatter or drift (have a trend over time), their sd from session to session,
+    the median sd that the sessions state, and the drift per day if they drift, in the quantity's unit.
     """
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""

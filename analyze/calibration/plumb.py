@@ -111,7 +111,7 @@ class TableLean:
 
     @property
     def sd(self) -> Array:
-        """Standard deviations (2,) of the lean towards the world frame's x and y [rad]."""
+        """Standard deviations (2,) [rad] of the vertical's lean towards the world frame's x and y."""
         return np.sqrt(np.diag(self.covariance))
 
     @property

@@ -128,11 +128,11 @@ def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Cov
     """Warnings about a usable lens, each with a number and a remedy or cause; empty if there are none.
 
     Args:
-        lens: the lens, with p numbers.
-        sd: (p,) standard deviations of the lens's numbers.
-        pixels: standard deviation of the pixel to which a direction projects.
-        scatter: factor on the corners' stated sd that the residuals require.
-        covered: coverage of the image by corners.
+        lens: the lens: p numbers (fx, fy, cx, cy [px] and the distortion coefficients).
+        sd: (p,) standard deviations of these numbers.
+        pixels: standard deviation [px], over the image, of the pixel to which a direction projects.
+        scatter: factor by which the corners' stated sd must grow to explain the residuals.
+        covered: cells of a grid over the image in which corners were seen.
     """
     found: list[str] = []
     fx, fy = lens.numbers[:2]

@@ -198,11 +198,13 @@ def part_masses(
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
-    """Whitened design matrix (4 + a, n) and measurements (4 + a,) of the problem of n parts' masses.
+    """Design matrix (4 + a, n) and measurements (4 + a,) of the linear problem of n parts' masses.
 
-    A column of the matrix is the contribution of a kilogram in one part. The rows are the mass, the first
-    moment (3) about the measured centre of mass, and the moments of inertia about the directions of the a
-    measured axes through `about`.
+    Both are multiplied by the matrix that makes the measurements' errors independent and of unit sd
+    (whitened); so the product of matrix and masses [kg] is compared with the measurements. Before that, a
+    column of the matrix is the contribution of a kilogram in one part, and the rows are the mass [kg], the
+    first moment (3) about the measured centre of mass [kg m], and the moments of inertia about the
+    directions of the a measured axes through `about` [kg m^2].
 
     The moments of inertia were measured about the true centre of mass; `about` should be close to it. For a
     slender body the measured centre of mass is not close enough: the square of its error along the body,
@@ -233,8 +235,8 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
 def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
     """Likeliest n masses (n,) [kg] by a normal distribution, each mass bounded by 0 and `most` (n,) [kg].
 
-    `mean` (n,) and `precision` (n, n), the inverse covariance, are those before truncation at the bounds. The
-    result is kept 1e-6 of `most` inside the bounds.
+    `mean` (n,) [kg] and `precision` (n, n) [1/kg^2], the inverse covariance, are those before truncation at
+    the bounds. The result is kept 1e-6 of `most` inside the bounds.
     """
     values, vectors = np.linalg.eigh(precision)
     root = (vectors * np.sqrt(values)).T * most

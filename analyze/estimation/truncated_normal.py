@@ -163,7 +163,7 @@ class ShareDistribution:
         return np.choose(kind[:, None], kinds)
 
     def _draw_inside(self, rng: np.random.Generator) -> Array:
-        """One random set of three shares (b, 3), none of them zero, from each of the b distributions."""
+        """Random draws (b, 3), one per distribution: three shares of a whole, none of them zero."""
         density = np.exp(self.log_density - self.log_density.max(axis=1, keepdims=True))
         between = np.cumsum(density[:, 1:] + density[:, :-1], axis=1)
         level = rng.uniform(size=len(between)) * between[:, -1]
@@ -216,9 +216,10 @@ class _Side:
 
     @property
     def log_mass(self) -> Array:
-        """Logarithms (b,) of the integrals over u, from 0 to 1, of the b densities.
+        """Logarithms (b,) of the integrals over u, from 0 to 1, of b normal densities.
 
-        u is the first of three shares. The densities are not normalised: their peak is exp(`log_peak`).
+        u is the first of three shares of a mass. The densities are not normalised: their peak is
+        exp(`log_peak`).
         """
         return (
             self.log_peak
@@ -280,8 +281,8 @@ def _second_given_first(mean: Array, precision: Array, u: Array) -> tuple[Array,
 def _log_density(mean: Array, precision: Array, u: Array) -> Array:
     """Log marginal density (b, n), not normalised, of the first of three shares at `u` (b, n).
 
-    The shares are not negative and have the sum 1. `mean` (b, 2) and `precision` (b, 2, 2) are those of the
-    first two shares before truncation at zero.
+    The shares are not negative and have the sum 1. `mean` (b, 2) and `precision` (b, 2, 2), the inverse
+    covariance, are those of the first two shares, in each of b distributions, before truncation at zero.
     """
     middle, sd = _second_given_first(mean, precision, u)
     alone = precision[:, 0, 0] - precision[:, 0, 1] ** 2 / precision[:, 1, 1]

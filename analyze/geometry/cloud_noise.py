@@ -23,7 +23,7 @@ MAX_PATCH_RADIUS = 0.15
 
 @dataclass(frozen=True)
 class CloudNoise:
-    """Noise of a point cloud (scatter about its surface) and spacing of its points."""
+    """Noise of a point cloud (sd of the points across the surface) and spacing of its points, in m."""
 
     sd: float
     """1 sigma of the points across the surface [m]."""

@@ -95,7 +95,7 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Depth of points in a convex body, positive inside, and its gradient.
+    """Depths (n,) [m] of points in a convex body, positive inside, and their gradients (n, 3).
 
     The depth is minus the largest height over a face's plane. Outside, beside edges and corners, its size is
     less than the distance from the body. For speed, successive points should lie close together if there are

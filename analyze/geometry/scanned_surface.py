@@ -36,7 +36,7 @@ HOLLOW_LAYERS = 2
 
 @dataclass(frozen=True, eq=False)
 class ScannedSurface:
-    """Samples of a closed surface, in the object frame, with a mask of the unscanned ones.
+    """Samples of a closed surface in the object frame: points [m], normals, mask of the unscanned.
 
     Each sample stands for the same area.
     """
@@ -81,6 +81,9 @@ def scanned_cloud(
     vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float
 ) -> ScannedSurface:
     """Samples of the convex hull of a point cloud, with a mask of those that were not scanned.
+
+    They are points (s, 3) [m], spread evenly over the hull and in the frame of its vertices, with outward
+    unit normals (s, 3); the mask (s,) is True where the hull was not scanned.
 
     A sample was scanned if a point of the cloud lies within `reach`, or if a line straight inwards from it
     meets a hollow's floor before the far side.

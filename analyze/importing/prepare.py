@@ -253,7 +253,8 @@ def _estimate_camera_pose(
         plan: strike plan with the object's resting poses.
         camera: lens of the camera.
         images: images of each source.
-        windows: windows of the strikes (parts of the sources); those without an onset are not used.
+        windows: windows of the strikes (parts of the sources); those without an onset (first motion) are not
+            used.
         progress: called with a text, the number of finished strikes and of all.
 
     Returns:

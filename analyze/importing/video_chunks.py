@@ -58,7 +58,7 @@ class PreparedChunk(NamedTuple):
 
 @dataclass
 class OpenChunk:
-    """A chunk of coded pictures to which further pictures can be added."""
+    """Unfinished MCAP chunk of a video's coded pictures, to which further pictures can be added."""
 
     _messages: list[VideoMessages] = field(default_factory=list)
     _records: list[memoryview] = field(default_factory=list)

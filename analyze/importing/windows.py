@@ -56,7 +56,7 @@ def window_around(onset: Onset, frame_ns: float) -> tuple[int, int]:
     the marker rested. It is not cut here at the next strike or at the source's end.
 
     Args:
-        onset: onset of the strike.
+        onset: onset of the strike (first motion of a marker at rest).
         frame_ns: interval between two images [ns].
     """
     after_ns = max(AFTER_ONSET_NS, round(MIN_FRAMES_AFTER_ONSET * frame_ns))
@@ -91,7 +91,7 @@ def one_window_per_clip(
 ) -> tuple[StrikeWindow, ...]:
     """Windows (parts of sources) of clips that show one strike each, in the order of the clips.
 
-    A window lies around the clip's first onset, or is the whole clip if no onset was found.
+    A window lies around the clip's first onset (begin of a motion), or is the whole clip if none was found.
 
     Args:
         clips: clips in the order in which they were given.

@@ -40,7 +40,7 @@ _ROUNDS = 50
 
 @dataclass(frozen=True)
 class Flight:
-    """Stretch of a thrown body's motion in which only gravity and air act."""
+    """Poses of a thrown body in which only gravity and air act, with the number of the throw."""
 
     motion: BodyMotion
     """poses of the body"""

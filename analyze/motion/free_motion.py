@@ -104,7 +104,7 @@ def longest_clean_fit(
 def settled_fit(fit: MotionFit, refit: Callable[[tuple[int, int]], MotionFit]) -> MotionFit:
     """`fit`, or a fit that begins later if the striker still touched the object in the first frames.
 
-    Contacts too light to show as a jump leave residuals far above the scatter of neighbouring frames. The
+    Contacts too light to show as a jump leave residuals far above the noise between neighbouring frames. The
     window then begins at the first frame from which the residuals are nearly as small as from any later
     start. (Measured on a strike with four such contacts, of 4-8 % of the first one's impulse, the last 11 ms
     after the window's start: balance angle phi off by 0.17 deg before, 0.001 deg after.)

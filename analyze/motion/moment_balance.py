@@ -253,19 +253,24 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         prior_row[9] = spread / radius[1]
 
         def residual(x: Array) -> Array:
-            """Residuals (n + 1,) at x (10,): n of the moment balance, then one of the prior of the radius.
+            """Residuals (n + 1,) at x (10,): n errors of moments about contacts, and one of the radius.
 
-            The residuals of the balance are in m^2/s^1.5; the last one is scaled to the same spread.
-            x holds, in the object frame O, the centre of mass [m] (3) and the inertia per mass about O's
-            origin as xx yy zz xy xz yz [m^2] (6), then the radius of the edges' rounding [m].
+            Each of the n is an imbalance of moments per mass about a contact, integrated over time, over the
+            root of the contact's duration [m^2/s^1.5]. The last one is the radius less its expected value,
+            scaled to the spread of the others. x holds, in the object frame O, the centre of mass [m] (3) and
+            the inertia per mass about O's origin as xx yy zz xy xz yz [m^2] (6), then the radius of the
+            edges' rounding [m].
             """
             return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
 
         def jacobian(x: Array) -> Array:
-            """Derivatives (n + 1, 10), by x, of the n residuals of the balance and of the radius's prior.
+            """Derivatives (n + 1, 10) by x: of n residuals of the moment balance, then of the radius's prior.
 
-            x holds, in the object frame O, the centre of mass [m] (3) and the inertia per mass about O's
-            origin as xx yy zz xy xz yz [m^2] (6), then the radius of the edges' rounding [m].
+            A residual of the balance is the time integral of the moment per mass about a contact, over the
+            root of the contact's duration [m^2/s^1.5]; that of the prior is the radius's deviation from it,
+            scaled to the same spread. x (10,) holds, in the object frame O, the centre of mass [m] (3) and
+            the inertia per mass about O's origin as xx yy zz xy xz yz [m^2] (6), then the radius of the
+            edges' rounding [m].
             """
             return np.vstack([balance(x)[1], prior_row])
 

@@ -61,8 +61,9 @@ class PredictedValues:
 class PredictedMotion:
     """Measured minus predicted tipping angle theta [rad] of one strike, in n frames.
 
-    They are the free frames (in which only gravity and the table act) up to the prediction's end. phi is the
-    balance angle, k the rate constant [rad/s^2] of the motion.
+    The prediction takes balance angle phi and rate k (theta'' = -k sin(phi - theta), rad/s^2) from the other
+    strikes, and the start from the strike's own first free frames. The n frames are the free ones (in which
+    only gravity and the table act) up to the prediction's end.
     """
 
     strike_id: str
@@ -92,7 +93,7 @@ class PredictedMotion:
 
     @property
     def outside(self) -> float:
-        """Share (0 to 1) of the predicted frames off by more than 1.96 sd; 0.05 is expected."""
+        """Share (0 to 1) of frames whose angle is off the prediction by more than 1.96 sd (0.05 expected)."""
         return float(np.mean(np.abs(self.offset[self.start :]) > SIGMAS_95 * self.sd[self.start :]))
 
 
@@ -207,7 +208,8 @@ def _noise(residual: Array, sd: Array) -> Array:
 def _excess_scatter(own: Array, by_frames: Array) -> Array:
     """Part (2, 2) of a strike's own covariance of (phi, ln k) that frame noise does not explain.
 
-    phi is the balance angle [rad], k the rate of the tip; variances below 0 count as 0.
+    phi is the balance angle [rad], k the rate constant of the tip [rad/s^2]; the covariances are in rad^2,
+    rad and 1. Variances below 0, along the principal directions of the difference, count as 0.
 
     Args:
         own: (2, 2) the strike's own covariance.

@@ -65,7 +65,8 @@ class Placement:
 class PlanarMotion:
     """Measured motion of a strike in n frames: tip about the pivot axis, and deviations from a pure tip.
 
-    The deviations are slip and lift of the pivot, rotation about other axes, and the axis's heading.
+    The deviations are slip (along the table) and lift (off it) of the pivot [m], rotation about other axes
+    [rad], and the axis's heading [rad] about the vertical, against y of the world frame.
     """
 
     angle: TipAngle
@@ -214,7 +215,7 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
 
 
 def _scale(solution: _Solution) -> float:
-    """Factor on the corners' standard deviation that explains the residuals of a fit, at least 1.
+    """Factor on the corners' stated sd that explains the residuals of a fitted motion, at least 1.
 
     It is the root of the median frame's chi^2 per degree of freedom.
     """
@@ -230,8 +231,10 @@ def _collect(
 ) -> tuple[_Views, Array]:
     """Corners in every frame of the markers seen at rest, and the pivot point (3,) in W [m].
 
-    W is the world frame, z up. The corners are free of lens distortion. The pivot point is the mean of those
-    that the markers' places give, or the planned one if no marker's place on the object is known.
+    W is the world frame, z up. The corners (frames, markers, 4, 2) [px] are free of lens distortion, and come
+    with their sd, their positions at rest in W [m], and a first guess of the tipping angle [rad]. The pivot
+    point is the mean of those that the markers' places give, or the planned one if no marker's place on the
+    object is known.
 
     Args:
         tracks: tracks of the object's markers.
@@ -382,7 +385,9 @@ def _solve_full(views: _Views, pivot: Array, yaw: float, camera: CameraModel, pl
         planar: (n, 3) theta [rad], x, z [m] of the planar fit.
 
     Returns:
-        The unknowns (n, 6) [rad, m] with their covariance and misfit in every frame.
+        In every frame: the unknowns (n, 6) [rad, m], in the order theta, x, z, rotation about the vertical,
+        rotation about x, displacement along the axis; their covariance (n, 6, 6); and the chi^2 of the
+        corners with its degrees of freedom, (n,) each.
     """
     R_camera_world, t_camera_world = world_to_camera(camera)
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])

@@ -92,8 +92,8 @@ def _theta_with_jump(time: Array, frame: int, radius: float, sets: Array) -> Arr
         time: (n,) times [s].
         frame: index of the jump.
         radius: radius of the edge's rounding [m].
-        sets: (c, 5) balance angle phi, rate k of the tip, theta0 and omega0 (tipping angle and speed at the
-            first time), and jump in speed [rad, rad/s^2, rad, rad/s, rad/s].
+        sets: (c, 5) balance angle phi, rate constant k of theta'' = -k sin(phi - theta), theta0 and omega0
+            (tipping angle and speed at the first time), and jump in speed [rad, rad/s^2, rad, rad/s, rad/s].
     """
     still = np.zeros_like(time)
     return driven_theta(time, sets, still, still, radius, jump=(frame, sets[:, 4]))

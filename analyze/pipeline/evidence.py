@@ -91,7 +91,9 @@ class StrikeSource(Protocol):
         ...
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Yield the first camera's images as grey values, each with its log time [ns], in order of time.
+        """Yield the first camera's images in order of time, as grey values (height, width) uint8.
+
+        Each comes with its log time [ns] and its number in the recording.
 
         Args:
             start_ns: first log time [ns] to include; None for the recording's start.

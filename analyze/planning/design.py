@@ -178,10 +178,10 @@ class _Search:
     def _sums(self, members: tuple[int, ...], each: int) -> tuple[Array, Array]:
         """Information (14, 14) from one set of axes, and sum (3, 3) of n n^T over the axes.
 
-        It is Fisher information about the 14 unknowns that strikes share (centre of mass, inertia, common
-        errors), in units of their prior 1 sigma. n is the unit normal, in the object frame, of the plane
-        through an axis's edge and the centre of mass. Both include the strikes made before, the information
-        also the priors.
+        The first is Fisher information about the 14 unknowns that strikes share, in units of their prior 1
+        sigma: centre of mass (3), inertia tensor (6), and errors of mass, gravity, table tilt, scale and edge
+        radius. n is the unit normal, in the object frame, of the plane through an axis's edge and the centre
+        of mass. Both include the strikes made before, the information also the priors.
 
         Args:
             members: Indices of the set's axes among the candidates.
@@ -306,13 +306,14 @@ class _Search:
         return members
 
     def distributed(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
-        """Number of strikes on each axis of a set, in the order of `members`.
+        """Number of strikes on each axis (edge to tip the object about) of a set, in the order of `members`.
 
         All axes get equal shares; each strike left over goes where it lowers the loss (predicted errors of
         centre of mass and inertia) most.
 
         Args:
-            members: Indices of the candidates in the set, no more than `strikes`.
+            members: Indices of the set's axes among all axes that can be struck; no more of them than
+                `strikes`.
             strikes: Number of strikes in all.
         """
         each, left = divmod(strikes, len(members))

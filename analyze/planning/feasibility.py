@@ -208,7 +208,7 @@ def simulate_tips(cases: Sequence[StrikeCase], gravity: float, most_slip: float 
 
 
 def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
-    """Smallest friction coefficients (n,) with which each of n cases slides at most `SLIP_LIMIT`.
+    """Smallest friction coefficients (n,) with which the edge slides at most `SLIP_LIMIT` in n strikes.
 
     The coefficient is one of `FRICTIONS` (0.05 apart up to 0.7, then farther). With it, and with all larger
     ones, the edge holds. It is inf if the edge slides even with the largest.
@@ -229,10 +229,10 @@ def least_friction(cases: Sequence[StrikeCase], gravity: float) -> Array:
 class _Bodies:
     """Parameters and state of n simulated strikes, as arrays (n,).
 
-    The state is the tipping angle theta [rad] and its rate, the contact's sliding speed and distance, the yaw
-    [rad] and its rate, the largest slip so far [m], the smallest load so far (normal force over weight), and
-    whether the case goes on. While `load_counts` is False, during the striker's push, no load is recorded and
-    no case ends; `simulate_tips` sets it to True afterwards.
+    The state is the tipping angle theta [rad] and its rate, the contact's sliding speed [m/s] and distance
+    [m], the yaw [rad] and its rate, the largest slip so far [m], the smallest load so far (normal force over
+    weight), and whether the case goes on. While `load_counts` is False, during the striker's push, no load is
+    recorded and no case ends; `simulate_tips` sets it to True afterwards.
 
     Args:
         cases: The n strikes.

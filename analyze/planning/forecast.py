@@ -199,8 +199,8 @@ def advice(
             tilt, where `information` counts it as made; None if there is no such strike.
 
     Returns:
-        Predicted errors of the centre of mass by number of strikes, and with any number on these axes; their
-        sources; and whether and why to stop.
+        Predicted rms errors of the centre of mass [m] by number of strikes, and with any number on these
+        axes; the error [m] caused by each source; and whether to stop, with advice in words.
     """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]

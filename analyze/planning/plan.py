@@ -45,7 +45,7 @@ ENERGY_RANGE = (0.8, 1.6)
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """Options of a plan requested by the user: number of strikes, target precision and others."""
+    """What the user asks of a plan: number of strikes or error of the centre of mass, and options."""
 
     strikes: int = 9
     """Number of (further) strikes; with a target the largest number, if more than `forecast.MAX_STRIKES`."""

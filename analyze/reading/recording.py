@@ -208,7 +208,7 @@ class Recording:
 
     @cached_property
     def strikes(self) -> tuple[pb.StrikeRecord, ...]:
-        """Records (time window, id, resting pose) of the strikes that were carried out, by log time.
+        """StrikeRecord messages (id, time window, resting pose) of the strikes carried out, by log time.
 
         Raises:
             RecordingError: a file is damaged.

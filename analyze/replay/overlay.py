@@ -139,7 +139,7 @@ def sharp_edges(vertices: Array, faces: IntArray) -> list[Array]:
         faces: (f, 3) vertex indices of the triangles, all in one orientation.
 
     Returns:
-        End points (2, 3) [m] of each edge.
+        List with the two end points (2, 3) [m] of each edge, in the frame of the vertices.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -28,10 +28,10 @@ TICKS = (0.2, 1.0, 5.0, 20.0)
 
 
 def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
-    """Figure of measured minus predicted tipping angle with its 95 % band, one panel per strike.
+    """Matplotlib figure of measured minus predicted tipping angle [deg] over time, a panel per strike.
 
-    The prediction comes from all other strikes; the band is 1.96 sd of the difference. Strikes that are not
-    consistent with their prediction are red.
+    The prediction comes from all other strikes. A 95 % band is drawn: 1.96 sd of the difference. Strikes that
+    are not consistent with their prediction are red.
 
     Raises:
         ValueError: there is no strike.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ShownTruth:
-    """True values of the quantities that a report shows; SI units, in the object's frame O."""
+    """True centre of mass, balance angles, moments and region masses; SI units, object's frame O."""
 
     com: Array
     """(3,) centre of mass [m]"""

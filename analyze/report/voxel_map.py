@@ -28,9 +28,10 @@ _MAX_MISFIT = 3.0
 
 
 def voxel_figure(voxels: VoxelMap) -> Figure:
-    """Figure of the mean density [g/cm³] along the line of sight, from front, side and top.
+    """Matplotlib figure of the mean density [g/cm³] along the line of sight, from front, side and top.
 
-    Where there is next to no volume, the figure is blank.
+    `voxels` are cells of the body with their volumes and estimated densities; axes are in mm. Where there is
+    next to no volume, the figure is blank.
     """
     masses = voxels.density * voxels.volumes
     low, high = 1e3 * voxels.points.min(axis=0), 1e3 * voxels.points.max(axis=0)

@@ -80,7 +80,7 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
 
 
 def intervals95(values: Array, sd: Array) -> list[list[float]]:
-    """95 % intervals [low, high] of n values (n,) with standard deviations `sd` (n,), one per value."""
+    """List of n pairs [low, high], in the values' unit: 95 % intervals of values (n,) with sd (n,)."""
     return np.stack([values - SIGMAS_95 * sd, values + SIGMAS_95 * sd], axis=1).tolist()
 
 

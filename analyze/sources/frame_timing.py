@@ -185,9 +185,10 @@ def time_sd_ns(times: list[int]) -> int:
 
 
 def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
-    """True if stamps lie on multiples of a constant frame interval, to within one step.
+    """True if time stamps lie on multiples of a constant frame interval, to within one step.
 
-    The median distance between neighbouring stamps must also be about one interval.
+    A step is the unit in which the video file states time stamps. The median distance between neighbouring
+    stamps must also be about one interval.
 
     Args:
         steps: (n,) increasing stamps since the first [steps].

@@ -89,10 +89,11 @@ class _CornerPaths:
         self._terms = _divided_differences(self._nodes, corners[index])
 
     def evaluate(self, time_s: Array) -> Array:
-        """Positions (n, 4, 2) [ideal px] of a marker's four corners, at n times of each, `time_s` (n, 4).
+        """Positions (n, 4, 2) [ideal px] of a marker's four corners at times `time_s` (n, 4) [s].
 
-        Ideal pixels are free of lens distortion; times [s] count as those of the fit. Row i is computed
-        from the cubic in time that was fitted around frame i of n.
+        Every corner has its own n times, with the same zero as those given to the constructor. Row i is
+        computed from the cubics in time, one per corner, that were fitted around frame i of n. Ideal pixels
+        are free of lens distortion.
         """
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):

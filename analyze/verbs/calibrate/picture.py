@@ -28,7 +28,7 @@ _ARROW_FRACTION = 0.06
 
 
 def picture(found: Calibration) -> Figure:
-    """Figure of a calibration with three panels over the image: corners, uncertainty and residuals.
+    """Matplotlib figure of a calibration, three panels over the image: corners, uncertainty and residuals.
 
     The panels show the board's corners by view, the standard deviation [px] of the pixel to which a direction
     projects, and the residuals as arrows. If the views do not determine the lens, a red title gives the

@@ -12,7 +12,7 @@ from schemas.document import SCHEMA_VERSION
 
 
 def gravity_text(answer: GravityAnswer) -> list[str]:
-    """Plumb lines found, tilt with 95 % intervals, notes and doubts, as lines for the terminal."""
+    """Lines for the terminal: plumb lines found, table's tilt [deg] with 95 % intervals, doubts."""
     table = answer.table
     lines: list[str] = []
     for line, place, many in zip(answer.lines, answer.places_px, answer.seen_in, strict=True):

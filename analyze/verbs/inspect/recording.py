@@ -50,7 +50,7 @@ def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str,
 
 
 def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) -> dict[str, Any]:
-    """Session and health of a recording as JSON values.
+    """Session and health of a recording as JSON values: files, ids, object, topics, cameras, problems.
 
     Args:
         recording: the open recording.

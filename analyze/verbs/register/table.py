@@ -109,8 +109,9 @@ def _table_text(answer: RegisterAnswer, table: TablePlace) -> str:
 def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
     """Marker poses, table poses, misfits and strikes not used, as JSON values in SI units.
 
-    Only `rms_px` is in pixels. The pose of a marker that is not determined is None, and its `observed` is
-    False.
+    Poses are (4, 4) matrices with covariances or standard deviations. `misfit` is, by strike id, the chi^2 of
+    marker corners per degree of freedom. Only `rms_px`, the rms residual of a marker's corners, is in pixels.
+    The pose of a marker that is not determined is None, and its `observed` is False.
     """
     found, given = answer.registration, answer.given
     markers: list[dict[str, Any]] = []
