@@ -139,7 +139,7 @@ class Computer:
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
         """Receive buffer that a UDP socket gets when it requests `asked_bytes`, and the system's limit.
 
-        A socket on the loopback interface is opened to find out. The limit is None if it cannot be read.
+        Both are in bytes. A socket on the loopback interface is opened to find out. The limit is None if it cannot be read.
         """
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
@@ -151,9 +151,9 @@ class Computer:
         return ReceiveBuffer(got, rmem_max)
 
     def route(self, address: str) -> Route | None:
-        """Network interface that leads to an IPv4 address, with its largest packet; None if it is not found.
+        """Network interface that leads to an IPv4 address, and its largest packet [bytes]; None if unknown.
 
-        Nothing is sent.
+        The route states, too, whether packets stay on this computer (loopback). Nothing is sent.
 
         Raises:
             OSError: there is no route to the address.

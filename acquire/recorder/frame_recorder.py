@@ -249,7 +249,7 @@ class FrameRecorder(ABC):
         self._path.close()
 
     def _last_ns_of(self, window: _Window) -> int:
-        """Latest mid-exposure time of frames that belong to a strike's window, host monotonic [ns].
+        """Host monotonic time [ns] of the latest mid-exposure that still belongs to a strike's window.
 
         The window is the time span whose images are recorded. The time is its end if it is closing, else
         `max_window_s` after its start.

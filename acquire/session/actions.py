@@ -81,7 +81,7 @@ class Judge:
 
 @dataclass(frozen=True)
 class WriteRecord:
-    """Action: write a message on one strike (window, speeds, contact, verdict) into the recording."""
+    """Action: write a message on one strike (time span, speeds, contact, verdict) into the recording."""
 
     strike: PlannedStrike
     strike_id: str

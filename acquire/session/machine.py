@@ -192,7 +192,7 @@ class SessionMachine:
         return [self._announce(), RecordUntilRest()]
 
     def on_recorded(self, event: Recorded) -> list[Action]:
-        """React to the closed recording window: ask for the verdict on the strike.
+        """React to the end of the recorded time span of a strike: ask for the verdict on the strike.
 
         Returns:
             Actions to execute, in order.

@@ -124,8 +124,9 @@ def summarise(rows: pa.Table) -> Summary:
         rows: table with one row per recording, from `read_recording_rows`.
 
     Returns:
-        Number of recordings with results; the objects with their numbers of sessions and strikes; sd from
-        session to session and drift of each quantity of each object; and the failures by kind.
+        Number of recordings with results; the objects with their numbers of sessions and strikes; for each
+        quantity of each object, its sd from session to session and its drift (change per day over the
+        sessions); and the failures by kind.
     """
     listed = rows.to_pylist()
     good = [row for row in listed if row["status"] == "ok"]

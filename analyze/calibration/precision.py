@@ -27,7 +27,8 @@ COLUMNS, ROWS = 41, 31
 class PixelMap:
     """Uncertainty of a lens on a grid over its image.
 
-    It is the standard deviation of the pixel to which a direction projects [px].
+    It is the standard deviation [px], of column and row together, of the pixel to which a direction projects.
+    The grid (ROWS, COLUMNS) has `column` and `row` in px.
     """
 
     column: Array
@@ -74,8 +75,8 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
         covariance: (p, p) covariance of the lens's numbers.
 
     Returns:
-        Standard deviations [px], of column and row together, on a grid over the image; NaN where a pixel has
-        no direction (beyond a fisheye's range).
+        Standard deviations (rows, columns) [px], of column and row together, on a grid over the image, with
+        the grid's columns and rows [px]; NaN where a pixel has no direction (beyond a fisheye's range).
     """
     column, row, points = grid(lens)
     rays = (undistort(lens.camera(), points) - lens.numbers[2:4]) / lens.numbers[:2]

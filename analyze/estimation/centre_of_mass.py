@@ -64,7 +64,7 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
 
     Args:
         solution: Solution of the joint problem, by the strikes' balance angles phi alone or with their rate
-            constants k too.
+            constants k [rad/s^2] too.
         prior: Prior of c that the problem was solved with.
 
     Returns:

@@ -177,7 +177,8 @@ def _refined_grid(
 
     Args:
         moments: Measured mass, centre of mass and moments of the whole object.
-        shells: Cells for one or more shell thicknesses, thinnest first.
+        shells: Cells (small pieces) of the body for one or more shell thicknesses, thinnest first; the shell
+            is the outer wall.
         along: (3,) unit vector in the object frame O, along which levels are measured.
         density: Density of the filling; None if it is not known.
         whole: Lowest and highest possible level [m].
@@ -299,11 +300,12 @@ class _Grid:
         return self._moments.com + first, float(np.sqrt(max(self.chi2[t, h], 0.0) / len(self._target)))
 
     def posterior(self, whole: tuple[float, float], rng: np.random.Generator) -> FillLevel:
-        """Fill level, filled share, masses of shell and filling, its density, and shell thickness.
+        """Fill level [m], filled share, masses [kg] of shell and filling, its density, and shell thickness.
 
-        Each has mean, sd and 95 % interval in SI units (the thickness is None if it was given), from `DRAWS`
-        random draws. Draws of masses outside their bounds are rejected; if fewer than `MIN_DRAWS` remain,
-        masses are clipped to the bounds instead.
+        Each has mean, sd and 95 % interval in SI units, from `DRAWS` random draws; the thickness is None if
+        it was given. The level is the height of the filling's surface over the origin of the object frame O,
+        along the direction that was up when the object was filled. Draws of masses outside their bounds are
+        rejected; if fewer than `MIN_DRAWS` remain, masses are clipped to the bounds instead.
 
         Args:
             whole: lowest and highest possible level [m], to which drawn levels are clipped.

@@ -308,12 +308,12 @@ def estimated_rate(
     """Estimate of the ratio of true to stated frame rate that holds whatever the filling of the shape is.
 
     It needs pivot axes at different distances from the centre of mass. The joint problem is solved with
-    gravity as a free parameter: a factor on it acts on the strikes' rate constants k as the square of a
-    factor on the frame rate.
+    gravity as a free parameter: a factor on it acts on the strikes' rate constants k (theta'' = -k sin(phi -
+    theta), theta the tipping angle) as the square of a factor on the frame rate.
 
     Args:
         planes: Equi-planes (plane through pivot line and centre of mass) of one recording's strikes, in the
-            object frame O, with k at the stated rate.
+            object frame O, with k [rad/s^2] at the stated frame rate.
         systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
         moments: Mass, gravity, and the shape's prior of the moments, which is widened.

@@ -71,8 +71,9 @@ def mass_distribution_over(
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
-        shells: Cells for two or more shell thicknesses in a geometric series; each stands for an equal range
-            of the logarithm, over which the prior is uniform.
+        shells: Cells (small pieces that fill the body, in shell or interior) for two or more shell
+            thicknesses in a geometric series; each thickness stands for an equal range of the logarithm, over
+            which the prior is uniform.
         rng: Random generator of the chains; the same seed gives the same result.
 
     Returns:
@@ -117,8 +118,9 @@ def _shell_posterior(
 ) -> _ShellPosterior:
     """Posterior of dividing plane and region masses for one shell thickness, as draws, with its evidence.
 
-    `cells` are those of the body with this thickness; the evidence is the probability of the measured moments
-    with it. The regions are the shell, and the interior above and below the plane.
+    The regions are the shell (outer wall), and the interior above and below the plane. The draws of their
+    masses are (n, 3) [kg], one per drawn plane. The evidence is the log probability of the measured moments
+    with this thickness, up to a constant. `cells` are the small pieces of the body divided for it.
     """
     problem = RegionProblem(parameters, cells)
     chains, log_evidence = _posterior(problem, rng)

@@ -54,8 +54,9 @@ class ErrorSource(enum.Enum):
 class Influence:
     """Derivatives of the centre of mass c by one strike's balance angle phi and by its ln k.
 
-    c [m] is in the object frame O, phi in rad, k the rate constant of the strike's motion. All strikes keep
-    the weights that the robust estimate of c gave them.
+    Each is a vector (3,): c [m] is in the object frame O, phi in rad, and k [rad/s^2] the rate constant of
+    the strike's motion, theta'' = -k sin(phi - theta) with theta the tipping angle. All strikes keep the
+    weights that the robust estimate of c gave them.
     """
 
     strike_id: str

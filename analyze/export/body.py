@@ -24,9 +24,9 @@ RESERVED_NAMES = {"world", "base", "root", "default", "main"}
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass, centre of mass and inertia tensor about the centre of mass, of a rigid body.
+    """Mass [kg], centre of mass [m] and inertia tensor [kg m^2] of a rigid body, in the frame O.
 
-    O is the frame of the object's shape file.
+    The tensor is about the centre of mass, along the axes of O, the frame of the object's shape file.
     """
 
     mass: float

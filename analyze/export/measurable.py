@@ -35,11 +35,11 @@ MIN_GAIN = 0.05
 
 @dataclass(frozen=True)
 class AdditionalEdges:
-    """Edges to tip an object over so that strikes measure more entries of its inertia tensor.
+    """Edges about which further strikes would measure more entries of the object's inertia tensor.
 
-    For an entry that no strike has measured, an estimate takes a value that it assumes from the shape. `axes`
-    are the edges to tip over; `unreachable` are the entries that stay assumed even after that. The tensor is
-    in the frame O of the shape file.
+    An entry that no strike has measured has a value assumed from the shape. `axes` are the edges to tip the
+    object over. `unreachable` are the entries (row, column) that no edge of the object determines: they stay
+    assumed. The tensor is along the axes of O, the frame of the shape file.
     """
 
     axes: tuple[PivotAxis, ...]

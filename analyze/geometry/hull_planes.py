@@ -47,9 +47,11 @@ WALL_REACH_SPACINGS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class FittedPlane:
-    """Planar face of the cloud's hull, n.x = offset, with the covariance of its height and slopes.
+    """Planar face of a point cloud's hull, with the uncertainty of its height and slopes.
 
-    The height is that at the points' centroid `centre`, the slopes are those along the in-plane axes `basis`.
+    The plane is n.x = offset [m] in the frame of the cloud, n the outward unit `normal`. The covariance (3,
+    3) is that of the height [m] over the points' centroid `centre` and of the slopes along u and v, the two
+    unit vectors in the plane that are the rows of `basis`.
     """
 
     normal: Array
@@ -129,7 +131,7 @@ def _refined_planes(
         rounds: Largest number of fits.
 
     Returns:
-        The planes of the last fit, with their covariances.
+        The planes of the last fit, each with the covariance (3, 3) of its height [m] and two slopes.
     """
     current = list(planes)
     centre = points.mean(axis=0)

@@ -38,10 +38,11 @@ _WEIGHT_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Minimum:
-    """Result of a robust least-squares fit: best parameters, with residuals and Huber weights there.
+    """Result of a robust least-squares fit: best parameters (p,), with residuals and Huber weights there.
 
-    Residuals are observed less expected values; derivatives are those of the expected values by the
-    parameters.
+    Residuals (n,) are observed less expected values, in the observations' unit; the derivatives (n, p) are
+    those of the expected values by the parameters. A weight (n,) is 1 for a small residual and falls towards
+    0 for an outlier.
     """
 
     parameters: Array
@@ -62,14 +63,17 @@ def minimise(
     Args:
         observed: (n,) observations, in any unit.
         sd: (n,) their standard deviations, in the same unit.
-        model: function that gives expected values (n,) and derivatives (n, p) at given parameters.
+        model: function of the parameters (p,) that gives the expected values (n,) and their derivatives
+            (n, p) by the parameters.
         start: (p,) first parameters.
         scale: (p,) typical changes of the parameters, for conditioning and convergence.
         positive_index: index of the parameter that must stay above 0.1, in its own unit.
 
     Returns:
-        Parameters after the last accepted step, with residuals, derivatives and weights there; the iteration
-        ends after 40 steps, whether or not it converged.
+        Parameters (p,) after the last accepted step; there, the residuals (n,) observed - expected in the
+        observations' unit, the derivatives (n, p) of the expected values by the parameters, and Huber's
+        weight (n,), 0..1, of each observation. The iteration ends after 40 steps at the latest, converged or
+        not.
     """
 
     def evaluate(x: Array) -> tuple[Array, Array]:

@@ -183,14 +183,14 @@ def _fit_window(
 
 
 def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -> _WindowFit | None:
-    """Fit over a window that ends where the edge leaves the table, with the window; None if unusable.
+    """Fit of the tipping angle over one window of frames, with that window; None if unusable.
 
     None if the window has fewer than 16 frames, if the fit fails, or if the angle in the window neither
     passes the balance point nor turns back below it.
 
     Args:
         angle: tipping angle theta(t) of the strike.
-        window: frames [start, stop).
+        window: frames [start, stop) to fit; it ends where the edge leaves the table.
         estimator: function that fits theta(t) over a window.
     """
     if window[1] - window[0] < 2 * MIN_FRAMES:

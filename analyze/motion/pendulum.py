@@ -37,9 +37,10 @@ def trajectory(
 ) -> tuple[Array, Array, Array]:
     """Motion of a tip and its derivatives by the parameters, by Nystroem's method.
 
-    For psi'' = f(psi), psi = theta - phi, that method needs only three slopes per step. An edge of radius rho
-    rolls: the centre of mass comes nearer to the contact on either side of the balance (docs/decisions/0025).
-    With e = k rho / g, g the gravity, and i the inertia about the contact over that at balance
+    For psi'' = f(psi), psi = theta - phi, that method needs only three values of f per step. An edge of
+    radius rho rolls: the centre of mass comes nearer to the contact on either side of the balance
+    (docs/decisions/0025). With e = k rho / g, g the gravity, and i the inertia about the contact over that at
+    balance
 
         psi'' = sin psi (k + e psi'^2) / i,    i = 1 - 2 e (1 - cos psi)
 

@@ -41,7 +41,7 @@ _PARAMETERS = 4
 
 @dataclass(frozen=True)
 class PredictedValues:
-    """Balance angle phi and rate k of a strike, as predicted from other strikes.
+    """Balance angle phi [rad] and rate k [rad/s^2] of a strike, as predicted from other strikes.
 
     k is that of the tip's equation theta'' = -k sin(phi - theta), theta the tipping angle. With them come the
     covariances of (phi, ln k) of the prediction and of the strike's own fit.

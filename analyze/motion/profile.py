@@ -113,7 +113,11 @@ def _sum_of_squares(tip: FittedTip, phi: float) -> float:
     columns = np.empty(0)
 
     def rate(x: Array) -> float:
-        """Rate constant k [rad/s^2] of the tip from x = (ln k, theta0, omega0), limited to 0.5 to 5000."""
+        """Rate constant k [rad/s^2] of the tip from x = (ln k, theta0, omega0), limited to 0.5 to 5000.
+
+        k is that of theta'' = -k sin(phi - theta), theta the tipping angle, phi the balance angle. theta0 and
+        omega0, angle and angular speed at the start, are not used.
+        """
         return math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
 
     def residual(x: Array) -> Array:

@@ -51,7 +51,8 @@ def rest_pose(
     square, the one nearer to the tracked pose is taken; if the corners give no pose, the tracked one.
 
     Args:
-        corners_ideal: (n, 4, 2) corners in the still frames [ideal px: without lens distortion].
+        corners_ideal: (n, 4, 2) corners in the still frames (object at rest) [ideal px: without lens
+            distortion].
         track: the marker's track, with the pose solution chosen by the motion.
         still: (frames of the track,) True for its still frames, of which there is at least one.
         marker: marker with its place on the object, if known.

@@ -11,7 +11,7 @@ from analyze.motion.free_fall import Fall, FallSetup
 
 @dataclass(frozen=True)
 class TrueTime:
-    """Ratio q of a video's true to stated time from filmed free falls of a tag, with its sd.
+    """Ratio q of a video's true to stated seconds from filmed free falls of a tag, with its sd.
 
     The parts of the standard deviation (sd) by source of error are given too.
     """

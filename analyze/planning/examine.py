@@ -84,13 +84,13 @@ def examine(
 ) -> tuple[list[UsableAxis], list[Rejection]]:
     """Check axes for a marker in view, an impact point and tip speed in reach, and an edge that holds.
 
-    The balance angle must be at most `MAX_PHI` too.
+    An edge holds if it neither slides nor lifts off. The balance angle must be at most `MAX_PHI` too.
 
     Args:
         model: Shape of the object.
         spec: Mass, edge radius and markers.
         axes: Pivot axes to check.
-        believed: Region of the centre of mass and inertia per kilogram.
+        believed: Region believed to hold the centre of mass, and the inertia per kilogram.
         bench: Striker, camera and table.
 
     Returns:

@@ -258,7 +258,7 @@ def release_rate(expected: Swing, energy_ratio: float) -> float:
     its balance, R its distance from the edge, and I_edge the moment of inertia about the edge.
 
     Args:
-        expected: Expected swing, with the balance angle phi, and k = m g R / I_edge.
+        expected: Expected swing, with the balance angle phi, and the rate k = m g R / I_edge [rad/s^2].
         energy_ratio: E, energy over that needed to reach balance.
     """
     return float(np.sqrt(2 * expected.k * (1 - np.cos(expected.phi)) * energy_ratio))

@@ -181,8 +181,9 @@ def _scanned_ball_diameter(model: ObjectModel) -> float | None:
 def _axis_of_roundness(model: ObjectModel) -> Array | None:
     """Unit direction (3,) in the object frame about which the hull is round; None if there is none.
 
-    Of the hull's principal axes, it is the one of largest spread across which all widths are equal within
-    `MAX_ROUND_SPREAD`; its largest component is positive.
+    The hull counts as round about one of its principal axes if its widths in all directions across this axis
+    are equal within `MAX_ROUND_SPREAD`. Of several such axes, the one along which the hull extends most is
+    returned. Its largest component is positive.
     """
     vertices = model.hull_vertices - model.hull_vertices.mean(axis=0)
     for axis in np.linalg.eigh(vertices.T @ vertices)[1].T[::-1]:

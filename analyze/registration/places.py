@@ -58,7 +58,11 @@ class MarkerPlace:
 
 @dataclass(frozen=True)
 class TablePlace:
-    """Pose of the table in one recording, relative to the recorded pose of the camera."""
+    """Pose of the table in one recording, relative to the recorded pose of the camera.
+
+    The table's tilts [rad] about x and y of the world frame W, and its height [m], have standard deviations;
+    `T_world_camera` (4, 4) is the camera's pose in the W that lies on the estimated table.
+    """
 
     setup: int
     """number of the recording"""
@@ -84,8 +88,10 @@ def marker_place(
         on_surface: True if the marker was constrained to the body's surface.
 
     Returns:
-        Pose T_object_marker with its covariance; the undetermined directions, in words, and what the user can
-        do to determine them; both are empty if there are none.
+        Pose T_object_marker (4, 4), translation in m, with its covariance (6, 6): turn [rad], then centre
+        [m], in the object frame O. Also the ids of the strikes that show the marker, the rms residual of its
+        corners [px], `on_surface`, the undetermined directions, in words, and what the user can do to
+        determine them; both texts are empty if there are none.
     """
     covariance = solution.covariance[name]
     mine = [view for view in used if name in view.marker_ids]

@@ -68,8 +68,8 @@ def send_pictures(
     encoding, to `<path>_before`.
 
     Args:
-        timelines: timelines of the stream.
-        path: entity of the images.
+        timelines: the replay's data stream to the viewer or file, with its time axes.
+        path: name (entity path) of the images in the viewer.
         frames: images in order of time.
         contact_ns: log time of the strike's contact [ns]; None outside a strike.
         choice: selection and encoding.

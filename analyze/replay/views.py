@@ -85,7 +85,11 @@ class MotionCurves:
 
 @dataclass(frozen=True)
 class FittedCurves(MotionCurves):
-    """Fitted motion of a strike, with its residual, at the n frames of the fit's window."""
+    """Fitted motion of a strike at the n frames of the fit's time span, with its residual [rad].
+
+    The motion is the tipping angle [rad] with its rate [rad/s] and acceleration [rad/s^2]; the residual is
+    the measured less the fitted angle.
+    """
 
     residual: Array
     """(n,) measured minus fitted angle [rad]."""
@@ -135,9 +139,10 @@ def measured_curves(angle: TipAngle) -> MotionCurves:
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
     """Fitted tipping angle, its rate, acceleration and residual, at the frames of the fit's window.
 
-    Units are rad and s; rate and acceleration are differences of the fitted angle. None if the fit has no k
-    (rate constant of the motion), or if its window has fewer than three frames. `angle` is the measured
-    tipping angle that was fitted.
+    All are arrays (n,), with the frames' log times [ns]; angle and residual (measured minus fitted) in rad,
+    rate in rad/s, acceleration in rad/s^2, the last two as differences of the fitted angle. None if the fit
+    has no k (rate constant of the motion), or if its window, the n frames that were fitted, has fewer than
+    three. `angle` is the measured tipping angle that was fitted.
     """
     first, last = fit.window
     time_ns = angle.time_ns[first:last]

@@ -99,7 +99,7 @@ def strike_text(motion: TipMotion) -> str:
 
 
 def unread_text(strike_id: str, verdict: str, why: str) -> str:
-    """Text of the page of a strike whose motion was not measured.
+    """Markdown text for a strike whose motion was not measured, shown on its page (tab) of the replay.
 
     Args:
         strike_id: id of the strike.

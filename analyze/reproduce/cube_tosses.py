@@ -304,10 +304,10 @@ def _wider(contact: Contact, by: float) -> Contact:
 
 
 def _entries(body: BalancedBody) -> Array:
-    """Numbers of a fitted body (10,), in the order of its covariance.
+    """Ten numbers (10,) of a fitted body in the cube's frame O, in the order of its covariance.
 
-    They are the centre of mass [m], the inertia per mass as xx, yy, zz, xy, xz, yz [m^2], and the edges'
-    rounding [m].
+    They are the centre of mass [m], the inertia per mass about it as xx, yy, zz, xy, xz, yz [m^2], and the
+    radius of the edges' rounding [m].
     """
     inertia = body.inertia
     off = [inertia[0, 1], inertia[0, 2], inertia[1, 2]]

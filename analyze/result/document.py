@@ -82,8 +82,8 @@ def result_document(estimate: Estimate) -> Result:
 def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
     """Entries of all strikes in the Result document, in recording order.
 
-    The entry of a strike used includes its prediction from the other strikes. An excluded strike has verdict
-    EXCLUDED, and its own verdict in the reason.
+    The entry of a strike used includes its prediction (balance angle, rate constant and motion) from the
+    other strikes. An excluded strike has verdict EXCLUDED, and its own verdict in the reason.
     """
     evidence, planes = estimate.evidence, estimate.fitted_planes
     index = {plane.strike_id: i for i, plane in enumerate(planes)}

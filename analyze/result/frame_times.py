@@ -93,14 +93,15 @@ def unchecked_text(times: FrameTimes) -> str:
 
 
 def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[str]:
-    """Lines on the origin of frame times and the check of the frame rate, one or two per entry.
+    """Lines of text on where frame times come from and how the frame rate was checked.
 
     Args:
-        times: entries of the Result document; None if no recording's times come from a file's time stamps.
+        times: frame times of recordings, from the Result document; None if no recording's times come from a
+            file's time stamps.
         several: True to add the recording's number to each line.
 
     Returns:
-        The lines; empty for None or no entries.
+        One or two lines per recording in `times`; empty for None or no recordings.
     """
     found: list[str] = []
     for each in times or []:

@@ -202,10 +202,10 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
 
 
 def _by_pose(seen: Array, in_camera: Array, p: Array, K: Array) -> Array:
-    """Derivatives (m, 8, 6) of the four corners' ideal pixels by turns and shifts of a marker's pose.
+    """Derivatives (m, 8, 6) of a square's corner pixels by turns and shifts of its pose, for m poses.
 
-    Turns are about the axes of the camera frame C through the marker's centre [px/rad], shifts along these
-    axes [px/m].
+    The pixels are ideal (distortion-free) ones, x and y of four corners. Turns (first) are about the axes of
+    the camera frame C through the marker's centre [px/rad], shifts along these axes [px/m].
 
     Args:
         seen: (m, 4, 2) ideal pixels of the corners.

@@ -152,10 +152,10 @@ class MarkerFollower:
         return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
-        """Tracks of the followed markers that were found, unknown markers, and the times of all frames.
+        """Tracks (poses over time) of the followed markers, unknown markers seen, and times of all frames.
 
-        Tracks have poses in the camera frame. Once an expected marker is found, the markers that are not
-        expected have no track, even if they were seen before. Unknown markers are those of the object's
+        The poses of tracks are in the camera frame. Once an expected marker is found, the markers that are
+        not expected have no track, even if they were seen before. Unknown markers are those of the object's
         families that it does not carry, seen in two full searches (in one, if there was only one frame). If
         no marker was seen, tracks and unknown markers are empty. Times are log times [ns].
 
@@ -229,6 +229,9 @@ class MarkerFollower:
     def _refined_sighting(self, frame: ImageFrame, sighting: Sighting) -> FoundMarker | None:
         """Square fitted to a detected marker's edges in the image, with its corners; None if the fit fails.
 
+        The square is in pixels free of lens distortion; its corners (4, 2) are given as in the image, with
+        distortion [raw px], too.
+
         Args:
             frame: the image.
             sighting: the marker as detected, from whose corners [raw px] the fit starts.
@@ -238,7 +241,11 @@ class MarkerFollower:
         return None if fit is None else self._with_raw_corners(fit)
 
     def _with_raw_corners(self, fit: SquareFit) -> FoundMarker:
-        """Marker of the fitted square, with the corners also as in the image (with lens distortion) [px]."""
+        """Marker found in a frame: its fitted square, and corners (4, 2) with lens distortion [raw px].
+
+        Args:
+            fit: the square fitted to the marker's edges, with corners free of distortion.
+        """
         return FoundMarker(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:

@@ -22,7 +22,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PaperAnswer:
-    """Result of the paper's method from one round: one strike on each axis (pivot edge)."""
+    """Result of the paper's method from one round: one strike on each axis (pivot edge).
+
+    It holds the centre of mass [m] in the object frame O, the moment of inertia about each edge [kg m^2], and
+    the masses of shell, upper and lower part [kg].
+    """
 
     com: Array
     """Centre of mass (3,) [m] in O."""
@@ -106,7 +110,8 @@ def regions_at(
         planes: equi-planes (through pivot line and centre of mass), one per axis; only the pivot lines count.
         com: (3,) centre of mass in the object frame O [m].
         i_edge: moment of inertia about the edge [kg m^2] by axis id.
-        estimate: estimate of the session, for mass and cells of the body.
+        estimate: estimate of the session, for the body's mass and its cells (small pieces in shell or
+            interior).
 
     Returns:
         The masses with their dividing plane; None if `i_edge` is empty, or for no axis three positive masses

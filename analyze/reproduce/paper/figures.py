@@ -161,9 +161,10 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 10: errors of the centre of mass c and of the region masses over the noise of the scan.
+    """Figure 10: errors of the centre of mass and of three masses over the noise of the scan.
 
-    None if no session was analysed with a noisy scan.
+    The masses are those of the shell and the two inner parts. None if no session was analysed with a noisy
+    scan.
     """
     mine = scores.with_our_plan(records)
     com = [row for record in mine for row in record.scan_noise_com]

@@ -109,12 +109,12 @@ def _edge_moved(strike: PlannedStrike, rounding: float, shift: Array) -> Planned
     """Strike with a changed radius and place of its pivot edge.
 
     The radius is at least `MIN_EDGE_RADIUS_M`. A larger one moves the centre line of the rounding up and
-    against the tip by as much. The stated sd of the place becomes `SCAN_SD`.
+    against the direction of tipping by as much. The stated sd of the place becomes `SCAN_SD`.
 
     Args:
         strike: the planned strike.
         rounding: length added to the edge's radius [m].
-        shift: (2,) shift of the edge in the direction of the tip, and up [m].
+        shift: (2,) shift of the edge in the direction of tipping, and up [m].
     """
     R = np.array(strike.R_world_object)
     tip, up = R[0], R[2]

@@ -230,7 +230,7 @@ class SessionRecord(Document):
     @field_validator("naive_kg", mode="before")
     @classmethod
     def _current_names(cls, value: object) -> object:
-        """Region masses of the naive answers by name; names from older records are replaced by present ones.
+        """Masses of shell and inner parts by each naive answer; its name in older records is replaced.
 
         A naive answer assumes the distribution, for example all mass in the shell. A value that is not a
         dictionary is returned as it is.

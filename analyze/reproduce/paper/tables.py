@@ -147,7 +147,7 @@ def _centre_row(
         name: name of the object.
         method: name of the method.
         distances: distances of the centres of mass from the true ones [m].
-        ratios: volumes of the spheres with these radii, over the object's volume.
+        ratios: for each distance, volume of a sphere with this radius over the object's volume.
     """
     d = 1e3 * np.array(distances)
     if not len(d):
@@ -164,7 +164,7 @@ def _centre_row(
 
 
 def table2(records: Sequence[SessionRecord]) -> Table:
-    """Table 2: errors of the region masses [%], by object and method, next to the paper's."""
+    """Table 2: errors of masses of shell and inner parts [%], by object and method, next to the paper's."""
     rows: list[tuple[Value, ...]] = []
     for name, mine, printed in _by_object(records, published_masses()):
         if printed:

@@ -310,10 +310,9 @@ def _first_tag(footage: _Footage) -> int | str:
 
 
 def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[MarkerTrack | None, int]:
-    """Follow the tag through all frames.
+    """Follow the tag through all frames; return its track (pose in each frame) and the number of frames.
 
-    Returns:
-        Track of the tag, None if it is never seen; and the number of frames.
+    The track is None if the tag is never seen. Its poses are in the camera frame.
 
     Raises:
         TrackingError: the tag is in view twice, only other tags are in view, or the images are not of the

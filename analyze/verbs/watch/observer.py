@@ -191,9 +191,9 @@ class Observer:
         """Start and end [ns since 1970] of the images from which to judge a strike.
 
         They are `REST_BEFORE_NS` before the contact and `TIP_AFTER_NS` after it, or the ends of the request's
-        window where these are nearer. If the request has no time of contact, that of the last image before a
-        marker moved takes its place; if no marker was seen either, the whole window is returned. A window
-        without an end ends at the newest image.
+        window (time span recorded for the strike) where these are nearer. If the request has no time of
+        contact, that of the last image before a marker moved takes its place; if no marker was seen either,
+        the whole window is returned. A window without an end ends at the newest image.
         """
         start, end = request.window_start_ns, request.window_end_ns or self.newest_ns
         contact = request.contact_time_ns or self._last_rest_ns(start, end)
