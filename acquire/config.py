@@ -58,7 +58,7 @@ class RigLimits:
 
     @classmethod
     def from_config(cls, config: RigConfig) -> RigLimits:
-        """Limits of the rig that a rig file describes, given as its validated content."""
+        """Limits of tip speed and impact height, and the camera's pose, from a rig file's content."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
         by_hand = striker.kind == "manual"
         return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)

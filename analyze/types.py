@@ -75,7 +75,10 @@ class ImageFrame:
 
 @dataclass(frozen=True)
 class MarkerTrack:
-    """Track of one marker through a strike's time window, in the n frames in which it was found."""
+    """Track of one marker through a strike's time window, in the n frames in which it was found.
+
+    Per frame: time [ns], corners (4, 2) [raw px] with sd, and the marker's pose in the camera frame C [m].
+    """
 
     marker_id: int | str
     """name of the marker"""

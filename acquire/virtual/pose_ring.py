@@ -142,7 +142,7 @@ class PoseRing:
             p_world_object: (3,) position of the object's origin in W, the world frame [m].
             q_wxyz: (4,) unit quaternion (w, x, y, z) from O, the object's frame, to W.
             arm_angle: angle of the arm [rad], 0 when it hangs, positive towards +x.
-            arm_axis_world: (3,) point on the arm's hinge in W [m].
+            arm_axis_world: (3,) point on the axis about which the arm turns, in W [m].
         """
         count = int(self._cells[_COUNT])
         slot = count % self._capacity

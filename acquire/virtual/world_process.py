@@ -288,11 +288,11 @@ class WorldProcess:
 
 
 def truth_body(virtual_object: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
-    """Protobuf message with the object's true mass properties and the station's true parameters.
+    """Protobuf message with the object's true mass properties, and the true camera pose and table tilt.
 
     Args:
         virtual_object: the object.
-        seed: seed of the station (camera calibration and pose); also stored in the message.
+        seed: seed of the virtual rig's camera calibration and pose; also stored in the message.
         table_tilt: (2,) rotation of gravity about x and y of W, the world frame [rad].
     """
     body = virtual_object.body

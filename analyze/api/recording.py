@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 class StrikeFit:
     """Fitted motion of one strike: balance angle phi, rate constant k and tipping angle theta(t) since rest.
 
-    The motion of pivot_fit is theta'' = -k sin(phi - theta), with k in rad/s^2; rolling_fit and
-    moment_balance add terms for a contact that rolls, slides or lifts; sign_change gives phi only and fits no
-    curve.
+    It names the estimator and holds standard deviations, times [s] and residuals too. The estimator pivot_fit
+    fits theta'' = -k sin(phi - theta), with k in rad/s^2; rolling_fit and moment_balance add terms for a
+    contact that rolls, slides or lifts; sign_change gives phi only and fits no curve.
     """
 
     estimator: str

@@ -66,7 +66,7 @@ def analyse(request: Request, scratch: Path) -> Outcome:
         scratch: folder on the same disk as the results, for unfinished files.
 
     Returns:
-        Outcome with the key of the row, or with kind and reason of the failure.
+        Outcome with the key of the row (hash that names its file), or with kind and reason of the failure.
 
     Raises:
         OutputError, OSError: the results cannot be written.

@@ -38,9 +38,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one recording's analysis: key of its row of results, or kind and reason of the failure.
+    """Outcome of one recording's analysis: key of its row of results, or why the analysis failed.
 
-    It also holds the recording's URL and hash, and the time taken [s].
+    The key is a hash that names the row's file. A failure is stated by kind and reason. The recording's URL
+    and hash, and the time taken [s], are held too.
     """
 
     url: str

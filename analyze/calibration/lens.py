@@ -61,7 +61,7 @@ class Lens:
         return self.numbers[4:]
 
     def moved(self, step: Array) -> Lens:
-        """Copy of the lens with `step` (p,) added to its numbers, in their units."""
+        """Copy of the lens with `step` (p,) added to its p numbers (focal length, distortion ...)."""
         return replace(self, numbers=self.numbers + step)
 
     def camera(self, T_world_camera: Array | None = None) -> CameraModel:

@@ -79,7 +79,10 @@ class Saddles:
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels of a square image region around each of n corners, m pixels each."""
+    """Columns and rows (n, m) of m pixels around each of n corners, clipped to the image.
+
+    A mask (n, m) is True for pixels that were inside the image before.
+    """
 
     column: NDArray[np.int64]
     """(n, m) column, clipped to the image"""
@@ -183,7 +186,10 @@ def fit_saddles(
 
 @dataclass(frozen=True)
 class _Pixels:
-    """Undistorted positions of m pixels around each of n corners, relative to the corner's first position."""
+    """Undistorted pixels around n corners, m each: positions x to the right and y down, (n, m) each [px].
+
+    They are relative to the first position of the pixel's corner.
+    """
 
     x: Array
     """(n, m) to the right [px]"""

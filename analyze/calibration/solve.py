@@ -84,7 +84,8 @@ def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: i
         height: image height [px].
 
     Returns:
-        The better of the two fits.
+        The better of the two fits: lens with covariance, pose of the board and corners' residuals [px] per
+        view.
     """
     some = views[:: -(-len(views) // _START_VIEWS)]
     found: list[tuple[float, Lens]] = []
@@ -168,13 +169,14 @@ def _normal(
         views: corners of each view.
         lens: present lens.
         poses: present pose of the board per view.
-        prior: (p,) prior standard deviations of the lens's numbers about the undistorted lens.
+        prior: (p,) prior standard deviations of the lens's p numbers about the undistorted lens.
         huber: threshold of Huber's loss, in standard deviations.
         damping: factor of Levenberg and Marquardt.
 
     Returns:
-        Normal matrix (p, p) and right-hand side (p,) of the lens alone, with the blocks from which the
-        changes of the poses follow.
+        Normal matrix (p, p) and right-hand side (p,) of the lens alone; and per view the blocks from which
+        the change of its pose follows: normal matrix (6, 6) and right-hand side (6,) of the pose, and the
+        block (p, 6) that couples lens and pose.
     """
     start = plain_lens(lens.model, lens.width, lens.height, float(lens.numbers[:2].mean()))
     information = np.diag(1.0 / prior**2)

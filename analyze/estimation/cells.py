@@ -43,7 +43,7 @@ class Cells:
 
     @property
     def volumes(self) -> Array:
-        """Volume (n,) [m^3] of each of the n cells: of those in the shell and of those in the interior."""
+        """Volume (n,) [m^3] of each of the n cells (pieces of the body), of the shell and of the interior."""
         return self.shell + self.interior
 
     @property
@@ -65,7 +65,10 @@ class Cells:
 
 @dataclass(frozen=True)
 class ShellCells:
-    """A shell thickness (of the outer wall) together with the cells that the body is divided into for it."""
+    """The cells (small pieces) that a body is divided into, for one thickness of its shell (outer wall).
+
+    Each cell belongs to the shell or to the interior. The thickness [m] is held too.
+    """
 
     thickness: float
     """Shell thickness [m]."""

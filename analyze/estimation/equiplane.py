@@ -18,7 +18,7 @@ AXIS_TOLERANCE = 1e-3
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane of one strike in the object frame O, by the fit that its motion uses.
+    """Equi-plane of one strike (plane through pivot line and centre of mass), in the object frame O.
 
     Args:
         strike_id: Id of the strike, unique in the recording.
@@ -26,8 +26,9 @@ def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> Equi
         motion: Motion of the strike, with a fit.
 
     Returns:
-        Plane through the centre line of the pivot edge's rounding and the centre of mass, with the fit's
-        balance angle, rate constant k (None if the fit has none) and their errors.
+        The plane, through the centre line of the pivot edge's rounding, with balance angle [rad], rate
+        constant k of the tip [rad/s^2] and their standard deviations by the fit that the motion uses; k is
+        None if that fit has none.
 
     Raises:
         EstimationError: the motion has no fit, or the plan's pivot does not lie along the world's y at rest.

@@ -47,7 +47,10 @@ _UNOBSERVED_WIDTH = 0.5
 
 @dataclass(frozen=True)
 class Container(ShellCells):
-    """The body as a container: its cells for one thickness of the shell (outer wall), with its hull."""
+    """The body as a container: cells (small pieces) for one thickness of its shell (outer wall), and hull.
+
+    The hull is given by its vertices (n, 3) [m], in the object frame O.
+    """
 
     corners: Array
     """(n, 3) vertices of the body's hull [m], in the object frame O."""

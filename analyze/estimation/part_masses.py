@@ -123,11 +123,11 @@ class PartMasses:
 
 
 def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
-    """Measured mass, centre of mass c and moments about the struck axes through c, with their covariance.
+    """Measured mass m, centre of mass c and moments about the struck axes through c, with covariance.
 
-    They are those of the object [kg, m, kg m^2], in its frame O. To the covariance of `parameters` the error
-    of modelling the body by cells (small pieces) is added: 0.1 mm of c along each axis of O (`LEVER_ERROR`)
-    and 0.4 % of each moment (`MODEL_ERROR`).
+    m [kg], c (3,) [m] and the a moments (a,) [kg m^2] are those of `parameters`, in the object frame O; their
+    covariance is (4 + a, 4 + a), in this order. To it the error of modelling the body by cells (small pieces)
+    is added: 0.1 mm of c along each axis of O (`LEVER_ERROR`) and 0.4 % of each moment (`MODEL_ERROR`).
     """
     mass, moments = parameters.mass, np.array([axis.i_com for axis in parameters.axes])
     model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * moments])

@@ -219,7 +219,7 @@ def _extremes(
 
 
 def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Bounds of the true over the stated frame rate r that agree with every strike's bounds of 1 / r^2.
+    """Bounds of r, the ratio of true to stated frame rate, that agree with all strikes' bounds of 1 / r^2.
 
     Args:
         each: Smallest and largest 1 / r^2 of each strike.

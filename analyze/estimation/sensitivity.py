@@ -199,9 +199,9 @@ def _shares(
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Indices in the joint model's vector of unknowns, for each error source that has unknowns of its own.
+    """Indices of each error source's unknowns in the joint model's vector of unknowns, by source.
 
-    Sources without (noise, scatter, prior, mass) are absent.
+    Sources without unknowns of their own (noise, scatter of the angles, prior, mass) are absent.
     """
     axes = [FIRST_AXIS_TERM + AXIS_TERMS * number for number in range(model.axes)]
     faces = FIRST_AXIS_TERM + AXIS_TERMS * model.axes

@@ -93,6 +93,10 @@ def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
     Args:
         points: (n, 3) points of the cloud [m].
         noise: Noise and spacing of the cloud.
+
+    Returns:
+        Per plane outward unit normal (3,) and offset [m] (normal . x = offset), with the covariance of its
+        height and slopes.
     """
     extent = float(np.ptp(points, axis=0).max())
     sd = max(noise.sd, MIN_NOISE_FRACTION * extent)

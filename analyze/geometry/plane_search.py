@@ -228,10 +228,11 @@ def _largest_faces(
 
     Args:
         sample: (n, 3) points [m].
-        candidates: Unit normal (3,), offset [m] and mask (n,) of the points of each plane.
+        candidates: For each plane, unit normal (3,), offset (normal . x on the plane) [m], and mask (n,) of
+        the points that it contains.
 
     Returns:
-        Unit normal (3,) and offset [m] of each plane chosen.
+        Unit normal (3,) and offset [m] of each plane chosen, in the order of the choice.
     """
     fewest = max(MIN_FACE_SHARE * len(sample), 8)
     free = np.ones(len(sample), dtype=bool)

@@ -54,7 +54,8 @@ def balance_instead_of_hinge(
 ) -> tuple[MotionFit | None, str]:
     """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
-    A hinge is an edge in place; the moment balance allows for the edge's measured motion. The hinge is kept
+    A hinge is an edge that stays in place. The moment balance (forces at the contact have no moment about
+    it) allows for the edge's measured motion. The hinge is kept
     if the moment balance fails, or if its own residuals still show a jump in angular speed. If the edge was
     not seen to move, the hinge is also kept where frames are noisier than 0.2 deg, or where the moment
     balance explains the motion no better.
@@ -75,8 +76,9 @@ def balance_instead_of_hinge(
     def balance(frames: tuple[int, int]) -> MotionFit:
         """Fit by moment balance: balance angle phi [rad] and rate constant k [rad/s^2] with covariance.
 
-        The moment balance allows for the edge's measured sliding and lifting; k is that of the tip
-        theta'' = -k sin(phi - theta), with theta the tipping angle.
+        The moment balance (forces at the contact have no moment about it) allows for the edge's measured
+        sliding and lifting; k is that of the tip theta'' = -k sin(phi - theta), with theta the tipping
+        angle.
 
         Args:
             frames: first frame that is fitted, and the one after the last.

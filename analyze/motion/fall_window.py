@@ -121,7 +121,7 @@ def _parabolas(scaled: Array, sd: Array) -> list[FallWindow]:
 
 
 def _fall_of(parts: Array, basis: Array, sd: Array) -> tuple[Array, Array]:
-    """Fall [m] of each window of positions, and how far the window's curve departs from a parabola.
+    """Fall [m] in each window (run of frames), and how far the window's curve departs from a parabola.
 
     Both are (windows,). The fall is 1/2 a T^2, with a the acceleration and T the window's duration. The
     departure is the ratio of the curve's third-degree to its second-degree term.

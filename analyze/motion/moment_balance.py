@@ -126,7 +126,8 @@ def about_com(inertia_origin: Array, com: Array) -> Array:
 def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array, Array]:
     """Moment balance of one contact, as linear equations in centre of mass and inertia.
 
-    It is in weak form: integrated over time with window functions, so that no acceleration is needed.
+    It is in weak form: integrated over time with window functions (weights that are 0 at both ends), so that
+    no acceleration is needed.
 
     Args:
         contact: the motion and its point of contact.

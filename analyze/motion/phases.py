@@ -58,7 +58,8 @@ def find_course(
             the body; None if only theta(t) shows a landing.
 
     Returns:
-        The events; all but the end are None if the object did not move.
+        Index of the frame of each event; the end is the first frame after the free motion. All but the end
+        are None if the object did not move.
     """
     theta, n = angle.theta, len(angle.theta)
     threshold = np.maximum(_MIN_MOVED_RAD, 6.0 * angle.sd)

@@ -103,12 +103,13 @@ def predicted_motion(
     """Difference between measured tipping angle theta(t) and a pendulum with predicted phi and k.
 
     The pendulum is theta'' = -k sin(phi - theta); its start is fitted to the first frames. The prediction
-    ends with the fit's window, or where its standard deviation exceeds `MAX_PREDICTION_SD`.
+    ends with the free frames (in which only gravity and the table act), or where its standard deviation
+    exceeds `MAX_PREDICTION_SD`.
 
     Args:
         strike_id: id of the strike.
         angle: measured theta(t).
-        fit: the strike's own fit; its window holds the free frames.
+        fit: the strike's own fit; its window, indices [start, stop), is that of the free frames.
         predicted: balance angle phi [rad] and rate k [rad/s^2] from other strikes, with covariance.
 
     Returns:

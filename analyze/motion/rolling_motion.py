@@ -52,7 +52,8 @@ def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array
     from the centre of mass to the contact over J; m and f are the coefficients returned.
 
     Args:
-        section: support function of the body's cross-section.
+        section: support function of the body's cross-section: height of the pivot point over the table at
+        each tipping angle.
         theta: (...) tipping angles [rad].
 
     Returns:
@@ -67,14 +68,15 @@ def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array
 
 
 def rolling_theta(time: Array, x: Array, section: SupportFunction) -> Array:
-    """Tipping angles theta (n, c) [rad] of c bodies that roll on a section, by the Runge-Kutta method.
+    """Tipping angles theta (n, c) [rad] of c bodies that tip by rolling, by the Runge-Kutta method.
 
     Args:
         time: (n,) time [s].
         x: (c, 5) 1 / J, a / J, b / J, and at the first time theta [rad] and its rate [rad/s]. At rest the
             centre of mass is a [m] above the pivot point and -b [m] from it in the direction of tipping; J =
             I_c / m + a^2 + b^2 [m^2], I_c the moment of inertia about the centre of mass.
-        section: support function of the bodies' cross-section.
+        section: support function (the pivot point's height over the table by tipping angle) of the
+            cross-section on which the bodies roll.
     """
     one, a, b = x[:, 0], x[:, 1], x[:, 2]
     body = x[:, :3]
@@ -116,7 +118,8 @@ def balance_angle(section: SupportFunction, body: Array) -> float | None:
     c is the centre of mass. The angle is accurate to 0.3 deg: the last one of a grid before the passage.
 
     Args:
-        section: support function of the cross-section on which the body rolls.
+        section: support function of the cross-section on which the body rolls: height of the pivot point over
+        the table at each tipping angle.
         body: (3,) 1 / J, a / J, b / J: c is at (-b, a) [m] from the pivot point (in the direction of tipping,
             up), J [m^2] is the inertia per mass about the pivot point.
     """
@@ -163,7 +166,8 @@ def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float
     both are relative to rest at theta = 0.
 
     Args:
-        section: support function of the section on which the body rolls.
+        section: support function of the cross-section on which the body rolls: height [m] of the pivot point
+            over the table for each tipping angle.
         body: (3,) 1 / J, a / J, b / J, with the centre of mass at rest a [m] above the pivot point and -b [m]
             from it in the direction of tipping, J = I_c / m + a^2 + b^2 [m^2] (I_c about the centre of mass).
         phi: balance angle [rad].

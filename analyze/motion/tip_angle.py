@@ -45,7 +45,7 @@ the last three"""
 
 @dataclass(frozen=True)
 class Placement:
-    """Planned pose of the object for a strike, and its pivot.
+    """Planned pose of the object for a strike, and its pivot: a point on the edge's centre line, in O [m].
 
     A point x_object in the object frame O is at X_world = R_world_object x_object + p_world_object in the
     world frame W.
@@ -336,6 +336,10 @@ def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel) -> _Sol
         pivot: (3,) pivot point at rest in the world frame W [m].
         yaw: heading of the pivot axis against W's y, about W's z [rad].
         camera: camera that took the frames.
+
+    Returns:
+        Per frame theta and the displacements across and up, (n, 3) [rad, m, m], their covariance (n, 3, 3),
+        and chi^2 with its degrees of freedom (n,).
     """
     R_camera_world, t_camera_world = world_to_camera(camera)
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])

@@ -31,10 +31,11 @@ class TrueTime:
 
 
 def true_time(falls: list[Fall], setup: FallSetup) -> TrueTime:
-    """Weighted mean of q, the ratio of true to stated time, over all falls, with its standard deviation.
+    """Weighted mean over all falls of q, the ratio of true to stated time, with its standard deviation.
 
-    The part of the error by the falls' own noise is widened by their scatter (Birge 1932). Errors that the
-    falls share do not shrink with their number.
+    Stated is the time by the video's time stamps. The error by the falls' own noise is widened where their q
+    differ more than their errors allow (Birge 1932). Errors that the falls share do not shrink with their
+    number.
 
     Args:
         falls: at least one fall.

@@ -209,9 +209,9 @@ def evidence_from_readings(
     The striker's measured tip speed and height at impact are kept for strikes that have both.
 
     Args:
-        head: identity and contents of the recording.
+        head: the recording's path, manifest and strike ids.
         struck: object, shape and plan.
-        readings: reading of each strike, in the recording's order.
+        readings: motion and tracking report of each strike, in the recording's order.
 
     Raises:
         TrackingError: no marker of any strike can be tracked.

@@ -24,10 +24,10 @@ MIN_HALF_EDGE = 5e-4
 
 @dataclass(frozen=True)
 class StrikeMade:
-    """Strike used in an earlier result, with the precision of what was measured from its tip.
+    """Strike used in an earlier result: its axis, and 1 sigma of what was measured from its tip.
 
-    Measured are the balance angle phi and the rate constant k: the tip is theta'' = -k sin(phi - theta), with
-    theta the tipping angle.
+    Measured are the balance angle phi [rad] and the rate constant k [rad/s^2]: the tip is
+    theta'' = -k sin(phi - theta), with theta the tipping angle.
     """
 
     axis_id: str
@@ -44,7 +44,8 @@ class StrikeMade:
 class EarlierResult:
     """Result of an earlier estimate of the object, from which a plan starts, in the object frame.
 
-    c is the centre of mass.
+    It has the centre of mass c (3,) [m] with covariance, the inertia (3, 3) about c per kilogram [m^2], the
+    strikes that were made, and direction and edge of each struck axis.
     """
 
     name: str

@@ -132,7 +132,7 @@ def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
 
     Args:
         axis: Pivot axis.
-        believed: Hypothesis with the region Q of the centre of mass, whose covariance is used.
+        believed: What is assumed of the object; the covariance of its region of the centre of mass is used.
     """
     arm = believed.region.centre - axis.point
     arm = arm - axis.direction * float(arm @ axis.direction)

@@ -203,6 +203,10 @@ def _axis(
         edge: Ends (3,), (3,) of the edge [m], in the object frame; equal for a rim.
         beside: (3,) expected centre of mass [m], in the object frame; the axis's point lies beside it.
         rolls: True for the tangent of a round rim.
+
+    Returns:
+        The axis, in the object frame: line through a point (3,) [m], with unit direction (3,), unit tip
+        direction (3,), and radius of the rounding [m].
     """
     direction = np.cross(plane.up, tip)
     wall = wall_lean(model, tip, plane.up, edge)

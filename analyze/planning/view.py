@@ -52,7 +52,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class MarkerVisibility:
-    """Markers visible through a whole tip, or the fault of the one nearest to being visible."""
+    """Names of the markers visible through a whole tip, or the fault of the one nearest to being visible."""
 
     markers: list[int | str]
     """Names of the visible markers, the one best aligned with the axis first."""
@@ -185,9 +185,9 @@ def _marker_path(
 
 
 def _checked_angles(phi: float) -> list[float]:
-    """Tipping angles [rad] at which a marker's visibility is checked.
+    """Tipping angles [rad], as a list, at which a marker's visibility is checked.
 
-    They go from rest to `PAST_BALANCE` past balance, with `phi` the balance angle.
+    They go evenly from 0 (rest) to `phi` + `PAST_BALANCE`, with `phi` the balance angle [rad].
     """
     return np.linspace(0.0, phi + float(PAST_BALANCE), VISIBILITY_STEPS).tolist()
 

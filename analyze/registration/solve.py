@@ -73,7 +73,8 @@ class Problem:
     Args:
         views: views of the strikes: marker corners at rest and while the object tips.
         sizes: edge of each marker's black square [m].
-        table: prior of the table against the recorded T_world_camera.
+        table: prior sd of each table's tilts and height in the world frame W, which the recorded camera pose
+        T_world_camera defines.
         surface: the body's surface, with the markers constrained to it.
         twisted: ids of the strikes whose impact clearly turned the body about the vertical; the prior
             standard deviation of that turn is 3 deg for these, 0.05 deg for the others.
@@ -310,8 +311,9 @@ class Problem:
         """Normal matrix (n, n) and gradient (n,) of the shared unknowns, and a function for frame steps.
 
         Shared are the unknowns of markers, strikes, edges and tables; the frames' own unknowns are
-        eliminated. The function gives the steps of the frames' own unknowns, (f - 1, 5) per strike of f
-        frames, for a step (n,) of the shared ones. The gradient is minus the derivative of half the cost.
+        eliminated. The function gives the steps of the frames' own unknowns (tipping angle, heading, x, y, z
+        [rad, rad, m, m, m]), (f - 1, 5) per strike of f frames, for a step (n,) of the shared ones. The
+        gradient is minus the derivative of half the cost.
         """
         value, weight = self._prior(u)
         normal, gradient = np.diag(weight**2), -value * weight**2
@@ -341,7 +343,9 @@ class Problem:
         def back(step: Array) -> list[Array]:
             """Steps of the frames' own unknowns that go with a step (n,) of the shared unknowns.
 
-            They are a list of arrays (f - 1, 5), one per strike of f frames; the frame at rest has none.
+            They are a list of arrays (f - 1, 5), one per strike of f frames; the frame at rest has none. The
+            unknowns are tipping angle, heading and x, y, z of the object [rad, rad, m, m, m]; shared are
+            those of markers, strikes, edges and tables.
             """
             return [
                 (inverse @ (right - across @ step[columns])[..., None])[..., 0]

@@ -97,16 +97,17 @@ def log_inside(
     colours: Mapping[str, Colour],
     strike_id: str | None = None,
 ) -> None:
-    """Log the inside of the object: equi-planes, centre of mass with 95 % ellipsoid, and interior regions.
+    """Log the inside of the object: equi-planes, centre of mass with 95 % ellipsoid, and interior parts.
 
     An equi-plane contains a strike's pivot axis and the centre of mass; one that misses the object is left
-    out. The shell, which is a mass region too, is not drawn: the shape shows it.
+    out. The interior parts are those whose masses are estimated; the shell (outer wall), whose mass is
+    estimated too, is not drawn, as the shape shows it.
 
     Args:
         stream: destination.
         root: parent entity, in the object's frame.
         model: exterior of the object.
-        answer: estimate to be drawn.
+        answer: estimate to be drawn, in the object's frame.
         colours: colour of each strike, by its id.
         strike_id: draw the equi-plane of this strike only; None draws all, and names the centre of mass.
     """

@@ -202,9 +202,9 @@ def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion,
 def _passage(
     timelines: Timelines, path: str, contact_ns: int, fit: MotionFit, fitted: views.FittedCurves
 ) -> None:
-    """Mark the time at which the fitted motion first passes the balance angle.
+    """Show in a replay the time at which the fitted motion first passes the balance angle.
 
-    Nothing is marked if the motion does not reach that angle, or starts beyond it.
+    Nothing is shown if the motion does not reach that angle, or starts beyond it.
     """
     above = np.flatnonzero(fitted.theta >= fit.phi)
     if not len(above) or above[0] == 0:

@@ -103,8 +103,8 @@ def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
     """Yield a row for each coordinate of the centre of mass, each moment and each region mass.
 
     A row holds the sessions' values, and how well they repeat within a set-up and across set-ups (ISO 5725);
-    a set-up is a rig with its level reading and calibration. Moments and masses are left out if fewer than
-    two sessions have them.
+    a set-up is a rig with its calibration and its reading of a level (the instrument). Moments and masses are
+    left out if fewer than two sessions have them.
     """
     first, setups = compared.sessions[0].answer, [session.setup for session in compared.sessions]
     alone = [session.answer.result for session in compared.sessions]

@@ -359,10 +359,10 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
 
 
 def _breadth(band: _Band) -> Array:
-    """Breadth (4,) of a pixel across each edge of a band [ideal px]: the longer projection of its sides.
+    """Breadth (4,) [ideal px] over which a pixel blurs each of the four edges of a band.
 
-    A pixel's two sides are projected on the edge's normal; the effect of the shorter projection is equivalent
-    to blur.
+    A pixel's two sides are projected on the edge's normal. The breadth is the longer projection; the effect
+    of the shorter one is equivalent to more blur.
     """
     ideal, raw = (corners[_NEXT] - corners for corners in (band.corners_ideal, band.corners_raw))
     return np.abs(raw).max(axis=1) * np.hypot(ideal[:, 0], ideal[:, 1]) / (raw**2).sum(axis=1)

@@ -73,10 +73,10 @@ def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Val
 
 
 def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[AxisMoment]:
-    """Errors of the moments about the axis `axis_id`, in the order of `answers`.
+    """Errors of the moments of inertia about the axis `axis_id`, in the order of `answers`.
 
-    An answer, one result of a session, is a list of one entry per pivot axis; those without this axis are
-    left out.
+    An answer holds the errors of one estimate, one entry per pivot axis; answers without this axis give no
+    entry.
     """
     return [axis for moments in answers for axis in moments if axis.axis_id == axis_id]
 

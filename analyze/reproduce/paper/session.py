@@ -81,7 +81,8 @@ def default_sweeps(name: str) -> Sweeps:
     """Default levels of added noise at which an object's session is analysed again.
 
     For the carton they are all levels of balance angles, moments and scan, as in the paper (VISAPP 2013);
-    for other objects only the angle noise that the paper states.
+    for other objects only the angle noise that the paper states. Levels are standard deviations of the angles
+    [deg] and of the moments (relative), and the largest shift of a scanned point [m].
 
     Args:
         name: name of the object.
@@ -168,9 +169,10 @@ def session_record(
 
 
 def _own_answer(estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
-    """Answer of our method, with errors of the moments of inertia against the ground truth.
+    """Centre of mass, region masses and errors of the moments of inertia, by our method.
 
-    The region masses are in the order of the ground truth: shell, upper, lower part.
+    The errors are relative to the ground truth. The regions are in the ground truth's order: shell (outer
+    wall), upper and lower part of the interior.
     """
     regions, planes = result_document(estimate).regions, _first_planes(estimate)
     assert regions is not None  # noqa: S101 - every estimate has regions
@@ -269,9 +271,10 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
 
 
 def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
-    """Balance angles [rad] of each strike used: true, by our method, and by the paper's.
+    """Balance angle [rad] of each strike used: ground truth, our estimate with its sd, and the paper's.
 
-    The paper's angle is None for a strike that did not tip the object over.
+    The paper's is None for a strike that did not tip the object over. The rms residual of the tipping angle
+    in the frames [rad] is given too.
     """
     evidence = estimate.evidence
     by_id = {motion.strike_id: motion for motion in evidence.motions}

@@ -42,10 +42,10 @@ class Target:
 
     @property
     def verdict(self) -> str:
-        """Outcome: "aim reached", "reached", "missed", or "not run" if there are no values.
+        """Outcome of this target: "aim reached", "reached", "missed", or "not run" if there are no values.
 
-        The larger of median and mean is compared with `aim`, the better value, and `must`, the largest value
-        with which the target is reached.
+        A target is an accuracy that the method should reach. The larger of the values' median and mean is
+        compared with `aim`, the better value, and `must`, the largest with which the target is reached.
         """
         if not len(self.values):
             return "not run"

@@ -85,7 +85,8 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
 def notes(answer: CalibrationAnswer) -> list[str]:
     """Notes on what the calibration does not determine (camera pose, vertical), as lines of text.
 
-    If the pose was measured, the first line states that its distance depends on the size of the squares.
+    If the pose was measured, the first line states that its distance depends on the stated size of the
+    board's squares.
     """
     lines: list[str] = []
     if answer.place is not None:
