@@ -305,7 +305,7 @@ class TableTilt:
 
     @property
     def sd(self) -> Array:
-        """Standard deviation (2,) [rad] of the tilt towards x and y of the world frame W."""
+        """Standard deviation (2,) [rad] of the vertical's tilt towards x and y of the world frame W."""
         return np.sqrt(np.diag(self.covariance))
 
 

@@ -37,7 +37,7 @@ class FrameBuffer(Protocol):
 
 
 class Frame(NamedTuple):
-    """A complete camera frame: pixels, numbers and times.
+    """A complete camera frame: grey pixels (height, width), frame numbers and times [ns].
 
     Its pixels are valid until its buffer is released.
 

@@ -58,8 +58,8 @@ class Quantity(enum.Enum):
 class Observation:
     """One number that a strike measured, or one bound that it gave, with its standard deviation.
 
-    Angles are in rad. Tip speeds (of the striker) and energy ratios (kinetic energy after the strike over
-    that needed to reach balance) are natural logarithms.
+    It belongs to one pivot axis and one reached tip speed. Angles are in rad. Tip speeds (of the striker) and
+    energy ratios (kinetic energy after the strike over that needed to reach balance) are natural logarithms.
     """
 
     axis: int
@@ -73,14 +73,15 @@ class Observation:
     """ln of the reached tip speed in m/s"""
 
     def residual(self, log_swing_ratio: Array, log_energy: Array, phi: Array) -> Array:
-        """Residual (k,) of this observation for k states of the model, in standard deviations.
+        """Residual (k,) of this observation for k states of the energy model, in standard deviations.
 
         For a measurement it is predicted less measured value. For a bound it is near 0 if the predicted value
         keeps the bound, and grows with the excess if not.
 
         Args:
             log_swing_ratio: (k,) predicted ln of reached over commanded tip speed.
-            log_energy: (k,) predicted ln E (E: energy ratio) at a tip speed of 1 m/s.
+            log_energy: (k,) predicted ln E at a tip speed of 1 m/s; E is the energy ratio, kinetic energy
+                after the strike over that needed to reach balance.
             phi: (k,) predicted balance angle [rad].
         """
         log_energy = log_energy + 2 * self.log_speed

@@ -66,7 +66,10 @@ class CentreOfMass:
 
 @dataclass(frozen=True, eq=False)
 class InertiaTensor:
-    """Inertia tensor about the centre of mass, in the axes of O, the frame of the shape file."""
+    """Inertia tensor [kg m²] about the centre of mass, with standard deviations, in the axes of O.
+
+    O is the object frame, that of the shape file.
+    """
 
     tensor: Array
     """(3, 3) inertia tensor [kg m²]"""
@@ -122,7 +125,11 @@ class InertiaTensor:
 
 @dataclass(frozen=True)
 class PartMass:
-    """Mass of a region (shell, interior on one side of a plane) or of a part labelled in the object file."""
+    """Mass [kg] of one part of the object, with its 95 % interval.
+
+    The part is a region (the shell, or the interior on one side of a plane) or one that the object file
+    labels.
+    """
 
     name: str
     """name of the region or part"""
@@ -164,8 +171,9 @@ class ObjectEstimate:
 
     @property
     def centre_of_mass(self) -> CentreOfMass:
-        """Centre of mass [m] in the shape file's frame O, with its covariance.
+        """Centre of mass (3,) [m] in the shape file's frame O, with covariance (3, 3) [m²].
 
+        The result also states whether the strikes determine all three directions, and which one they do not.
         It is that of the object without its markers (printed tags). If a marker that has a mass has no known
         pose, none is subtracted: all are included.
         """
@@ -344,9 +352,10 @@ class ObjectEstimate:
         return data_frame([dict(zip(ANSWER_COLUMNS, row, strict=True)) for row in rows])
 
     def __repr__(self) -> str:
-        """Summary of several lines: mass, centre of mass, tensor, region and part masses, verdict.
+        """Text of several lines: mass, centre of mass, inertia tensor, masses of regions and parts, verdict.
 
-        At most eight sentences of the verdict are shown.
+        Regions are the shell and the interior on either side of a plane; parts are bodies labelled in the
+        object file. At most eight sentences of the verdict are shown.
         """
         lines = [
             f"{self.name}, {1e3 * self.mass:.1f} g",

@@ -259,7 +259,7 @@ def _parse_chunk_entry(body: memoryview, file_size: int) -> ChunkEntry:
 
 
 def _merged(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """Yield byte ranges that cover the given ones in few requests of at most MAX_REQUEST_BYTES each.
+    """Yield byte ranges [start, stop) that cover the given ones, few and of MAX_REQUEST_BYTES at most.
 
     Ranges that lie at most MAX_GAP_BYTES apart are merged, with the gap, while the sum fits into one request;
     a range larger than one request is divided.

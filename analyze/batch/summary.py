@@ -245,17 +245,17 @@ def _statistics(
 
 
 def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:
-    """Slope of a weighted straight line through the sessions' values.
+    """Drift of a quantity over sessions: slope of a weighted straight line through its values.
 
     Args:
-        value: (n,) values.
-        sd: (n,) stated standard deviations.
+        value: (n,) value of the quantity in each session.
+        sd: (n,) standard deviations that the sessions' results state.
         when: (n,) start times [s]; sessions with NaN are left out.
 
     Returns:
-        Slope per day and its standard deviation, from the stated ones or from the scatter about the line
-        where that is larger; both NaN for fewer than three sessions with a start time, or if these span less
-        than an hour.
+        Slope [unit of `value` per day] and its standard deviation, from the stated ones or from the scatter
+        about the line where that is larger; both NaN for fewer than three sessions with a start time, or if
+        these span less than an hour.
     """
     known = np.isfinite(when)
     value, sd, when = value[known], sd[known], when[known]

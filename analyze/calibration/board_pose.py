@@ -49,7 +49,10 @@ class Pose:
 
 @dataclass(frozen=True)
 class ObservedView:
-    """Corners of the board in one view (image): on the board [m] and in the image [raw px], with weights."""
+    """Corners of the board in one view (image): on the board [m] and in the image [raw px], with weights.
+
+    The weights of a corner are a (2, 2) root of its inverse covariance, in 1/px.
+    """
 
     points: Array
     """(n, 3) corners in the board's frame B [m]"""
@@ -107,7 +110,7 @@ def fit_pose(view: ObservedView, lens: Lens) -> Pose:
         lens: the lens, which is not changed.
 
     Returns:
-        Rotation vector [rad] and translation [m].
+        Rotation vector (3,) [rad] and translation (3,) [m] from the board's frame to the camera's.
     """
     return _refined_pose(view, lens, first_pose(view, lens), 30, 1e-10)
 
@@ -206,7 +209,7 @@ def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
 
 
 def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
-    """Sum of squared distances between a view's observed and predicted corners [raw px^2].
+    """Sum of squared distances [px^2] between a view's observed and predicted corners, as in the image.
 
     The corners are predicted with `lens` (including its distortion) and the board's pose `pose`.
     """

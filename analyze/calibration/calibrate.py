@@ -103,7 +103,7 @@ class Calibration:
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance of the observed corners from those that the fit predicts [px]."""
+        """Root mean square distance [px] of the observed corners from those predicted by lens and poses."""
         residual: Array = np.concatenate(self.bundle.residuals)
         squared: Array = np.asarray(np.sum(residual**2, axis=1), dtype=np.float64)
         return float(np.sqrt(np.mean(squared)))
@@ -300,7 +300,7 @@ def _without_outliers(
 
 
 def _bundle_of(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
-    """Fit (bundle) with only the views that have a True in `kept`; it is not fitted anew.
+    """Copy of a calibration's fit (bundle) with only the views that are True in `kept`, not fitted anew.
 
     Lens, covariance and cost stay those of all views.
     """

@@ -175,8 +175,8 @@ def upright(lines: Sequence[PlumbLine], camera: CameraModel) -> list[PlumbLine]:
 def merged_line(lines: Sequence[PlumbLine]) -> PlumbLine:
     """Mean of the lines that one string has in several images.
 
-    Its sd grows with their disagreement (a swinging string). Rows, brightness and scatter are those of the
-    longest line.
+    The sd of its ends [px] grows with their disagreement (a swinging string). Everything except the ends and
+    their sd is that of the longest line.
 
     Args:
         lines: at least one line; a single one is returned unchanged.

@@ -112,10 +112,13 @@ class ShareDistribution:
 
     @property
     def log_mass(self) -> Array:
-        """Log (b,) of the integral of prior times likelihood over all shares, for each of b distributions.
+        """Log (b,) of the integral of prior times likelihood of each of b distributions.
 
-        A distribution is one of three shares of a whole. With w the first two, and their mean and precision
-        (inverse covariance) before truncation, the likelihood is exp(-(w - mean).precision.(w - mean) / 2).
+        A distribution is over three shares of a whole, none negative; the integral is over all such shares.
+        With w
+        the first two shares, and their mean and precision (inverse covariance) before truncation, the
+        likelihood
+        is exp(-(w - mean).precision.(w - mean) / 2).
         """
         return np.logaddexp.reduce(self._log_parts, axis=0)
 
@@ -137,10 +140,11 @@ class ShareDistribution:
 
     @property
     def _sides(self) -> tuple[_Side, _Side]:
-        """Distributions of the first share u if the second share is 0, then those if the third is 0.
+        """Distributions of the first of three shares, u, if the second is 0, then those if the third is 0.
 
-        Each case holds b distributions. The three shares add up to 1: with v the second, the possible (u, v)
-        form a triangle, and the two cases are its sides v = 0 and v = 1 - u.
+        Each case holds mean, sd and log density at the mean, (b,) each, of b normal distributions before
+        truncation. The three shares add up to 1: with v the second, the possible (u, v) form a triangle, and
+        the two cases are its sides v = 0 and v = 1 - u.
         """
         return _Side.on_line(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.on_line(
             self, np.array([0.0, 1.0]), np.array([1.0, -1.0])

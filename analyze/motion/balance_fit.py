@@ -81,9 +81,10 @@ def moment_balance(
             None if the position is exact.
 
     Returns:
-        The fit, with estimator "moment_balance": balance angle phi [rad], rate k of the tip [rad/s^2], theta0
-        [rad] and omega0 [rad/s] (theta and its rate at the window's first frame), the (2, 2) covariance of
-        (phi, k), and residuals of theta [rad].
+        The fit, with estimator "moment_balance": balance angle phi [rad], rate k [rad/s^2] (for an edge in
+        place
+        that of theta'' = -k sin(phi - theta)), theta0 [rad] and omega0 [rad/s] (theta and its rate at the
+        window's first frame), the (2, 2) covariance of (phi, k), and residuals of theta [rad].
 
     Raises:
         EstimationError: the window has too few frames, or the best fit is not a tip over an edge.
@@ -223,8 +224,9 @@ def driven_theta(
     def rate(state: Array, s: Array, z: Array) -> Array:
         """Time derivative (2, c) of the state of c motions: of tipping angle and Omega [rad/s, rad/s^2].
 
-        Omega is the angular speed plus a term in the edge's speed: `driven_theta` has the formula. k is the
-        rate constant of the tip [rad/s^2], g gravity.
+        Omega = theta' + (cos psi + rho / R) s + sin psi z is the angular speed theta' plus a term in the
+        edge's speed: psi is balance angle less tipping angle, rho the radius of the edge's rounding, R the
+        centre of mass's distance from the edge. k is the rate constant of the tip [rad/s^2], g gravity.
 
         Args:
             state: (2, c) tipping angle [rad] and Omega [rad/s].

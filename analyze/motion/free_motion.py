@@ -73,14 +73,14 @@ def is_jump(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> 
 def longest_clean_fit(
     angle: TipAngle, window: tuple[int, int], estimator: Estimator = pivot_fit
 ) -> MotionFit | None:
-    """Fit over the longest stretch of a window that shows no jump in speed; None if there is none.
+    """Fit of the motion over the longest stretch of frames without a jump in speed; None if there is none.
 
-    The stretch begins in the window's first 9 frames, has at least 16 frames and a mean squared residual
-    below 2.5 times the frames' variance, and passes the balance point or turns back below it.
+    The stretch begins in the window's first 9 frames, has at least 16 frames and a mean squared residual of
+    theta below 2.5 times its stated variance, and passes the balance point or turns back below it.
 
     Args:
         angle: tipping angle theta(t).
-        window: frames [start, stop).
+        window: frames [start, stop) in which the stretch is sought.
         estimator: function that fits theta(t) over a stretch.
     """
     first, last = window
@@ -138,7 +138,7 @@ def settled_fit(fit: MotionFit, refit: Callable[[tuple[int, int]], MotionFit]) -
 
 
 def _rms(fit: MotionFit) -> float:
-    """Root mean square of a fit's residuals [rad], with 4 degrees of freedom deducted."""
+    """Root mean square of a fit's residuals of the tipping angle [rad], 4 degrees of freedom deducted."""
     return math.sqrt(float(np.sum(fit.residual**2)) / max(len(fit.residual) - 4, 1))
 
 

@@ -170,15 +170,16 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
         def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
             """Time integral, weighted by `window`, of a moment about the contact, per kilogram [m^2/s].
 
-            It is a part of the moment, along e, of a mass at `arm`: e . (a x (q'' - g) + radius z x a'').
-            Here a is `arm` in the world frame, q the point `radius` above the contact (on the centre line of
-            the edge's rounding), z the unit vector upwards, g the gravity vector. Partial integration
-            replaces the accelerations by velocities.
+            It is the component along the direction e of a part of the moment on a mass at `arm`: e . (a x
+            (q'' - g) + radius z x a''). Here a is `arm` in the world frame, q the point `radius` above the
+            contact (on the centre line of the edge's rounding), z the unit vector upwards, g the gravity
+            vector, '' the second derivative by time. Partial integration replaces the accelerations by
+            velocities.
 
             Args:
                 arm: (3,) vector from q to the mass, in the object frame O [m].
                 window: (n, 1) weight of each time, 0 at both ends.
-                e: (n, 3) direction in the world frame at each time.
+                e: (n, 3) unit direction of the component, in the world frame, at each time.
                 d_below: (n - 1, 3) differences of window times radius times e x z, z pointing up [m].
             """
             arms = R @ arm
@@ -203,13 +204,16 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     """Fit c, inertia per mass and the rounding of the touching edges to all contacts together.
 
     Args:
-        contacts: contacts of one body.
+        contacts: stretches of one body's motion, in each of which it touches the table at one edge or corner
+            only.
         gravity: magnitude g of gravity [m/s^2].
         radius: expected radius of the rounding and its standard deviation [m].
 
     Returns:
         Centre of mass c (3,) in the object frame O [m], inertia per mass about c (3, 3) [m^2], radius of the
-        rounding [m], and their covariance (10, 10), with the inertia's entries as xx, yy, zz, xy, xz, yz.
+        rounding [m], and the covariance (10, 10) of these ten numbers in this order, with the inertia's
+        entries
+        as xx, yy, zz, xy, xz, yz.
 
     Raises:
         EstimationError: there are fewer than 7 contacts, or they are too similar to determine the body.

@@ -85,9 +85,10 @@ class PredictedMotion:
 
     @property
     def worst(self) -> int:
-        """Index of the predicted frame whose theta is off by most sd, among the n free frames.
+        """Index of the predicted frame whose measured angle is off its prediction by most sd.
 
-        theta is the tipping angle; off is measured minus predicted.
+        The angle is the tipping angle; the index is that of the arrays (n,) of the free frames (in which only
+        gravity and the table act).
         """
         return self.start + int(np.argmax(np.abs(self.offset[self.start :]) / self.sd[self.start :]))
 
@@ -176,13 +177,15 @@ def _estimator_rows(by: Array, noise: Array) -> Array:
 def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float:
     """Chi^2 of the shift of (phi, ln k) that best explains the offsets of the tipping angle theta.
 
-    phi is the balance angle [rad], k the rate constant of the tip; chi^2 has 2 degrees of freedom.
+    phi is the balance angle [rad], k [rad/s^2] the rate constant of theta'' = -k sin(phi - theta); chi^2 has
+    2
+    degrees of freedom.
 
     Args:
         offset: (n,) measured minus predicted theta [rad].
         by: (n, 2) derivatives of theta by (phi, ln k).
         noise: (n, n) covariance of the offsets [rad^2].
-        body: (2, 2) prior covariance of the shift.
+        body: (2, 2) prior covariance of the shift (phi [rad], ln k).
     """
     weighted = np.linalg.solve(noise, by)
     information = by.T @ weighted

@@ -90,8 +90,8 @@ def sign_change(
 
     phi is the tipping angle theta at the second sign change of its acceleration alpha. The sd of phi is
     sd(alpha) over the slope of alpha by theta, at the crossing. With a `fit` of the same motion the slope is
-    its k and the noise at least its residual (video coding adds to the noise); without one the slope is that
-    of the noisy crossing itself.
+    its rate constant k [rad/s^2] and the noise at least its residual (video coding adds to the noise);
+    without one the slope is that of the noisy crossing itself.
 
     Args:
         angle: theta(t) of the strike.
@@ -100,7 +100,7 @@ def sign_change(
         fit: pendulum fit of the same motion; None if there is none.
 
     Returns:
-        A fit with phi and its variance; k is None and the residuals are 0.
+        A fit with phi [rad] and its variance [rad^2]; its rate constant k is None and its residuals are 0.
 
     Raises:
         EstimationError: the window has fewer than `points` + 4 frames, or the acceleration has no second sign

@@ -86,7 +86,10 @@ class PlanarMotion:
 
 @dataclass(frozen=True)
 class _Views:
-    """Corners of all markers in all n frames of a strike, with their positions at rest; m markers."""
+    """Corners of m markers in the n frames of a strike [ideal px], and their places at rest in W [m].
+
+    Ideal pixels are free of lens distortion; W is the world frame.
+    """
 
     time_ns: IntArray
     """(n,) log_time of the frames [ns]"""

@@ -213,7 +213,7 @@ def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
 
 
 def _start_key(head: RecordingHead) -> tuple[str, str]:
-    """Start time and content id (hash of the contents) of a recording, by which recordings are sorted."""
+    """Start time (ISO 8601) and content id (hash) of a recording, by which recordings are sorted."""
     return head.manifest.created, head.content_id
 
 

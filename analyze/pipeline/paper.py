@@ -72,7 +72,7 @@ def paper_estimate(
 
 
 def _sign_change(motion: TipMotion) -> MotionFit | None:
-    """Fit of a motion by the paper's estimator, the acceleration's sign change; None if there is none."""
+    """Fit (balance angle) by the paper's estimator, the acceleration's sign change; None if there is none."""
     return next((fit for fit in motion.alternatives if fit.estimator == SIGN_CHANGE), None)
 
 

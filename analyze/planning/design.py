@@ -257,7 +257,7 @@ class _Search:
         return sorted(taken)
 
     def grown(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Set of axes enlarged by the candidate that lowers the loss most, as sorted indices.
+        """Set of pivot axes, as sorted indices, with the candidate added that lowers the loss most.
 
         The loss is the weighted logarithm of the predicted errors of centre of mass and inertia. If all
         candidates are in the set, `members` is returned.

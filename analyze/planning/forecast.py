@@ -84,10 +84,12 @@ class Advice:
 
 
 def axis_forecasts(information: Information, design: Design) -> list[AxisForecast]:
-    """Predicted precision of each chosen axis, in the design's order.
+    """Predicted standard deviations of the results on each chosen axis, in the design's order.
 
-    Predicted are the balance angle phi, the rate constant k of the tip, and the moments of inertia about the
-    edge and about the parallel axis through the centre of mass.
+    They are those of the balance angle phi [rad], the rate constant k of the tip (relative), and the moments
+    of inertia [kg m^2] about the edge and about the parallel axis through the centre of mass; the last is
+    from
+    all strikes, the others are from one strike.
 
     Args:
         information: Candidates, prior knowledge and errors.

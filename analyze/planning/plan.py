@@ -229,9 +229,9 @@ def _strike(
 
     Args:
         name: Id of the strike.
-        each: Usable axis.
-        prepared: Object, bench and faces on which the object may fall over.
-        predicted: Precision expected of one strike on the axis.
+        each: Usable axis (edge to tip about) with its impact point.
+        prepared: Object, bench (striker, camera, table) and faces on which the object may fall over.
+        predicted: Standard deviations expected of one strike on the axis.
         heading: Turn [rad] of object and striker about the vertical.
     """
     axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker

@@ -139,9 +139,10 @@ def read_tosses(path: Path) -> list[BodyMotion]:
 
 
 def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progress) -> CubeAnswer:
-    """Estimate c and the file's metre from flights, then c and I/m from edge and from corner contacts.
+    """Estimate centre of mass c of a tossed cube from flights, and c and I/m from contacts with a table.
 
-    c is the centre of mass, I/m the inertia per mass about it. The file's metre is the true length of the
+    I/m is the inertia per mass about c. The flights also give the file's metre, by which the contacts are
+    scaled. The file's metre is the true length of the
     unit in which the file states lengths; it follows from the acceleration of gravity in flight. Errors that
     all tosses share (drag, the cube's width, the file's metre) are included in the covariances.
 
@@ -150,7 +151,8 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
         progress: called with (text, done, total).
 
     Returns:
-        Estimates by flight, by edge contact and by corner contact, in true lengths.
+        Estimates by flight (c), by edge contact and by corner contact (c and I/m), in true lengths [m] and
+        the cube's frame, with covariances; and the true length [m] of the file's metre.
 
     Raises:
         EstimationError: there are too few flights or contacts, or they are too similar.

@@ -93,7 +93,7 @@ def distances_mm(records: Iterable[SessionRecord], condition: Condition, *, pape
 def region_masses(
     records: Iterable[SessionRecord], condition: Condition, *, paper: bool
 ) -> list[tuple[Sequence[float], SessionRecord]]:
-    """Estimated masses [kg] of shell, upper and lower part, each with its session.
+    """Estimated masses (3) [kg] of shell, upper and lower part, one pair (masses, session) per answer.
 
     Answers without region masses are left out.
 
@@ -131,7 +131,7 @@ class Standardised:
 
     @property
     def scatter(self) -> float:
-        """Root mean square of error over stated sd: 1 if the stated sd is right; NaN without errors."""
+        """Root mean square of the errors over their stated sd: 1 if these are right; NaN without errors."""
         return float(np.sqrt(np.mean(self.scores**2)))
 
 
@@ -146,7 +146,8 @@ def standardised(records: Sequence[SessionRecord], condition: Condition) -> list
         condition: calibration under which they were analysed.
 
     Returns:
-        Four entries: centre of mass, I about the edge, I about c (the centre of mass), region masses.
+        Four entries: centre of mass, I about the edge, I about c (the centre of mass), region masses. Each
+        has name, errors over sd (n,), and (m,) 1 where a 95 % interval contains the true value, else 0.
     """
     centre: list[float] = []
     edge: list[float] = []
