@@ -42,7 +42,7 @@ class Pivot(Document):
 
 
 class Impact(Document):
-    """Point and direction of the striker's impact on the object, in O, the object's frame."""
+    """Point [m] and unit direction of the striker's impact on the object, in O, the object's frame."""
 
     point: Vector3 = Field(description="point of contact, in metres")
     direction: Vector3 = Field(description="unit vector along the striker's motion")
@@ -138,7 +138,7 @@ class Rejection(Document):
 
 
 class PredictedMoment(Document):
-    """Predicted standard deviation of the moment of inertia about one axis through c.
+    """Predicted standard deviation [kg m^2] of the moment of inertia about one axis through c.
 
     c is the centre of mass; the axis is parallel to the pivot edge `axis_id`.
     """

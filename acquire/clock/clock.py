@@ -227,7 +227,8 @@ def _fit(points: list[_Point]) -> _Line:
         points: pairs of device and host time [ns], with the host time's sd; at least one, oldest first.
 
     Returns:
-        The line with the first point as its origin, and the covariance of offset and rate.
+        The line with the first point as its origin: offset [ns], rate (no unit), and their covariance
+        (var(offset) [ns^2], cov [ns], var(rate)).
     """
     device0, host0 = points[0].device_ns, points[0].host_ns
     x = np.array([point.device_ns - device0 for point in points], dtype=np.float64)

@@ -70,7 +70,7 @@ class RecordUntilRest:
 
 @dataclass(frozen=True)
 class Judge:
-    """Action: ask `analyze watch` to judge a strike, given its recording window and contact time."""
+    """Action: ask `analyze watch` to judge a strike, given the time span recorded and the contact time."""
 
     strike: PlannedStrike
     strike_id: str

@@ -48,9 +48,9 @@ class _Lump:
 class _Recipe:
     """Nominal mass distribution of an object: masses [kg] of shell, upper and lower part, dividing plane.
 
-    The plane divides the interior into the two parts; lumps, if given, hold their mass. A seed perturbs all
-    of these. The masses follow Table 2 of the paper (VISAPP 2013), where the interior's mass is always in the
-    upper part; carton and parcel have mass in the lower part too.
+    The plane divides the interior into the two parts. If lumps (balls of mass inside) are given, they hold
+    the parts' mass. A seed perturbs all of these. The masses follow Table 2 of the paper (VISAPP 2013), where
+    the interior's mass is always in the upper part; carton and parcel have mass in the lower part too.
     """
 
     masses_kg: tuple[float, float, float]

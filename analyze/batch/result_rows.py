@@ -102,9 +102,10 @@ STAMPS = ("seconds", "peak_memory_bytes", "analysed_at", "estimated_by", "result
 
 
 def answer_columns(answer: Answer) -> dict[str, Any]:
-    """Values of a recording's row that its estimate determines, by column name; None where unknown.
+    """Columns of a recording's row in the table of results that follow from its estimate: value by name.
 
-    The other columns (URL, status, key, time and memory used) come from the batch run.
+    Names of quantities end in the unit; an unknown value is None. The other columns (URL, status, key of the
+    result, time and memory used) come from the batch run.
     """
     evidence, result = answer.estimate.evidence, answer.result
     manifest = evidence.manifest

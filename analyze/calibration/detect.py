@@ -66,7 +66,10 @@ class View:
 
 @dataclass(frozen=True)
 class BoardSighting:
-    """Tags of a calibration board found in one image, and the board corners that they predict."""
+    """Tags of a calibration board found in one image [px], and how many board corners they predict.
+
+    Ids of foreign tags (not on the board) are listed too.
+    """
 
     tags: Mapping[int, Array]
     """corners (4, 2) of each of the board's tags [px], by tag id"""
@@ -86,8 +89,8 @@ class BoardSighting:
     def another_layout(self) -> bool:
         """True if the tags are arranged unlike the board's, so that the image shows another board.
 
-        That is: three or more board corners are predicted by two tags, and less than half of these pairs
-        agree.
+        That is: of three or more board corners, two tags each predict the place in the image, and the two
+        places agree for less than half of these corners.
         """
         return self.pairs >= 3 and self.agreeing < 0.5 * self.pairs
 
@@ -252,8 +255,9 @@ def refine(
             relative to `start` [px]; None for the pixels as they are.
 
     Returns:
-        The corners that could be fitted; None if they are fewer than `_MIN_CORNERS`, or all in one row or
-        column of the board.
+        The corners that could be fitted: index, position [raw px] and covariance [px^2] of each, and their
+        median blur [px]. None if they are fewer than `_MIN_CORNERS`, or all in one row or column of the
+        board.
     """
     height, width = image.shape
     patch = patches(start, per_square, width, height)

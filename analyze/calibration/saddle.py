@@ -214,14 +214,17 @@ def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
 
 
 def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
-    """Signed distances [px] of m pixels from the two lines (edges of squares) through each of n corners.
+    """Signed distances [px] of m pixels from the two lines through each of n chessboard corners.
+
+    The lines are the edges of the squares that meet at the corner.
 
     Args:
-        x: (n, 9) parameters of the corners' fits: position, directions of the two lines, ... (`_PARAMETERS`).
+        x: (n, 9) fitted parameters, of which the first four are used: shift of the corner from its first
+            position (2) [px], directions of the two lines (2) [rad].
         at: undistorted positions of m pixels around each corner, relative to its first position [px].
 
     Returns:
-        Distances (n, m) from the first line, and from the second.
+        Distances (n, m) from the first line, and (n, m) from the second.
     """
     cos, sin = np.cos(x[:, 2:4]), np.sin(x[:, 2:4])
     ux, uy = at.x - x[:, :1], at.y - x[:, 1:2]
@@ -229,10 +232,13 @@ def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
 
 
 def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bool_]:
-    """True (n, m) for pixels near a line (edge of squares) through their corner and clear of the tags.
+    """True (n, m) for those of m pixels around each of n chessboard corners that enter the corner's fit.
+
+    They lie near one of the two lines (edges of squares) through the corner, and clear of the tags.
 
     Args:
-        x: (n, 9) parameters of the corners' fits (`_PARAMETERS`).
+        x: (n, 9) fitted parameters, of which are used: shift of the corner from its first position [px] and
+            directions of the two lines [rad] (the first four), and the blur [px] (the last).
         at: undistorted positions of m pixels around each corner, relative to its first position [px].
         per_square: (n, 2, 2) matrices; columns: shift [px] per square along the board's x, and y.
         rim: white margin between a tag and the edge of its square [square sides], foreshortened like the

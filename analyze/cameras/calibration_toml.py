@@ -85,7 +85,7 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
 
 
 def refuse_unplaced(rig: Path) -> None:
-    """Check that a rig file has a camera pose.
+    """Refuse a rig file that has no camera pose (T_world_camera).
 
     It is called before any work if the calibration will not measure the pose.
 

@@ -45,7 +45,7 @@ class PaperCentre:
     """The paper's centre of mass: centroid of the volume in which all regions R^E overlap.
 
     The region R^E of a strike is a wedge about its equi-plane (the plane through pivot line and centre of
-    mass) with the pivot line as its edge.
+    mass), with the pivot line as its edge. `err` is the wedges' half-angle, widened until they overlap.
     """
 
     position: Array
@@ -152,7 +152,7 @@ def paper_axis_inertia(
     past phi and have alpha > 0.
 
     Args:
-        plane: Equi-plane of the strike, for its pivot line.
+        plane: Equi-plane of the strike (plane through pivot line and centre of mass), for its pivot line.
         motion: Motion of the strike, with the tipping angle theta(t).
         fit: Fit of the motion, for the balance angle phi.
         com: (3,) centre of mass [m], in the object frame O.
@@ -255,10 +255,10 @@ def paper_regions(
 
 @dataclass(frozen=True)
 class _Solution:
-    """Masses of shell, upper and lower interior for one pivot axis, by the paper's method.
+    """Masses [kg] of shell, upper and lower interior for one pivot axis, by the paper's method.
 
     Of all possible masses and dividing planes for the axis, these put the centre of mass closest to the given
-    one, c.
+    one, c. The shell is the outer wall.
     """
 
     axis_id: str
@@ -346,7 +346,7 @@ def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
 def _axis_solution(
     plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, sweep: _Sweep
 ) -> _Solution | None:
-    """Masses of shell, upper and lower interior by VISAPP 2013, eq. 9, for one pivot axis.
+    """Masses [kg] of shell, upper and lower interior by VISAPP 2013, eq. 9, for one pivot axis.
 
     Of all possible masses and dividing planes, those that put the centre of mass closest to `com`.
 
@@ -356,12 +356,13 @@ def _axis_solution(
         com: (3,) centre of mass [m], in the object frame O.
         i_edge: Measured moment about the edge [kg m^2]; values within the fraction `I_RANGE` of it are tried.
         mass: Mass of the object [kg].
-        cells: Cells of the body.
+        cells: The body divided into small cells, each of the shell (outer wall) or the interior.
         sweep: Dividing planes to try, with centroids and second moments of the regions that they make.
 
     Returns:
-        Masses of shell, upper and lower part of the interior, with the dividing plane; None if no solution
-        has positive masses with the right sum, to 2 %.
+        Masses (3,) of shell, upper and lower part of the interior [kg], with the dividing plane in O, the
+        moment about the edge [kg m^2] that goes with them and the distance [m] of their centre of mass from
+        `com`; None if no solution has positive masses with the right sum, to 2 %.
     """
     arm = com - plane.point
     arm = arm - plane.direction * (arm @ plane.direction)
@@ -398,10 +399,10 @@ def _axis_solution(
 
 
 def _projected_area(cells: Cells, part: Array, plane: EquiPlane) -> float:
-    """Area [m^2] of a region (shell, upper or lower part) projected along the pivot axis.
+    """Area [m^2] of a region (outer shell, upper or lower part inside) projected along the pivot axis.
 
-    It is counted in squares of the cells' pitch. `part` (n,) are the volumes of the cells in the region;
-    `plane` gives the pivot axis.
+    It is counted in squares with the edge of a cell (small cube of the body). `part` (n,) is the volume of
+    each of the n cells that lies in the region [m^3]; `plane` gives the pivot axis.
     """
     forward = np.cross(plane.direction, plane.up)
     points = cells.points[part > 0]

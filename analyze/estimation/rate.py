@@ -56,7 +56,7 @@ MAX_RATE_SD = 0.05
 
 @dataclass(frozen=True)
 class RateEstimate:
-    """Estimate of the ratio of true to stated frame rate, independent of the filling of the shape.
+    """Estimate of the ratio of true to stated frame rate, whatever the mass distribution in the shape.
 
     It is found from pivot axes at different distances from the centre of mass.
     """
@@ -74,7 +74,11 @@ class RateEstimate:
 
 @dataclass(frozen=True)
 class RateCheck:
-    """Bounds and estimate of the ratio of true to stated frame rate of one recording."""
+    """Bounds and estimate of the ratio of true to stated frame rate of one recording.
+
+    The bounds are the smallest and largest ratio that some filling of the shape allows; the estimate is None
+    if no axes determine it.
+    """
 
     low: float
     """Smallest ratio that some filling of the shape allows."""
@@ -85,9 +89,9 @@ class RateCheck:
 
     @property
     def possible(self) -> bool:
-        """True if the stated frame rate is within the bounds and not contradicted by the estimate.
+        """True if the stated frame rate is within the strikes' bounds and not contradicted by their estimate.
 
-        Without an estimate the bounds alone count.
+        Bounds and estimate are of the true rate; without an estimate the bounds alone count.
         """
         return self.low <= 1 <= self.high and (self.estimate is None or self.estimate.agrees)
 
@@ -128,8 +132,9 @@ def rate_check(
 def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[float, float] | None:
     """Smallest and largest ratio of true to stated frame rate at which some filling of the shape fits k.
 
-    The filling is any distribution of mass over `points` that has the centre of mass c estimated from the
-    balance angles phi. k is the rate constant of a strike's motion. If no filling fits all strikes at any
+    k = m g R / I_edge [rad/s^2] is the rate constant of a strike's motion, with R the distance of the centre
+    of mass c from the edge and I_edge the moment of inertia about it. The filling is any distribution of mass
+    over `points` that has the c estimated from the balance angles phi. If no filling fits all strikes at any
     rate, the tolerances of all moments are multiplied by `TOLERANCE_FACTORS`, in turn, until one does. If phi
     does not determine the distance of c from any edge (as with edges of one corner), each strike bounds the
     rate by itself.
@@ -235,10 +240,11 @@ def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | 
 
 @dataclass(frozen=True)
 class _Programme:
-    """Linear programme whose unknowns are shares of mass at n places, none negative, and s = 1 / r^2.
+    """Linear programme for the bounds that strikes set on r, the true over the stated frame rate.
 
-    r is the true over the stated frame rate. Its constraints are each strike's moment of inertia about the
-    edge, within a tolerance, and bounds of the centre of mass.
+    The unknowns are shares of the mass at n places in the shape, none negative, and s = 1 / r^2. The
+    constraints are each strike's moment of inertia about the edge, within a tolerance, and bounds of the
+    centre of mass.
     """
 
     about: Array

@@ -42,8 +42,8 @@ _MAX_DENSITY = DENSITIES[1]
 class DividingPlanes:
     """Set of b planes n.(x - middle) = height that divide the interior, each with its best mass shares.
 
-    The upper part is the one on the side of n; middle is the body's centroid. The shares are those of shell,
-    upper and lower part that fit the measured moments best.
+    The upper part is the one on the side of n; middle is the body's centroid. The shares are those of shell
+    (outer wall), upper and lower part in the mass that fit the measured moments best.
     """
 
     normals: Array
@@ -71,8 +71,8 @@ class DividingPlanes:
     def misfit(self, shares: Array) -> Array:
         """Chi^2 (b,) of measured less modelled moments, for the mass shares `shares` (b, 3).
 
-        Each of the b planes divides the interior; its row holds the shares of the body's mass in shell, upper
-        and lower part.
+        There is one for each of the b planes that divide the interior; the plane's row holds the shares of
+        the body's mass in shell, upper and lower part.
         """
         off = shares[:, :2] - self.mean
         return self.chi_square + np.einsum("bi,bij,bj->b", off, self.precision, off)
@@ -99,9 +99,10 @@ class DividingPlanes:
 
 @dataclass(frozen=True)
 class BodyPieces:
-    """The body cut into n pieces: region, largest mass and share in k measured moments of each.
+    """The body cut into n pieces: of each its region, largest mass, and what all mass in it would explain.
 
-    The moments are moments of inertia about k axes, divided by their standard deviations.
+    The latter are k quantities to compare with the measured ones: centre of mass (3), and the moment of
+    inertia about each struck axis. They are whitened: the measurements have independent errors of unit sd.
     """
 
     region: IntArray
@@ -157,7 +158,8 @@ class RegionProblem:
             coarsely: True to use clumps of `_COARSE_CLUMP` cells per edge instead of single cells.
 
         Returns:
-            The planes with mean and precision of the shares before truncation at zero, and their chi^2.
+            The b planes, each with mean (2) and inverse covariance (2, 2) of the shares of shell and upper
+            part before truncation at zero, chi^2, and whether both its sides hold enough of the interior.
         """
         above = (self._coarse if coarsely else self._fine).above(normals, heights)
         part = above[:, 0] / self._interior[0]
@@ -190,8 +192,9 @@ class RegionProblem:
     def pieces(self, normal: Array, height: float) -> BodyPieces:
         """The body cut into pieces: the shell as one, and clumps of cells on either side of a dividing plane.
 
-        Given for each piece are its region (shell, upper or lower part), the whitened moments that the body
-        would have if all its mass were in the piece, and the largest share of the mass that it can hold.
+        Given for each piece are its region (shell, upper or lower part), the moments of inertia (over their
+        standard deviations) that the body would have if all its mass were in the piece, and the largest share
+        of the mass that it can hold. Cells are small cubes.
 
         Args:
             normal: (3,) unit normal of the dividing plane, in the object frame O.
@@ -244,9 +247,12 @@ class RegionProblem:
 
 @dataclass(frozen=True)
 class _CutPieces:
-    """The body's interior in n pieces, prepared to be cut by many planes.
+    """The body's interior in n pieces with volume and moments, prepared to be cut by many planes.
 
-    Numbers are float32, so that moments have a relative error of 1e-6.
+    `places` (4, n) are coordinates from the body's middle in units of `pitch` (the width of the layer in
+    which a cut piece counts in part), and 1. `contents` (n, 10) are volume [m^3], first moments [m^4] and
+    second moments [m^5] about the measured centre of mass, at unit density. Numbers are float32, so that
+    moments have a relative error of 1e-6.
     """
 
     places: NDArray[np.float32]
@@ -327,8 +333,9 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:
     """Whitened matrix (k, 9) from the body's moments to k measurements, and these measurements (k,).
 
-    The body's moments are first (3) [m] and second (6: xx, yy, zz, xy, xz, yz) [m^2] moments per kilogram
-    about the measured centre of mass. The k = 3 + axes measurements are the centre of mass, given relative to
+    Whitened: both are multiplied so that the measurements' errors are independent with unit sd. The body's
+    moments are first (3) [m] and second (6: xx, yy, zz, xy, xz, yz) [m^2] moments per kilogram about the
+    measured centre of mass. The k = 3 + axes measurements are the centre of mass, given relative to
     itself and thus 0, and the moments of inertia about the struck axes per kilogram. Their covariance also
     holds the error of modelling the body by cells: 0.1 mm (`LEVER_ERROR`) and 0.4 % (`MODEL_ERROR`).
     """

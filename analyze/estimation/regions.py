@@ -52,11 +52,11 @@ def mass_distribution(
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
-        cells: Cells of the body, in shell and interior.
+        cells: Cells (small pieces) of the body, in shell and interior.
         rng: Random generator of the chains; the same seed gives the same result.
 
     Returns:
-        Masses [kg] with covariance and intervals, and the dividing plane in O.
+        Masses (3,) of R1, R2, R3 [kg] with covariance and 95 % intervals, and the dividing plane in O.
     """
     return _distribution([_shell_posterior(parameters, cells, rng)], np.ones(1), parameters, rng)
 
@@ -258,9 +258,9 @@ def _weighted_draws(
 
 @dataclass(frozen=True)
 class _Chains:
-    """Present planes of b Metropolis chains (random walks), with the log posterior of each.
+    """Present states of b Metropolis chains (random walks), with the log posterior of each.
 
-    Each plane divides the interior in two.
+    The state of a chain is a plane that divides the body's interior in two.
     """
 
     planes: DividingPlanes
@@ -270,10 +270,11 @@ class _Chains:
 
     @classmethod
     def of_planes(cls, planes: DividingPlanes) -> _Chains:
-        """One Metropolis chain (random walk) at each of the b planes, with the planes' log posteriors.
+        """Chains (random walks over dividing planes) at b start planes, with the planes' log posteriors (b,).
 
-        Each plane divides the interior in two. The log posterior is -1e300 for a plane with next to nothing
-        of the interior on one side.
+        Each plane divides the body's interior in two. A log posterior is the logarithm, up to a constant, of
+        the plane's probability given the measurements; -1e300 for a plane with next to nothing of the
+        interior on one side.
         """
         possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
         return cls(planes, possible)

@@ -115,10 +115,8 @@ class ShareDistribution:
         """Log (b,) of the integral of prior times likelihood of each of b distributions.
 
         A distribution is over three shares of a whole, none negative; the integral is over all such shares.
-        With w
-        the first two shares, and their mean and precision (inverse covariance) before truncation, the
-        likelihood
-        is exp(-(w - mean).precision.(w - mean) / 2).
+        With w the first two shares, and their mean and precision (inverse covariance) before truncation, the
+        likelihood is exp(-(w - mean).precision.(w - mean) / 2).
         """
         return np.logaddexp.reduce(self._log_parts, axis=0)
 
@@ -232,7 +230,7 @@ class _Side:
         )
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """One random value (b,) of u, the first of three shares, from each of the b distributions.
+        """Random values (b,) of u, the first of three shares of a whole, one from each of b distributions.
 
         The distributions are normal, truncated to 0..1.
         """

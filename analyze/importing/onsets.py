@@ -175,7 +175,8 @@ class OnsetFinder:
             rest: the markers as they rested; updated if they rest still.
 
         Returns:
-            Onset of the strike if a marker has tipped as in a strike; None otherwise.
+            Onset of the strike if a marker has tipped as in a strike: begin and end of its rest and first
+            image in which it had moved [ns, source's clock], and names of the markers. None otherwise.
         """
         self._next_ns = frame.time_ns + self._wait(WATCH_INTERVAL_NS)
         found = self._find(frame.image)

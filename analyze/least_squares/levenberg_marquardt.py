@@ -164,9 +164,10 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
 def residual_variance(minimum: Minimum, sd: Array) -> float:
     """Variance of a fit's weighted residuals (unitless), inflated if neighbours are correlated.
 
-    The covariance of the fit's parameters is this factor times `unit_covariance`. Let psi be the residuals
-    over their sd, times the Huber weights, and psi' its derivative by the residual, for n residuals and p
-    parameters. Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2. Two things differ here.
+    The covariance of the fit's parameters is this variance times `unit_covariance`, the covariance for
+    residuals of unit variance. Let psi be the residuals over the observations' sd, times the Huber weights
+    (below 1 for outliers), and psi' its derivative by the residual, for n residuals and p parameters.
+    Huber's asymptotic variance is sum psi^2 / (n - p) over (mean psi')^2. Two things differ here.
     The divisor is n - p - 2, at least 1, which gives the variance of Student's t, because intervals are
     computed as for a normal variable. The mean of psi', which is the share of residuals with full weight,
     counts as at least 0.5.

@@ -212,8 +212,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     Returns:
         Centre of mass c (3,) in the object frame O [m], inertia per mass about c (3, 3) [m^2], radius of the
         rounding [m], and the covariance (10, 10) of these ten numbers in this order, with the inertia's
-        entries
-        as xx, yy, zz, xy, xz, yz.
+        entries as xx, yy, zz, xy, xz, yz.
 
     Raises:
         EstimationError: there are fewer than 7 contacts, or they are too similar to determine the body.

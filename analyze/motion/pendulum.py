@@ -68,9 +68,10 @@ def trajectory(
     by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
 
     def pull(psi: float) -> tuple[float, float, float]:
-        """Acceleration psi'' [rad/s^2] at angle psi [rad] from balance; its derivatives by psi and energy.
+        """Angular acceleration psi'' [rad/s^2] at the angle psi [rad], and its two derivatives.
 
-        psi is tipping angle less balance angle. The energy [rad^2/s^2], i psi'^2 + 2 k cos psi, stays
+        They are its derivatives by psi [1/s^2] and by the energy [1/rad] of the motion. psi is the tipping
+        angle less the balance angle. The energy [rad^2/s^2], i psi'^2 + 2 k cos psi, stays
         constant during the motion. k is the rate constant of the tip [rad/s^2], i the inertia about the
         contact over that at balance (1 for a sharp edge).
         """
@@ -136,9 +137,10 @@ def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
 def first_guess(time: Array, theta: Array) -> Array:
     """First guess (4,) of phi, k, theta0, omega0 by linear least squares on the twice integrated equation.
 
-    These are balance angle [rad], rate [rad/s^2], and angle [rad] and speed [rad/s] at the first time.
-    Nothing is differentiated: theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k
-    sin(phi), B = k cos(phi), II the double integral over time.
+    The equation is theta'' = -k sin(phi - theta) of the tipping angle theta. The four are balance angle
+    [rad], rate [rad/s^2], and angle [rad] and speed [rad/s] at the first time. Nothing is differentiated:
+    theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k sin(phi), B = k cos(phi), II the
+    double integral over time.
 
     Args:
         time: (n,) times [s].
@@ -172,13 +174,14 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
 
 
 def _solved(columns: Array, theta: Array) -> tuple[float, Array]:
-    """Sum of squares [rad^2] and solution (p,) of the twice integrated pendulum equation.
+    """Sum of squared residuals [rad^2] and solution (p,) of the twice integrated pendulum equation.
 
     The solution begins with balance angle phi [rad], rate k [rad/s^2], and angle theta0 [rad] and speed
     omega0 [rad/s] at the first time; a factor for each column after the fourth follows.
 
     Args:
-        columns: (n, p) the four columns of `_integrated_columns`, then any further ones.
+        columns: (n, p) 1, t, -II cos(theta), II sin(theta), then any further columns; II is the double
+            integral over the time t since the first.
         theta: (n,) tipping angle [rad].
     """
     x = np.linalg.lstsq(columns, theta, rcond=None)[0]

@@ -48,8 +48,8 @@ _FALLBACK_K = 60.0
 class Sample:
     """Part of the tipping angle theta(t) that is fitted, with a first guess of the motion's parameters.
 
-    They are those of theta'' = -k sin(phi - theta): balance angle phi, rate constant k, and the angle theta0
-    and its rate omega0 at the first time.
+    They are those of theta'' = -k sin(phi - theta): balance angle phi [rad], rate constant k [rad/s^2], and
+    the angle theta0 [rad] and its rate omega0 [rad/s] at the first time.
     """
 
     time: Array
@@ -102,8 +102,9 @@ def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> 
 def hinge_model(time: Array, radius: float) -> Model:
     """Model of a tip over an edge in place: function of (4,) phi, k, theta0, omega0.
 
-    phi is the balance angle [rad], k the rate [rad/s^2], theta0 and omega0 are tipping angle [rad] and speed
-    [rad/s] at the first time. The function gives the tipping angle (n,) [rad] and its derivatives (n, 4).
+    phi is the balance angle [rad], k [rad/s^2] the rate of theta'' = -k sin(phi - theta) (or of its form for
+    an edge that rolls on its rounding), theta0 and omega0 are tipping angle theta [rad] and speed [rad/s] at
+    the first time. The function gives theta (n,) [rad] at the times, and its derivatives (n, 4) by the four.
 
     Args:
         time: (n,) times [s].
@@ -157,11 +158,14 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
 
 
 def fit_model(sample: Sample, model: Model, start: Array, radius: float | None = None) -> FittedModel:
-    """Fit a model of theta(t) whose first two parameters are balance angle phi and k.
+    """Fit a model of the tipping angle theta(t) whose first parameters are balance angle phi and rate k.
+
+    k [rad/s^2] is the rate constant of the tip, theta'' = -k sin(phi - theta).
 
     Args:
-        sample: measured tipping angle theta(t).
-        model: theta (n,) and its derivatives (n, p) at parameters (p,).
+        sample: measured tipping angle theta(t) at n times.
+        model: function that gives theta (n,), and its derivatives (n, p) by the parameters, at parameters
+            (p,).
         start: (p,) first parameters phi [rad], k [rad/s^2], theta0 [rad], omega0 [rad/s], and for p = 5 a
             jump in speed [rad/s].
         radius: radius of the edge's rounding [m] if the model is the pendulum itself (`hinge_model`), so that
@@ -195,7 +199,8 @@ def motion_fit(estimator: str, angle: TipAngle, window: tuple[int, int], fitted:
         estimator: name of the estimator.
         angle: tipping angle theta(t) of the strike.
         window: frames [start, stop) that were fitted.
-        fitted: the fitted model.
+        fitted: the fitted phi [rad], rate constant k [rad/s^2], theta [rad] and its rate [rad/s] at the first
+            frame, the covariance of (phi, k), and the residuals of theta.
     """
     covariance = fitted.covariance.copy()
     covariance[0, 0] += angle.zero_sd**2

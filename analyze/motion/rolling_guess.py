@@ -77,8 +77,9 @@ class ComPrior:
     def values(self) -> Array:
         """Right side (3,) of the three linear equations that state this prior, each divided by its sd.
 
-        `rows` is the left side: `rows` @ (1 / J, a / J, b / J) = values. The first two equations are of the
-        centre of mass, the third of the inertia J per mass about the pivot point.
+        `rows` is the left side: `rows` @ (1 / J, a / J, b / J) = values. a [m] is the height of the centre of
+        mass c above the pivot point, -b [m] the offset of c from it in the direction of tipping, J [m^2] the
+        inertia per mass about it. The first two equations are of a and b, the third of J.
         """
         return np.array([0.0, 0.0, 1.0 / _INERTIA_SD_SHARE])
 
@@ -88,15 +89,16 @@ def first_rolling_guess(
 ) -> Array:
     """First guess (5,) of 1 / J, a / J, b / J, theta0, omega0 [1/m^2, 1/m, 1/m, rad, rad/s].
 
-    Centre of mass c at (-b, a) from the pivot point at rest (x in the direction of tipping, z up), J = I_c /
-    m + a^2 + b^2 with I_c / m the inertia per mass about c, theta0 and omega0 the tipping angle and its rate
-    at the first time.
+    They are the parameters of a body that tips by rolling. At rest its centre of mass c is a [m] above the
+    pivot point and -b [m] from it in the direction of tipping. J = I_c / m + a^2 + b^2 [m^2], I_c / m the
+    inertia per mass about c; theta0 and omega0 are the tipping angle and its rate at the first time.
 
     Args:
         time: (n,) time [s].
         theta: (n,) tipping angle [rad].
         sd: (n,) standard deviation of theta [rad].
-        section: support function of the section on which the body rolls.
+        section: support function (the pivot point's height over the table by tipping angle) of the
+            cross-section on which the body rolls.
         expected: prior of c.
     """
     t = time - time[0]

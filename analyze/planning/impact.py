@@ -40,7 +40,8 @@ CARD_OVER_TAG_SIZE = 10 / 8
 class StrikerModel:
     """Effective mass [kg] and restitution of the striker's tip, with the speeds and heights it can reach.
 
-    Both have a 1 sigma. Speeds are those of the tip [m/s], heights those over the table [m].
+    Mass and restitution have a standard deviation. Speeds are those of the tip [m/s], heights those over the
+    table [m].
     """
 
     effective_mass_kg: float = 0.2

@@ -170,8 +170,9 @@ class Information:
     def _axis_information(self) -> dict[tuple[int, int], tuple[Candidate, Array]]:
         """Cache of the Fisher information (14, 14) of strikes on one axis about the 14 shared unknowns.
 
-        The key is `id` of the candidate axis and number of strikes; an entry holds the candidate, too. It is
-        filled by `axis_information`.
+        These are centre of mass (3), inertia about it (6), mass, gravity, tilt, scale and edge radius, which
+        strikes on all axes have in common. The key is `id` of the candidate axis and number of strikes; an
+        entry holds the candidate and the information. It is filled by `axis_information`.
         """
         return {}
 
@@ -248,12 +249,12 @@ class Information:
             strikes: Number of further strikes on it.
 
         Returns:
-            Derivatives (2h, 14) by the shared unknowns (centre of mass, inertia, errors common to all
-            strikes, in the order of `units`), in units of their prior 1 sigma; derivatives (2h, 3 + h) by
-            those of the axis: its line's place towards the tip and upwards, an angle error, an error of ln k,
-            and one more angle error for each further heading; and the inverse covariance (2h, 2h). Rows are
-            phi (balance angle, rad) and ln k (k the tip's rate constant) of each heading, the usual one
-            first.
+            Derivatives (2h, 14) by the shared unknowns: centre of mass (3), inertia (6), and the errors of
+            mass, gravity, gravity's tilt, shape scale and edge radius; derivatives (2h, 3 + h) by those of
+            the axis: its line's place towards the tip and upwards, an angle error, an error of ln k, and one
+            more angle error for each further heading; and the inverse covariance (2h, 2h) of the rows. All
+            unknowns are in units of their prior 1 sigma. Rows are phi (balance angle, rad) and ln k (k the
+            tip's rate constant) of each heading, the usual one first.
         """
         shared, own, _ = self._linearised(each)
         turned = [
@@ -298,8 +299,9 @@ class Information:
         """Fisher information (14, 14) before the planned strikes: of the priors and of the strikes made.
 
         Strikes on axes in `leave_out` (ids) do not count. The 14 unknowns, shared by all strikes, are centre
-        of mass (3), inertia about it (6), and the errors of mass, gravity, tilt, scale and edge radius, in
-        this order. Each is in units of its prior 1 sigma, so the priors alone give the unit matrix.
+        of mass (3), inertia about it (6), and the errors of mass, gravity, tilt of gravity, the shape's scale
+        and edge radius, in this order. Each is in units of its prior 1 sigma, so the priors alone give the
+        unit matrix.
         """
         known = [
             self.axis_information(each, 0) for each in self.belief.struck if each.axis.id not in leave_out
@@ -309,8 +311,8 @@ class Information:
     def covariance(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> Array:
         """Covariance (14, 14) of the shared unknowns, in SI units, after the strikes made and further ones.
 
-        Shared are centre of mass (3), inertia about it (6), and the errors of mass, gravity, tilt, scale and
-        edge radius, in the order of `units`.
+        Shared are centre of mass [m] (3), inertia about it [kg m^2] (6), and the errors of mass and gravity
+        (relative), tilt of gravity [rad], the shape's scale (relative) and edge radius [m], in this order.
 
         Args:
             chosen: Axes of the further strikes.

@@ -72,7 +72,7 @@ class PaperStrike:
 
     @property
     def energy(self) -> float:
-        """Energy of the tip over weight m g: rise [m] of the centre of mass to balance.
+        """Energy needed to tip, divided by the weight m g: rise [m] of the centre of mass to balance.
 
         The centre of mass is assumed at the impact point, so the rise h2 - h1 of eq. (2), VISAPP 2013, is the
         impact point's distance from the rotation point less its height over it.
@@ -178,8 +178,8 @@ def impact_force(
         rotation_point: (3,) rotation point p^r_ij [m], in the object frame.
         impact_point: (3,) impact point p^I_ij [m], in the object frame.
         up: (3,) unit vector upwards at rest, in the object frame.
-        inwards: (3,) unit n_ij from the rotation point to the plane's centre; the force acts along its
-            opposite.
+        inwards: (3,) unit vector n_ij, horizontal at rest, from the rotation point towards the centre of the
+            resting face; the force acts along its opposite.
         weight: Weight m g [N].
     """
     lever = impact_point - rotation_point

@@ -228,8 +228,8 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
 def _too_small(path: Array, marker_id: int | str) -> Fault | None:
     """Fault if a marker's black square is smaller in the image than `MIN_TAG_EDGE_PX`; else None.
 
-    The size is the mean edge at rest, which is step 0 of `path` (steps, 4, 2): the square's four corners in
-    the image [raw px] at each step of the tip.
+    A fault holds rejection code, size [px] and message. The size is the mean edge at rest, which is step 0 of
+    `path` (steps, 4, 2): the square's four corners in the image [raw px] at each step of the tip.
     """
     pixels = _edge(path[0])
     if pixels >= MIN_TAG_EDGE_PX:
@@ -250,6 +250,8 @@ def _hidden(
     camera: CameraModel,
 ) -> Fault | None:
     """Fault if the object hides the marker's centre at rest, at balance or past it; else None.
+
+    A fault holds rejection code, number (here the tipping angle [rad] at which it is hidden) and message.
 
     Args:
         model: Shape of the object.

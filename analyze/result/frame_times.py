@@ -22,7 +22,7 @@ def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:
 
 
 def _document(rate: FrameRate) -> FrameTimes:
-    """Entry of one recording's frame times: their source and sd, the stated frame rate and its check.
+    """Frame times of one recording in the Result's form: source, sd [s], stated frame rate and its check.
 
     The strikes check the rate. Bounds and estimate of the true over the stated rate are None where the
     strikes do not give them.

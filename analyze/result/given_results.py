@@ -219,7 +219,7 @@ def read_result(path: Path) -> Result:
 
 
 def _recordings(result: Result) -> set[str]:
-    """Ids of the recordings that a result was estimated from."""
+    """Ids (`recording_id` of the manifest) of the recordings that a result was estimated from."""
     inputs = result.inputs
     return (
         {inputs.recording_id}

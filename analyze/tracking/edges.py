@@ -224,8 +224,8 @@ def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Ar
         expected_ideal: (4, 2) expected corners [ideal px].
 
     Returns:
-        The fitted square; None if it has moved too far, its blur has changed, or it is not there.
-        `find_square` may still find it then.
+        The fitted square, with the pixels, line and blur of each edge; None if it has moved too far, its blur
+        has changed, or it is not there. `find_square` may still find it then.
     """
     if float(np.abs(expected_ideal - before.band.corners_ideal).max()) > _SAME_BAND_PX:
         return None
@@ -318,7 +318,7 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
 
 
 def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _EdgeFits | None:
-    """Lines, blur and contrast of a square's four edges, fitted by Gauss-Newton; None if an edge is lost.
+    """Fit lines, blur and contrast of a square's four edges by Gauss-Newton; None if an edge is lost.
 
     An edge is lost if its contrast falls to 1 grey level or less, or its pixels do not determine its five
     unknowns (offset, tilt, blur, black, white).
@@ -328,6 +328,10 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
         band: the pixels along the edges.
         start: (4, 3) first offset a, tilt b and blur s of each edge [px].
         breadth: (4,) breadth of a pixel across each edge [px]; None for pixels as points.
+
+    Returns:
+        Per edge: offset, tilt and blur [px], sums of the normal equations, contrast [grey levels] and
+        variance of the residuals [grey levels^2]. For all together: size of the last step of the lines [px].
     """
     shape = start.copy()
     least = _MIN_BLUR if breadth is None else _MIN_LENS_BLUR
@@ -412,7 +416,10 @@ def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> 
 
 
 def _normal(z: Array) -> tuple[Array, Array]:
-    """Normal distribution function and density at `z` (any shape), from tables, to 1e-7, for speed."""
+    """Standard normal distribution function and density at `z`, two arrays of its shape.
+
+    They are taken from tables, for speed, and are accurate to 1e-7.
+    """
     place = z * _TABLE_STEPS_PER_SIGMA
     index = np.rint(place).astype(np.intp)
     place -= index

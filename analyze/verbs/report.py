@@ -103,9 +103,10 @@ class _Page:
 
 
 def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
-    """Functions that make the report on the estimate from all recordings together (HTML, tables, JSON).
+    """Report on the estimate from all recordings together, as functions that write it in one format each.
 
-    If all recordings are virtual, the HTML and JSON contain the errors against their ground truth.
+    The formats are an HTML page, CSV tables and JSON. If all recordings are virtual, the HTML and JSON
+    contain the errors against their ground truth.
     """
     from analyze.report.report import answer_summary, write_report
     from analyze.report.report_document import report_json

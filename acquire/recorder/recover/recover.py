@@ -201,9 +201,10 @@ class _Salvage:
         return len(self._data) - (len(padding) - len(padding.rstrip(b"\0")))
 
     def _copy_records(self, start: int) -> int:
-        """Copy whole records from offset `start` on, until one is cut, unknown, or ends the data section.
+        """Copy whole records to the rebuilt file, from offset `start` of the damaged file on.
 
-        A damaged record is left out and counted in the report.
+        It ends at a record that is cut, unknown, or ends the data section. A damaged record is left out and
+        counted in the report.
 
         Returns:
             Offset in the damaged file where the whole records end.
@@ -312,6 +313,8 @@ class _Salvage:
 
 def _verify(path: Path, report: RecoverReport) -> None:
     """Read the messages of the recovered file `path`, and compare number and hash with the report.
+
+    The report (`RecoverReport`) states the number and the content hash of the messages that were written.
 
     Raises:
         RecorderError: the file does not hold the messages that were written, or cannot be read.

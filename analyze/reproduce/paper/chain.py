@@ -50,13 +50,17 @@ class _Struck:
 
 
 def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
-    """Results of the paper's method (VISAPP 2013), one per round, as in the paper's tables.
+    """Results of the paper's method (VISAPP 2013), one per round of strikes, as in the paper's tables.
 
     Round i consists of the i-th strike on each axis (pivot edge). Only strikes that tipped over count. The
     axis with the fewest sets the number of rounds; the list is empty without such strikes. The balance angle
     of a strike is that at the sign change of the angular acceleration. The moments of inertia about the edges
-    follow from eq. 5, with the distance R of the edge from the paper's own centre of mass. The region masses
+    follow from eq. 5, with the distance of the edge from the paper's own centre of mass. The region masses
     are computed with this centre of mass as well.
+
+    Returns:
+        Per round: centre of mass [m] in the object frame O, moments of inertia about the edges [kg m^2], and
+        the masses of shell, upper and lower part, None where there is no solution.
     """
     by_axis = _by_axis(estimate)
     rounds = min((len(each) for each in by_axis.values()), default=0)

@@ -82,7 +82,7 @@ def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[Axis
 
 
 def _median_and_worst(off: Sequence[float]) -> tuple[float | None, float | None]:
-    """Median and maximum [%] of the absolute values of relative errors; (None, None) without any."""
+    """Median and maximum [%] of the absolute relative errors `off` of moments; (None, None) without any."""
     if not off:
         return None, None
     return 100 * float(np.median(np.abs(off))), 100 * float(np.max(np.abs(off)))

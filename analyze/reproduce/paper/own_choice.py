@@ -45,8 +45,9 @@ def com_from_papers_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
         body: ground truth, from which the angles are computed.
 
     Returns:
-        Distances [m] of both centres of mass from the true one; or only the reason why the paper's planner
-        has no strikes.
+        Distances [m] of both centres of mass from the true one, with our stated sd [m], number of axes,
+        spread of the planes' normals and friction needed; or only the reason why the paper's planner has no
+        strikes.
     """
     evidence = estimate.evidence
     prepared = prepare_object(

@@ -143,7 +143,7 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
 
 
 def summary(records: Sequence[SessionRecord]) -> str:
-    """Summary in three sentences: error of the centre of mass, of the region masses, and targets missed.
+    """Summary in three sentences: errors of centre of mass and region masses, accuracy targets missed.
 
     Without a session on the paper's objects it is one sentence, which states this.
     """
@@ -231,8 +231,8 @@ def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
     """Rows of all dots of Fig. 11: object, seed, calibration, method, and two errors of one answer.
 
     The first error is the distance [m] of the estimated centre of mass from the true one. The second is the
-    mean absolute error of a region's mass over the total mass (the paper's metric). Published results of the
-    two are separate rows; a value that a row does not have is None.
+    mean absolute error of the masses of shell, upper and lower part, over the total mass (the paper's
+    metric). Published results of the two are separate rows; a value that a row does not have is None.
     """
     rows: list[tuple[Value, ...]] = [
         (each.object, None, None, "published", each.distance_m, None) for each in published_centres()

@@ -116,7 +116,7 @@ class Sensitivity(Document):
 
 
 class Profile(Document):
-    """Tipping angle theta(t) of one strike and its derivatives (paper, Fig. 6), by frame."""
+    """Tipping angle theta(t) of one strike with its rate and acceleration, by frame (paper, Fig. 6)."""
 
     time_s: list[float]
     """Time since the fit's first frame."""
@@ -132,10 +132,10 @@ class Profile(Document):
 
 
 class Section(Document):
-    """Convex outline of the object, and its regions in a slice through c, in x, z of O (paper, Fig. 12).
+    """Slice of the object through its centre of mass c: outline, and region of each cell (Fig. 12).
 
-    O is the object frame. c is the estimated centre of mass. A region is 0 for the shell, 1 for the upper
-    part and 2 for the lower part.
+    Points are x, z [m] in the object frame O; the outline is the convex hull's, c is the estimated one. Cells
+    are small cubes. A region is 0 for the shell, 1 for the upper and 2 for the lower part of the interior.
     """
 
     outline_m: list[tuple[float, float]]

@@ -109,8 +109,9 @@ def region_masses(
 def best_naive(record: SessionRecord) -> float:
     """Smallest error of a session's naive answers, in the paper's metric.
 
-    The metric is the mean absolute error of a region's mass, over the total mass. A naive answer assumes the
-    distribution, for example all mass in the shell.
+    The metric is the mean absolute error of a region's mass, over the total mass; regions are the shell
+    (outer wall) and two parts of the interior. A naive answer assumes the distribution, for example all mass
+    in the shell.
     """
     return min(metric(masses, record) for masses in record.naive_kg.values())
 
