@@ -51,7 +51,7 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class Marker:
-    """Square marker (AprilTag) on the object, with its size and its place on it."""
+    """Square marker (AprilTag) on the object: name, edge length [m] and pose in the object frame O."""
 
     id: int | str
     """name of the marker: a number of family 36h11, otherwise a text such as "25h9-3" (schemas.tags)"""
@@ -107,7 +107,10 @@ class MarkerTrack:
 
 @dataclass(frozen=True)
 class TipAngle:
-    """Tipping angle since rest about the pivot axis in n frames, from one or more marker tracks."""
+    """Tipping angle theta [rad] since rest about the pivot axis, in n frames, with its sd.
+
+    It comes from the tracks of one or more markers, with the other rotation [rad] and the pivot's slip [m].
+    """
 
     time_ns: IntArray
     """(n,) log_time of the frames [ns]"""
@@ -406,7 +409,7 @@ class ShellThickness:
 
 @dataclass(frozen=True)
 class MassDistribution:
-    """Masses of the shell (region R1) and of the interior on either side of a dividing plane.
+    """Masses of the shell (outer wall, region R1) and of the interior on either side of a dividing plane.
 
     Region R2 is the interior at points x (in the object frame O) where dividing_plane_normal . x >
     dividing_plane_offset; R3 is the rest of the interior. Arrays have n entries, one per region.

@@ -245,7 +245,7 @@ class FrameTimes(Document):
 
 
 class JoinedRecording(Document):
-    """One of several recordings that a result merges: its number, ids, time of creation and plan."""
+    """One of several recordings that a result merges: number, ids, time of creation, hash of its plan."""
 
     number: int = Field(ge=1, description="number by start time; strike ids are `<number>:<strike>`")
     recording_id: str

@@ -29,7 +29,7 @@ class LineBounds:
 
     A line is (host - host0) - (device - device0) = offset + rate * (device - device0), for a device time
     `device` and a host time `host` [ns]. device0 is the device time of the newest reading, host0 the host
-    time just before that reading (`host_before_ns`).
+    time just before that reading (`host_before_ns`). Mean and covariance are those of (offset [ns], rate).
     """
 
     offset_ns: float

@@ -139,7 +139,8 @@ class Computer:
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
         """Receive buffer that a UDP socket gets when it requests `asked_bytes`, and the system's limit.
 
-        Both are in bytes. A socket on the loopback interface is opened to find out. The limit is None if it cannot be read.
+        Both are in bytes. A socket on the loopback interface is opened to find out. The limit is None if it
+        cannot be read.
         """
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))

@@ -15,7 +15,7 @@ from schemas.proto import percuss_pb2 as pb
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """Number of frames, number of lost frames and time of the last frame, of one camera in one file."""
+    """Numbers of frames and of lost frames, and log time [ns] of the last, of one camera in one file."""
 
     frames: int
     lost: int

@@ -29,7 +29,10 @@ PACKAGE_OF_PROTOCOL = {"s3": "percuss[s3]"}
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One file of an archive of recordings, as the listing of its folder or bucket describes it."""
+    """One file of an archive of recordings: URL, size [bytes], stamp (text that changes with the content).
+
+    All are as the listing of its folder or bucket states them.
+    """
 
     url: str
     """a local path, or a URL with its protocol"""

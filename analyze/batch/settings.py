@@ -29,7 +29,7 @@ NUMERICAL_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh")
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """Settings for the analysis of every recording of a batch."""
+    """Settings for the analysis of every recording of a batch: object file, estimator, random seed."""
 
     object_path: str = ""
     """path of the object file to use instead of the recordings' own; "" for theirs"""

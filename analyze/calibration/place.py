@@ -38,7 +38,7 @@ to the camera, its x arrow along W's x"""
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """Pose of the camera in the world frame W (z up, table at z = 0) with its uncertainty."""
+    """Pose of the camera in the world frame W (z up, table at z = 0), with 1 sigma in rad and m."""
 
     T_world_camera: Array
     """(4, 4) pose of the camera's frame in W, translation in m"""

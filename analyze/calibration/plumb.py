@@ -135,7 +135,8 @@ def find_plumb_lines(image: NDArray[np.uint8], camera: CameraModel) -> list[Plum
         camera: camera with its lens, for the undistortion.
 
     Returns:
-        At most `MOST_LINES` lines, the longest first; empty if none is found.
+        At most `MOST_LINES` lines, the longest first, with their ends [undistorted px]; empty if none is
+        found.
     """
     ideal = pixel_map(camera).ideal
     found: list[PlumbLine] = []

@@ -243,7 +243,8 @@ def _minimise(
         huber: threshold of Huber's loss, in standard deviations.
 
     Returns:
-        Lens, poses and the minimised sum at the end of the iteration.
+        Lens, board's pose (rotation vector [rad], translation [m]) per view, and the minimised sum, all at
+        the end of the iteration.
     """
     prior = prior_sd(lens)
     cost, damping = _cost(views, lens, poses, prior, huber), 1e-3

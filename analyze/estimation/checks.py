@@ -52,7 +52,8 @@ class LeaveOneOut:
     def agrees(self) -> bool:
         """True if the strike agrees with its prediction by all other strikes, within `SIGMAS` sd.
 
-        Its balance angle and rate constant k are judged together; the angle alone if k is not used.
+        Its balance angle phi and the rate constant k of its motion theta'' = -k sin(phi - theta) are judged
+        together; phi alone if k is not used.
         """
         return self.sigmas <= SIGMAS
 
@@ -88,7 +89,9 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
         solution: Solution of the joint problem of all strikes.
 
     Returns:
-        One comparison per strike, in the order of `solution.model.planes`, which holds one plane per strike.
+        One comparison per strike, in the order of `solution.model.planes`, which holds one plane per strike:
+        predicted phi and k, measured minus predicted phi and ln k with their 1 sigma, both differences as one
+        standardised error, and the covariances (2, 2) of (phi, ln k) of prediction and measurement.
     """
     model, x, weight = solution.model, solution.x, solution.weight
     information = np.linalg.inv(solution.covariance)
@@ -253,7 +256,9 @@ def check_solution(
         hull: Vertices (h, 3) [m] and planes (p, 4) (outward n.x + d = 0) of the shape's hull, in O.
 
     Returns:
-        Results of all checks; nothing is raised where one fails.
+        Results of all checks: one prediction per strike, gravity relative to the stated one, ids of the axes
+        with an impossible moment of inertia, and the distance of the centre of mass outside the hull, in
+        standard deviations (0 inside). Nothing is raised where one fails.
     """
     return Checks(
         leave_one_out(solution),

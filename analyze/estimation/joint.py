@@ -72,8 +72,9 @@ class MomentModel:
 class StrikeData:
     """Measured ln k (strikes,) of all strikes, and matrices (strikes, 2, 2) that whiten their residuals.
 
-    Residuals are those of (phi, ln k): phi is the balance angle [rad], k the rate constant of the tipping
-    motion [rad/s^2]. Whitened residuals are independent and have unit sd.
+    Residuals are those of (phi, ln k): phi is the balance angle [rad], k the rate constant [rad/s^2] of the
+    motion theta'' = -k sin(phi - theta) of the tipping angle theta. Whitened residuals are independent and
+    have unit sd.
     """
 
     log_k: Array
@@ -95,7 +96,7 @@ class StrikeData:
     def precisions(self) -> Array:
         """Inverse covariances (strikes, 2, 2) of balance angle [rad] and ln k; 0 for a k that is not used.
 
-        k is the rate constant of the tipping motion [rad/s^2].
+        k is the rate constant [rad/s^2] of the tipping motion theta'' = -k sin(phi - theta).
         """
         return np.swapaxes(self.whiten, 1, 2) @ self.whiten
 
@@ -106,8 +107,8 @@ class JointSolution:
 
     It is the maximum of their posterior, with outliers given less weight. Second moments are those of the
     mass about its centre, per kilogram (second_moments.py); they determine the inertia. Shared errors are
-    those common to several strikes: table tilt, shape scale, edges. The data and the model of the estimate
-    are included.
+    those common to several strikes: table tilt, shape scale, gravity, places of edges and faces. The data and
+    the model of the estimate are included.
     """
 
     model: JointModel
@@ -190,7 +191,8 @@ def solve_joint(
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
     """Measured ln k of the strikes, which of them use it, and matrices that whiten errors of (phi, ln k).
 
-    Whitened errors are independent and have unit sd. phi is the balance angle [rad]; its sd includes the
+    These are ln k (strikes,), 1 or 0 (strikes,), and matrices (strikes, 2, 2), by which errors are multiplied
+    to be independent and have unit sd. phi is the balance angle [rad]; its sd includes the
     scatter from strike to strike (`strike_angle_sd`). k is the rate constant of the motion [rad/s^2]; it is
     used only if `with_k` is True, and only of strikes that have a k with an sd. Where it is not used, ln k
     and the second row of the matrix (2, 2) are 0.
@@ -233,8 +235,8 @@ def _information(rows: Array, weight: Array) -> Array:
     It is an inverse covariance.
 
     Args:
-        rows: (strikes, 2, count) derivatives by the unknowns of the standardised residuals of balance angle
-            and ln k (rate constant).
+        rows: (strikes, 2, count) derivatives by the unknowns of the residuals (modelled minus measured) of
+            the balance angle and of ln k (rate constant), scaled to independent errors of unit sd.
         weight: (strikes,) robust weights.
     """
     flat = rows.reshape(-1, rows.shape[-1])
@@ -257,8 +259,9 @@ def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
 def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
     """Information (count, count) that the priors contribute about the unknowns, an inverse covariance.
 
-    The unknowns are those of `JointModel`: centre of mass, second moments, shared errors. The prior that the
-    shape gives of the inertia is not linear in them and is linearised at `x`.
+    The unknowns are those of `JointModel`: centre of mass, second moments, then errors that strikes share
+    (table tilt, shape scale, edge radius, gravity, places of edges and faces). The prior that the shape gives
+    of the inertia is not linear in them and is linearised at `x`.
 
     Args:
         diagonal: (count,) inverse variances of the unknowns' own priors.
@@ -329,9 +332,9 @@ def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float
     """Effective number of parameters that the strikes, not the priors, determine: trace of the hat matrix.
 
     Args:
-        precision: (count, count) information of the priors about the `count` unknowns.
-        rows: (strikes, 2, count) derivatives by the unknowns of the standardised residuals of balance angle
-            and ln k (rate constant).
+        precision: (count, count) information (inverse covariance) of the priors about the `count` unknowns.
+        rows: (strikes, 2, count) derivatives by the unknowns of the residuals (modelled minus measured) of
+            the balance angle and of ln k (rate constant), scaled to independent errors of unit sd.
         weight: (strikes,) robust weights.
     """
     information = _information(rows, weight)

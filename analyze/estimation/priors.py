@@ -79,7 +79,7 @@ class ComPrior:
     def from_bounds(lower: Array, upper: Array) -> ComPrior:
         """Prior of the centre of mass: the centre of the bounding box, with half its edges as sd.
 
-        It is weak enough to have no effect on directions that strikes observe.
+        It is weak enough to have no effect on directions that strikes determine. Both are (3,) [m], in O.
 
         Args:
             lower: (3,) lower corner of the box [m], in the object frame O.

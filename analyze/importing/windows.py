@@ -65,7 +65,10 @@ def window_around(onset: Onset, frame_ns: float) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class StrikeWindow:
-    """Part of a source that shows one strike: the object at rest, struck, and tipping."""
+    """Part of a source that shows one strike: the object at rest, struck, and tipping.
+
+    It holds the source's index, the strike's id in the plan, and the times [ns] of the part.
+    """
 
     clip: int
     """index of the source"""

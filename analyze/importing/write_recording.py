@@ -63,7 +63,7 @@ class Written:
 
 @dataclass
 class _LogTimes:
-    """Log times of the first and the last image of a strike."""
+    """Log times [ns] of the first and the last image of a strike."""
 
     first_ns: int | None = None
     """earliest log time [ns]; None without images"""

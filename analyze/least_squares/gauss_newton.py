@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 class Linearised(NamedTuple):
     """Weighted least-squares problem, linearised about one state by small steps (p,) from it.
 
-    It holds residuals (observed minus expected) and derivatives of the expected values by the step, both
-    divided by the observations' standard deviations.
+    It holds the residuals (n,), observed minus expected, and the derivatives (n, p) of the expected values by
+    the step, both divided by the observations' standard deviations.
     """
 
     residual: Array

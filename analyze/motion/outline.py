@@ -47,7 +47,8 @@ LOW, HIGH = math.radians(-10.0), math.radians(150.0)
 class Outline:
     """Convex polygon in the plane of the cross-section, with lengths and angles of its facets.
 
-    Facet i runs anticlockwise from corner i to corner i + 1.
+    Lengths are in m, angles in rad against the table, with the object at rest. Facet i runs anticlockwise
+    from corner i to corner i + 1.
     """
 
     corners: Array
@@ -62,7 +63,10 @@ class Outline:
         return len(self.length)
 
     def turn(self, i: int) -> float:
-        """Angle [rad] by which the outline turns at corner i, between the sides (facets) i - 1 and i."""
+        """Angle [rad, 0 to 2 pi] by which the outline turns at corner i.
+
+        It turns there from side (facet) i - 1 to side i.
+        """
         return float((self.angle[i % len(self)] - self.angle[(i - 1) % len(self)]) % (2 * math.pi))
 
     @cached_property
@@ -117,7 +121,8 @@ def _polygon(corners: Array) -> Outline:
 def smooth_outline(whole: Outline) -> tuple[Outline, list[Curve], float]:
     """Outline thinned until its curves are smooth, the curves of that outline, and their roughness.
 
-    Roughness is the standard deviation of the log curvature from corner to corner.
+    A curve is a run of the outline's facets that approximates a smooth curve. Roughness is the standard
+    deviation of the log curvature from corner to corner (dimensionless).
 
     Args:
         whole: the outline with all its corners.

@@ -178,8 +178,7 @@ def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float
     """Chi^2 of the shift of (phi, ln k) that best explains the offsets of the tipping angle theta.
 
     phi is the balance angle [rad], k [rad/s^2] the rate constant of theta'' = -k sin(phi - theta); chi^2 has
-    2
-    degrees of freedom.
+    2 degrees of freedom.
 
     Args:
         offset: (n,) measured minus predicted theta [rad].

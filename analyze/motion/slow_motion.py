@@ -102,7 +102,7 @@ def _tip_time_s(phi: float, k: float) -> float:
 
     Args:
         phi: balance angle [rad].
-        k: rate of the tip [rad/s^2].
+        k: rate [rad/s^2] of theta'' = -k sin(phi - theta), theta the tipping angle.
     """
     theta = np.linspace(0.0, phi + FALL_RAD, 200)
     rate = np.sqrt(2 * k * (SPARE_ENERGY * (1 - math.cos(phi)) + 1 - np.cos(phi - theta)))
@@ -112,7 +112,8 @@ def _tip_time_s(phi: float, k: float) -> float:
 def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
     """Marker track with its times divided by `ratio`, thinned to fewer than 200 frames if it has more.
 
-    Few frames suffice for a verdict and a rough k, the rate constant of the tip.
+    So the track has the times that it would have if the camera were `ratio` times as fast. Few frames suffice
+    for a verdict and a rough k, the rate constant of the tip.
     """
     some = slice(None, None, max(1, len(track.time_ns) // MAX_FRAMES))
     return replace(

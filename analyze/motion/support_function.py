@@ -194,8 +194,10 @@ class SupportFunction:
 def circular_support(radius: float) -> SupportFunction:
     """Support function of a circle: an edge that rolls on its rounding, the rest of the outline unknown.
 
-    The pivot point is the circle's centre. A motion on it determines the balance angle phi and the rate k of
-    the tip, but not the distance of the centre of mass from the pivot.
+    A support function is the pivot point's height over the table [m] by tipping angle theta; here it is
+    `radius` at all angles, as the pivot point is the circle's centre. A motion on it determines the balance
+    angle phi and the rate k of the tip, theta'' = -k sin(phi - theta) for a sharp edge, but not the distance
+    of the centre of mass from the pivot.
 
     Args:
         radius: radius of the rounding [m], 0 for a sharp edge.
@@ -208,6 +210,8 @@ def circular_support(radius: float) -> SupportFunction:
 
 def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> SupportFunction:
     """Support function of a cross-section about a pivot point, from points of its outline.
+
+    It gives the height [m] of the pivot point over the table for each tipping angle.
 
     Args:
         points: (n, 2) points of the outline [m], x in the direction of tipping, z up, in any order; points

@@ -42,7 +42,7 @@ class RecordingHead:
 
 @dataclass(frozen=True)
 class ImpactMeasurement:
-    """Speed and height of the striker's tip as it hit the object, as the striker measured them."""
+    """Speed [m/s] and height over the table [m] of the striker's tip as it hit the object, as measured."""
 
     tip_speed: float
     """speed of the striker's tip just before contact [m/s]"""

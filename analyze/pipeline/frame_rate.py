@@ -98,9 +98,10 @@ def drop_untimed_k(
 ) -> tuple[tuple[EquiPlane, ...], Scale]:
     """Keep the rate constants k of recordings with an impossible frame rate from biasing the estimate.
 
-    k of a strike's motion scales with the square of the frame rate; the balance angle needs no rate. With
-    several recordings, the k of those whose stated rate is impossible are discarded. With a single one,
-    gravity g becomes a free parameter instead, so that the ratios between its k still count.
+    k of a strike's motion theta'' = -k sin(phi - theta) scales with the square of the frame rate; the balance
+    angle needs no rate. With several recordings, the k of those whose stated rate is impossible are
+    discarded. With a single one, gravity g becomes a free parameter instead, so that the ratios between its k
+    still count.
 
     Args:
         evidence: recordings, and the recording that each strike belongs to.
@@ -189,7 +190,10 @@ def check_frame_rates(
 
 
 def _mass_points(evidence: Evidence, cells: Cells) -> Array:
-    """Points (n, 3) [m] where mass may be, in the object frame O: a sample of cells and hull vertices."""
+    """Points (n, 3) [m] where mass may be, in the object frame O.
+
+    They are a sample of the centres of the body's cells (small pieces) and of the vertices of its hull.
+    """
     inside = cells.points[:: max(1, len(cells.points) // MAX_SHAPE_POINTS)]
     hull = evidence.model.hull_vertices
     return np.vstack([inside, hull[:: max(1, len(hull) // MAX_SHAPE_POINTS)]])

@@ -350,7 +350,8 @@ class _Bodies:
     ) -> None:
         """Update the yaw rates, in place, where the friction at the edge's ends cannot prevent yaw.
 
-        The yaw does not act back on the motion in the plane across the edge.
+        They are kept in the object, (n,) [rad/s] about the vertical for n simulated strikes. The yaw does not
+        act back on the motion in the plane across the edge.
 
         Args:
             dt: (n,) time steps [s].

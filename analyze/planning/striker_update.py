@@ -60,7 +60,7 @@ class Touch:
 
 
 def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerModel:
-    """Striker updated by strikes made: effective mass m_s and restitution e, with their 1 sigma.
+    """Striker updated by strikes made: effective mass m_s [kg] and restitution e, with their 1 sigma.
 
     The impulse J = (1 + e) v / (1/m_s + h^2/I_edge) at height h and tip speed v gives the angular momentum J
     h = I_edge omega0, with I_edge the moment of inertia about the edge and omega0 the angular rate after the

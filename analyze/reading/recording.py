@@ -343,7 +343,8 @@ class Recording:
 def open_recording(path: Path) -> Recording:
     """Open a finished recording with all its files that are in the folder of `path`; return it.
 
-    Missing files of the series are no error; their numbers are in `Recording.missing_parts`.
+    A recording may be split into several files. Missing ones are no error; their numbers are in
+    `Recording.missing_parts`.
 
     Args:
         path: any of the recording's files.

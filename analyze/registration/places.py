@@ -155,7 +155,9 @@ def _axis(vector: Array) -> str:
 
 
 def table_place(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
-    """Pose of the table in one recording, with the names of the components that are undetermined.
+    """Pose of the table (two tilts, height) in one recording, and the names of its undetermined components.
+
+    Tilts [rad] about x and y of the world frame W and height [m] are relative to the recorded camera pose.
 
     Undetermined is a tilt with a standard deviation above 0.5 deg, or a height with one above 1 mm.
 

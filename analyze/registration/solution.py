@@ -19,7 +19,7 @@ class Solution:
     """Best fit of the poses of all markers on the object and of the table, with covariances.
 
     O is the object frame, M a marker's, W the world frame (z up). The error of a marker's pose is a small
-    rotation about its centre, as a rotation vector in O, and a shift of the centre in O.
+    rotation about its centre, as a rotation vector in O [rad], then a shift of the centre in O [m].
     """
 
     T_object_marker: Mapping[int | str, Array]

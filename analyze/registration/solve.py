@@ -244,9 +244,9 @@ class Problem:
     def _prior(self, u: Unknowns) -> tuple[Array, Array]:
         """Deviations (n,) of the shared unknowns `u` from their priors, and their weights (n,).
 
-        Shared are the unknowns of markers, strikes, edges and tables. Weights are reciprocal standard
-        deviations. The deviation of a marker's pose is always 0: its prior only keeps undetermined directions
-        finite.
+        Shared by all frames are the unknowns of markers, strikes, edges and tables, in this order, in rad and
+        m. Weights are reciprocal standard deviations. The deviation of a marker's pose is always 0: its prior
+        only keeps undetermined directions finite.
         """
         value = np.concatenate(
             [np.zeros(6 * len(self.markers)), u.strike.ravel(), u.edge.ravel(), u.table.ravel()]

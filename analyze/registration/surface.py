@@ -28,7 +28,11 @@ inaccurate as a placement by hand"""
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """Constraint of a marker to the body's surface: its stated height, sds of height [m] and tilt [rad]."""
+    """Prior that ties a marker to the body's surface: height of its centre over it, with sds.
+
+    The height [m] is the one stated; its sd [m] and that of the marker's tilt against the surface [rad] say
+    how firmly the marker is tied.
+    """
 
     thickness: float
     """height of its centre over the surface [m]"""
@@ -41,7 +45,11 @@ class SurfaceFit:
 
 @dataclass(frozen=True)
 class Surface:
-    """The body's surface, as a function that gives a point's height over it, and the markers held to it."""
+    """The body's surface, and the markers that are constrained to lie on it.
+
+    The surface is a function that gives a point's height over it [m] and the outward normal there, in the
+    object frame O.
+    """
 
     height: Callable[[Array], tuple[float, Array]]
     """height over the surface [m] and outward normal (3,), of a point in O (3,) [m]"""

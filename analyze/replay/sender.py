@@ -70,7 +70,7 @@ class Sender:
         """Add a page (tab of the viewer) for each strike, and send the layout with one page in front.
 
         In front is the page that the user asked for, else the newest strike's, or the first strike's if no
-        more follow; without any strike it is the answer's.
+        more follow; without any strike it is the page of the estimate.
 
         Args:
             records: strikes as recorded.
@@ -105,7 +105,7 @@ class Sender:
         self._stream.log(path, rr.TextDocument(text, media_type="text/markdown"), static=True)
 
     def shown_moment_s(self) -> float:
-        """Time since contact [s] at which the replay's front page shows an object near its balance.
+        """Time since contact [s] at which the replay's front page (tab) shows an object near its balance.
 
         It is the time near balance of the strike whose page the user asked for, else of the first strike with
         verdict good; 0.2 s if there is neither, or if its motion was not measured.

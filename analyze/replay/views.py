@@ -36,9 +36,9 @@ _MAX_REGION_POINTS = 700
 
 @dataclass(frozen=True)
 class DrawnRegion:
-    """Places of the cells of one mass region (shell, or interior on one side of a plane) of an object.
+    """Points to draw of one mass region of an object: the shell, or the interior on one side of a plane.
 
-    They are drawn as points, in O, the object's frame.
+    They are the middles of some of the cells (small cubes) of the region, in O, the object's frame [m].
     """
 
     name: str
@@ -98,9 +98,9 @@ class FittedCurves(MotionCurves):
 def drawn_answer(estimate: Estimate) -> DrawnAnswer:
     """Take from an estimate what a replay draws: equi-planes, centre of mass, mass regions, voxels.
 
-    An equi-plane passes through a strike's pivot line and the centre of mass. Mass regions are the shell and
-    the interior on either side of a plane; of each at most 700 cells are taken, at random. The Result
-    document (JSON) of the estimate is added.
+    An equi-plane passes through a strike's pivot line and the centre of mass. Mass regions are the shell
+    (outer wall) and the interior on either side of a plane; of each at most 700 cells (small pieces) are
+    taken, at random. The Result document (JSON) of the estimate is added.
     """
     distribution, cells = estimate.distribution, estimate.cells
     upper = cells.points @ distribution.dividing_plane_normal > distribution.dividing_plane_offset

@@ -135,8 +135,8 @@ def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | 
         answer: the answer.
 
     Returns:
-        Errors by name, ready for JSON, as `score_answer` lists them; None if a recording holds no ground
-        truth.
+        Errors, true values and standard deviations by name, ready for JSON; the unit ends the name (m, rad,
+        kg_m2, kg), the others are unitless. None if a recording holds no ground truth.
 
     Raises:
         RecordingError: the recordings hold different ground truths, or one cannot be read.
@@ -174,8 +174,9 @@ def refuse_without_truth(paths: Sequence[Path]) -> None:
 def _object_truth(body: pb.TruthBody) -> list[float]:
     """Ground truth of the object itself as a list of numbers, to compare two recordings.
 
-    They are mass [kg], edge radius and centre of mass [m], inertia [kg m²], masses [kg] of the regions and
-    the plane that divides the interior. The truth of rig and session is left out.
+    They are, in this order, mass [kg], edge radius [m], centre of mass [m], inertia about it [kg m²], masses
+    [kg] of the regions, and the plane that divides the interior, all in the object frame O. The truth of rig
+    and session is left out.
     """
     own = (body.com_object, body.inertia_com, body.region_mass_kg, body.region_plane)
     return [body.mass_kg, body.edge_radius_m, *(value for part in own for value in part)]
@@ -237,7 +238,7 @@ def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
 
 
 def _mean_region_error(masses: Array, truth: Array) -> float:
-    """Mean absolute error of the masses (3,) of shell and two interior parts, over the total true mass."""
+    """Mean absolute error of the masses of shell (outer wall) and two interior parts, over the true mass."""
     return float(np.abs(masses - truth).mean() / truth.sum())
 
 

@@ -327,14 +327,15 @@ class MarkerFollower:
         return self._camera.line_time_s * (row - 0.5 * (self._camera.height - 1))
 
     def _track(self, path: MarkerPath, delays_s: dict[int, float]) -> MarkerTrack | None:
-        """Track of one marker with poses, corrected for a rolling shutter; None if it was never found.
+        """Track of one marker: corners and poses in the camera frame by frame; None if it was never found.
 
-        Frames in which its corners are no view of a square are left out; None also if no frame remains.
+        It is corrected for a rolling shutter. Frames in which the corners are no view of a square are left
+        out; None also if no frame remains.
 
         Args:
-            path: observations of the marker.
-            delays_s: delay of each frame's common time against its middle row [s], by log time; empty for a
-                global shutter.
+            path: corners of the marker in all frames in which it was found.
+            delays_s: time to which all corners of a frame are moved, less that of the image's middle row [s],
+                by the frame's log time [ns]; empty for a global shutter.
         """
         if not path.time_ns:
             return None

@@ -30,9 +30,10 @@ MIN_LABELLED_FRAMES = 6
 
 
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 6: angle theta, rate omega and acceleration alpha of one tipping object over time.
+    """Figure 6: tipping angle theta, rate omega and acceleration alpha of one object over time.
 
-    It is the first motion stored in a session planned by our method; None if there is none.
+    Units are deg, rad/s, rad/s^2 and s. The motion is the first motion stored in a session planned by our
+    method; None if there is none.
     """
     profile = next(
         (record.profile for record in scores.with_our_plan(records) if record.profile is not None), None
@@ -144,7 +145,9 @@ def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
 def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
     """Figure 9(b, c): errors of c over noise of angles, and of region masses over noise of moments.
 
-    c is the centre of mass. None if no session was analysed with both kinds of noise.
+    c is the centre of mass; the regions are shell, upper and lower interior part. Added noise is that of the
+    balance angles [deg] and of the moments of inertia about the edges [%]. None if no session was analysed
+    with both kinds of noise.
     """
     mine = scores.with_our_plan(records)
     com = [row for record in mine if record.moment_noise for row in record.angle_noise]
@@ -181,7 +184,7 @@ def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
 def _swept_figure(*panels: tuple[Sequence[Sensitivity], float, str, str]) -> Figure:
     """Figure with two panels over the level of added noise: errors of c [mm] and of region masses [%].
 
-    c is the centre of mass.
+    c is the centre of mass; the regions are shell, upper and lower interior part.
 
     Args:
         panels: for c, then for the region masses: the errors at each level of the noise, the factor on the
@@ -203,9 +206,9 @@ def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: flo
 
     Args:
         axes: panel to draw in.
-        rows: errors at each level, of all sessions.
-        scale_x: factor on the levels.
-        scale_y: factor on the errors.
+        rows: errors of both methods at each noise level, of all sessions.
+        scale_x: factor on the levels, for the unit of the axis.
+        scale_y: factor on the errors, for the unit of the axis.
     """
     sides: tuple[tuple[str, str, Callable[[Sensitivity], list[float | None]]], ...] = (
         ("the paper's method", ORANGE, lambda row: row.paper),

@@ -93,7 +93,7 @@ def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
 def masses_over_moments(
     estimate: Estimate, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
 ) -> list[Sensitivity]:
-    """Errors of the region masses from the true c and from true moments with noise added (Fig. 9(c)).
+    """Errors of region masses that are estimated from the true c and noisy true moments (Fig. 9(c)).
 
     c is the centre of mass. The error is the paper's metric: the mean absolute error of a region's mass over
     the total mass. The noise is drawn for the moment about the edge. Subtracting m R^2 (R: distance of c from

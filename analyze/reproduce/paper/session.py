@@ -66,7 +66,9 @@ SMOOTHING_FRAMES = 5
 class Sweeps:
     """Levels of noise that is added to angles, moments and scan for further analyses; () omits a sweep.
 
-    The sweeps give the paper's Figs. 9(b), 9(c) and 10. By default there is only the paper's angle noise.
+    Levels are the noise's sd of angles [deg] and of moments (relative), and the largest shift [m] of a
+    scanned point. The sweeps give the paper's Figs. 9(b), 9(c) and 10. By default there is only the paper's
+    angle noise.
     """
 
     angles_deg: tuple[float, ...] = (PAPER_NOISE_DEG,)
@@ -78,7 +80,7 @@ class Sweeps:
 
 
 def default_sweeps(name: str) -> Sweeps:
-    """Default levels of added noise at which an object's session is analysed again.
+    """Default levels (sizes) of added noise at which an object's session is analysed again.
 
     For the carton they are all levels of balance angles, moments and scan, as in the paper (VISAPP 2013);
     for other objects only the angle noise that the paper states. Levels are standard deviations of the angles

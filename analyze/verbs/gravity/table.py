@@ -62,8 +62,9 @@ def gravity_json(answer: GravityAnswer) -> dict[str, Any]:
     """The table's tilt and the plumb lines that it was measured from, as JSON values.
 
     `lean_rad` is the tilt [rad] towards x and towards y of the world frame W, `sd_rad` its standard
-    deviations. `level` holds the entries for the rig file's table [level]; it is None if the tilt towards +x
-    is not determined.
+    deviations; `strings` lists the plumb lines, with their ends in the image [px]. Further keys name their
+    unit. `level` is the section [level] for the rig file, as a dict; it is None if the tilt towards +x is not
+    determined.
     """
     table = answer.table
     return {

@@ -38,7 +38,11 @@ STEPS = 7
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """Options of `analyze plan`: rig file, number of strikes or accuracy, earlier results, method."""
+    """Options of `analyze plan`: rig file, strikes already made, and what is planned.
+
+    What is planned is given by the number of strikes or the error to reach [mm], the method (ours or the
+    paper's), the largest number of pivot edges, and whether a strike measures the table's tilt.
+    """
 
     rig_path: Path | None = None
     """rig file; None for the rig of the latest recording in `given`, else the nominal rig"""
@@ -58,7 +62,7 @@ class PlanOptions:
 
 @dataclass(frozen=True)
 class PlannedObject:
-    """A plan with the object and camera that it was made for."""
+    """A plan of strikes, with the object (shape, object file) and camera that it was made for."""
 
     plan: StrikePlan
     """the strikes, with their expected accuracy"""
@@ -165,7 +169,7 @@ def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:
-    """Body divided into about `CELLS` voxels, with a shell of thickness `wall` [m]."""
+    """Body divided into about `CELLS` voxels, with a shell (outer wall) of thickness `wall` [m]."""
     cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall))
     return Pieces(cells.points, cells.shell, cells.interior, cells.own_inertia, cells.pitch)
 
