@@ -49,7 +49,7 @@ class StrikerControl:
         self._fault = reason
 
     def clear_stops(self, stops: int) -> None:
-        """Permit motion again, because a person started again when `stops` stop requests had been made.
+        """Permit motion again after a person's order, given when `stops` stop requests had been counted.
 
         Stop requests made since then still forbid motion.
         """

@@ -148,7 +148,7 @@ class FrameRecorder(ABC):
 
     @property
     def error(self) -> RecorderError | None:
-        """Reason why the file accepts no more images; None while it accepts them."""
+        """RecorderError that says why the file accepts no more images; None while it accepts them."""
         return self._path.error
 
     def add(self, frame: Frame) -> None:
@@ -266,7 +266,10 @@ class FrameRecorder(ABC):
 
     @abstractmethod
     def _record(self, delayed: DelayedFrame) -> None:
-        """Queue image and meta of a frame of the open window for the file. Called with the lock held."""
+        """Queue image and metadata of a frame of the open window for the file. Called with the lock held.
+
+        A window is the time span of one strike.
+        """
 
     @abstractmethod
     def _delay(self, delayed: DelayedFrame) -> None:

@@ -92,7 +92,9 @@ class WorldSource:
 
 
 def wait_for_world(path: Path, clock: Clock, keep_waiting: Callable[[], bool] = lambda: True) -> PoseRing:
-    """Wait until the world's pose ring holds a pose, and return the ring, open for reading.
+    """Wait until the virtual world has written a pose to its pose ring; return the ring, open for reading.
+
+    The pose ring is a ring buffer of the poses of object and arm, in a mapped file.
 
     Args:
         path: the pose ring's file (`pose.ring`).

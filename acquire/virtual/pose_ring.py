@@ -109,6 +109,8 @@ class PoseRing:
     def open(cls, path: Path) -> PoseRing:
         """Open an existing pose ring for reading, and return it.
 
+        A pose ring is a ring buffer of the poses of object and arm, in a mapped file.
+
         Raises:
             PoseRingError: no such file, or it is not a pose ring.
         """

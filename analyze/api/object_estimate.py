@@ -102,7 +102,7 @@ class InertiaTensor:
 
     @property
     def power_of_ten(self) -> int:
-        """Exponent n of the unit 10^n kg m² for printing the tensor: that of its largest entry."""
+        """Exponent n of the unit 10^n kg m² for printing the inertia tensor: that of its largest entry."""
         return int(np.floor(np.log10(np.abs(self.tensor).max())))
 
     def rows(self) -> list[tuple[str, str, str]]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StrikeFit:
-    """Fitted motion of one strike: balance angle phi, rate constant k and tipping angle theta(t) since rest.
+    """Fitted motion of one strike: balance angle phi, rate constant k and tipping angle theta(t) from rest.
 
     It names the estimator and holds standard deviations, times [s] and residuals too. The estimator pivot_fit
     fits theta'' = -k sin(phi - theta), with k in rad/s^2; rolling_fit and moment_balance add terms for a
@@ -208,10 +208,10 @@ class Recording:
         return html_table(title, self._rows())
 
     def summary(self) -> str:
-        """Text table of the strikes: id, pivot edge, verdict, balance angle phi [°], rate constant k.
+        """Text table of the strikes: id, pivot edge, verdict, balance angle phi [°] and rate k.
 
-        k is in rad/s². The cells of phi and k are blank where the fit does not give them. Markers are tracked
-        on first use.
+        k [rad/s²] is the rate constant of theta'' = -k sin(phi - theta), theta the tipping angle. The cells
+        of phi and k are blank where the fit does not give them. Markers are tracked on first use.
         """
         return text_table(self._rows())
 

@@ -22,7 +22,10 @@ UNREAD_SUFFIXES = (".xml", ".txt", ".ini", ".npz", ".mat")
 
 @dataclass(frozen=True)
 class CameraFile:
-    """Calibration of a camera (lens and, if stated, pose) with its origin: a file or a message topic."""
+    """Calibration of a camera (lens and, if stated, pose) with its origin: a file or a message topic.
+
+    The pose is that in the world frame; `placed` is False if none is stated. A rig file's rig is kept, too.
+    """
 
     path: Path
     """origin of the calibration: a file, or FILE:TOPIC, which is no path of a file"""
@@ -59,9 +62,13 @@ class CameraFile:
 
 
 def read_camera(path: Path) -> CameraFile:
-    """Read a camera file; return the lens and, if the file has it, the camera's pose.
+    """Read a camera file: the lens and, if the file has it, the camera's pose in the world frame.
 
     It may be a rig file, a file of `analyze calibrate -o`, or a calibration of OpenCV, Kalibr or ROS.
+
+    Returns:
+        Lens and pose, with the path. Without a pose in the file T_world_camera is the unit matrix and
+        `placed` False. `rig` is the whole rig file; None for other files.
 
     Raises:
         CalibrationError: the file is missing, an image or video, of a type that is not read, not valid, or

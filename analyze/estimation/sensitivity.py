@@ -86,8 +86,9 @@ class SourceShare:
 class Sensitivity:
     """Influence of every strike on the centre of mass c, and share of each error source in its covariance.
 
-    The influence of a strike is the derivative of c by its balance angle [m/rad] and by its ln k [m], k the
-    rate constant of its motion. The share is a covariance (3, 3) [m^2].
+    The influence of a strike is the derivative (3,) of c by its balance angle [m/rad] and by its ln k [m],
+    with k = m g R / I_edge the rate constant of its motion (R the distance of c from the edge, I_edge the
+    moment of inertia about it). The share is a covariance (3, 3) [m^2].
     """
 
     strikes: tuple[Influence, ...]
@@ -137,9 +138,11 @@ def sensitivity(
 
 
 def _rows(solution: JointSolution) -> Array:
-    """Derivatives (strikes, 2, count) of balance angle and ln k by the unknowns; 0 for a k not used.
+    """Derivatives (strikes, 2, count) of balance angle phi [rad] and ln k by the joint fit's unknowns.
 
-    k is the rate constant of the tipping motion, count the number of unknowns.
+    k [rad/s^2] is the rate constant of the tipping motion; the derivatives of ln k are 0 for a strike whose k
+    is not used. The unknowns, count in number, are those of `JointModel`: centre of mass, second moments,
+    shared errors.
     """
     model, x = solution.model, solution.x
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)

@@ -38,7 +38,7 @@ class StrikeCameraPose:
 
 @dataclass(frozen=True)
 class EstimatedCameraPose:
-    """Mean pose of the camera in the world frame over all strikes, with the strikes' deviation from it."""
+    """Mean pose of the camera in the world frame over all strikes, with the strikes' rms deviation."""
 
     T_world_camera: Array
     """(4, 4) pose of the camera in the world frame, translation in m"""
@@ -101,7 +101,8 @@ def camera_pose_from_strike(
 def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
     """Mean camera pose over the strikes, with the root mean square deviation of the strikes' poses.
 
-    The pose is in the world frame; the deviations of orientation [rad] and of position [m] are given.
+    The pose is T_world_camera (4, 4) [m]; the deviations are of orientation [rad] and of position [m]. The
+    number of strikes comes with them.
 
     Args:
         views: camera pose estimated from each strike.

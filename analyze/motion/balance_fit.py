@@ -82,9 +82,8 @@ def moment_balance(
 
     Returns:
         The fit, with estimator "moment_balance": balance angle phi [rad], rate k [rad/s^2] (for an edge in
-        place
-        that of theta'' = -k sin(phi - theta)), theta0 [rad] and omega0 [rad/s] (theta and its rate at the
-        window's first frame), the (2, 2) covariance of (phi, k), and residuals of theta [rad].
+        place that of theta'' = -k sin(phi - theta)), theta0 [rad] and omega0 [rad/s] (theta and its rate at
+        the window's first frame), the (2, 2) covariance of (phi, k), and residuals of theta [rad].
 
     Raises:
         EstimationError: the window has too few frames, or the best fit is not a tip over an edge.

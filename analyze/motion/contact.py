@@ -38,13 +38,17 @@ class ContactErrors:
 
 
 def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:
-    """Copy of a fit of a tip, with the variances caused by the contact added to its covariance.
+    """Copy of a strike's fitted motion whose covariance includes the errors that the contact causes.
 
     Args:
-        fit: balance angle phi [rad] and rate constant k [rad/s^2] of one strike; the variance of k stays as
-            it is if k is None.
+        fit: balance angle phi [rad] and rate constant k [rad/s^2] of theta'' = -k sin(phi - theta), theta the
+            tipping angle; k may be None.
         rolls: True if the edge is a round rim.
         errors: standard deviations of phi [rad] and k (relative) caused by the contact.
+
+    Returns:
+        The fit with the (2, 2) covariance of (phi, k) increased; the variance of k stays as it is if k is
+        None.
     """
     phi_sd = errors.rim_phi_sd if rolls else errors.edge_phi_sd
     added = np.diag([phi_sd**2, (errors.k_relative_sd * (fit.k or 0.0)) ** 2])

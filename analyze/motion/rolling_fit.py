@@ -71,9 +71,10 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
         section: the body's cross-section about the pivot point.
 
     Returns:
-        The fit: balance angle phi [rad], rate k [rad/s^2], theta0 [rad], omega0 [rad/s], the (2, 2)
-        covariance of (phi, k), residuals of theta [rad], and in `rolling` the section's circle of curvature
-        at phi.
+        The fit: balance angle phi [rad], rate k [rad/s^2] (m g R over the moment of inertia about the contact
+        at balance, R the distance of c from the section's centre of curvature there), theta0 [rad], omega0
+        [rad/s], the (2, 2) covariance of (phi, k), residuals of theta [rad], and in `rolling` the section's
+        circle of curvature at phi.
 
     Raises:
         EstimationError: the window has too few frames, the body has no balance on the section, or k is
@@ -140,7 +141,8 @@ def _expected(sample: Sample, section: SupportFunction) -> ComPrior:
 
     Args:
         sample: measured tipping angle with a first guess of balance angle phi and rate constant k of the tip.
-        section: support function of the cross-section.
+        section: support function of the cross-section: height [m] of the pivot point over the table for each
+            tipping angle.
 
     Returns:
         Place of c ahead of and above the pivot point at rest [m], its sd [m], and the expected inertia per

@@ -95,7 +95,7 @@ def at_rest(scenes: Sequence[Scene]) -> bool:
     different markers are seen in them.
 
     Args:
-        scenes: markers of successive images, in order of time.
+        scenes: markers and coarse grey levels of successive images, in order of time; none gives False.
     """
     if not scenes:
         return False

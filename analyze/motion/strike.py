@@ -237,7 +237,7 @@ def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[
 
     Args:
         angle: tipping angle of the strike.
-        released: first frame in which only gravity acts.
+        released: first frame in which only gravity and the table act.
         fit: fit with the balance angle phi; its window limits the result.
     """
     last = fit.window[1]
@@ -248,15 +248,19 @@ def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[
 def _alternatives(
     angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings
 ) -> tuple[MotionFit, ...]:
-    """Fit of the balance angle by the paper's estimator `sign_change`, for comparison; empty if it fails.
+    """Fit of a strike's motion by the paper's estimator `sign_change`, to compare with the chosen fit.
 
-    That estimator takes the angle at the second sign change of the angular acceleration.
+    That estimator takes as balance angle the tipping angle at the second sign change of the angular
+    acceleration.
 
     Args:
         angle: tipping angle theta(t) of the strike.
-        course: events of the strike; the window begins at the first motion.
-        fit: the chosen fit; the window ends with its window.
+        course: events of the strike; the fitted frames begin at its first motion.
+        fit: the chosen fit; the fitted frames end with its own.
         settings: width of the moving mean.
+
+    Returns:
+        The one fit; empty if the estimator fails or no motion was found.
     """
     if course.moved_frame is None:
         return ()
@@ -322,7 +326,8 @@ def _result(
 def _energy_ratio(fit: MotionFit) -> float:
     """Energy ratio of a fitted strike: its energy over that needed to reach balance; 1 just reaches it.
 
-    It is that of the fit of a rolling contact if there is one, else that of a hinge (edge in place).
+    It is that of the fit with a rolling contact if there is one, else that of the fit as a hinge (the edge
+    stays in place).
     """
     return (
         fit.rolling.energy_ratio

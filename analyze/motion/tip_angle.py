@@ -313,7 +313,8 @@ def _cost(solution: _Solution, yaw: float) -> float:
     """Cost of a trial heading `yaw` [rad] of the pivot axis: sum of the frames' chi^2, plus (yaw / sd)^2.
 
     `solution` is the motion fitted to every frame with this heading; sd is that of the heading's prior. The
-    chi^2 of a frame counts up to 9 times the median one, so that wrong readings do not decide.
+    chi^2 of a frame, the sum of its squared residuals in sd, counts up to 9 times the median one, so that
+    wrong readings do not decide.
     """
     limit = 9.0 * float(np.median(solution.chi2)) + 1e-12
     return float(np.sum(np.minimum(solution.chi2, limit))) + (yaw / _YAW_SD) ** 2

@@ -88,8 +88,7 @@ def axis_forecasts(information: Information, design: Design) -> list[AxisForecas
 
     They are those of the balance angle phi [rad], the rate constant k of the tip (relative), and the moments
     of inertia [kg m^2] about the edge and about the parallel axis through the centre of mass; the last is
-    from
-    all strikes, the others are from one strike.
+    from all strikes, the others are from one strike.
 
     Args:
         information: Candidates, prior knowledge and errors.

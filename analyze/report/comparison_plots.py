@@ -93,7 +93,8 @@ def angles_figure(
     table in which the object was struck.
 
     Args:
-        quantities: precision of phi by pivot edge and heading, at least one.
+        quantities: values of phi [rad] by session and their mean, one entry per pivot edge and heading, at
+            least one.
         names: names of the sessions, in order.
         odd: index of the session that is marked as deviating; None if there is none.
     """

@@ -101,7 +101,7 @@ class SessionComparison:
         """True if one centre of mass fits all sessions, so that their recordings may be merged.
 
         It fits if chi squared with one centre for all exceeds that with one for each session by at most the
-        critical value of this test.
+        critical value at a false-alarm probability of 0.001.
         """
         return self.together.holds
 

@@ -118,10 +118,10 @@ def prediction_document(prediction: StrikePrediction) -> PredictionResult:
 
 
 def _alternative(fit: MotionFit) -> AlternativeFit:
-    """Entry of a strike's fit by a further estimator: its name, balance angle [rad], k, and remarks.
+    """Entry of a strike's fit by a further estimator: name, balance angle phi [rad], k, and remarks.
 
-    The remarks are a note and the assumptions that are violated. k is the rate constant of the
-    motion [rad/s²], None if the estimator does not report it.
+    k [rad/s²] is the rate constant of theta'' = -k sin(phi - theta), theta the tipping angle; None if the
+    estimator does not report it. The remarks are a note and the assumptions that are violated.
     """
     return AlternativeFit(
         estimator=fit.estimator,

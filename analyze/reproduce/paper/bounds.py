@@ -41,7 +41,7 @@ TIME = "Most of the time is spent on sampling the dividing plane, in one thread;
 def masses_bound(records: Sequence[SessionRecord], condition: Condition) -> str:
     """Sentences on why the error of the region masses is not smaller; "" if no session has region masses.
 
-    The regions are the shell and the interior's two parts, above and below a dividing plane.
+    The regions are the shell (outer wall) and the interior's two parts, above and below a dividing plane.
 
     Args:
         records: results of the sessions.
@@ -76,8 +76,8 @@ def masses_bound(records: Sequence[SessionRecord], condition: Condition) -> str:
 def naive_bound(name: str, records: Sequence[SessionRecord]) -> str:
     """Sentences on why an object's region masses are not much better than the best naive answer.
 
-    A naive answer assumes the distribution, for example all mass in the shell. The text is "" without
-    records.
+    Regions are the shell (outer wall) and two parts of the interior. A naive answer assumes how the mass is
+    distributed among them, for example all in the shell. The text is "" without records.
 
     Args:
         name: name of the object.

@@ -174,9 +174,11 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
 
 
 def targets_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the reproduction's targets: for each error its limit, and the values reached.
+    """Table of the accuracy targets for reproducing the paper's results, with the values reached.
 
-    Of the values it shows number, median, mean, worst and a verdict (reached or missed).
+    For each error (quantity and unit): the paper's value, the limit that must be reached, the better value to
+    aim for; then number, median, mean and worst of the values reached, and a verdict such as reached or
+    missed.
     """
     rows = tuple(
         (
@@ -202,9 +204,10 @@ def targets_table(records: Sequence[SessionRecord]) -> Table:
 
 
 def missed_targets(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
-    """Missed targets, one pair of texts per physical limit; empty if none is missed.
+    """Missed accuracy targets of the paper's reproduction, one pair of texts per physical limit.
 
-    A pair holds the names of the quantities, joined by "; ", and the sentences that explain the limit.
+    A pair holds the names of the quantities that missed their target, joined by "; ", and the sentences that
+    explain the limit. The list is empty if no target is missed.
     """
     found: dict[str, list[str]] = {}
     for each in targets(records):

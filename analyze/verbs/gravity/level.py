@@ -109,7 +109,8 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
         progress: called with (text, files or images read, number of all).
 
     Returns:
-        Tilt with its covariance, and the plumb lines found.
+        Tilt: lean [rad] of the vertical from the table's normal towards x and y of the world frame, with its
+        covariance; and the plumb lines found.
 
     Raises:
         CalibrationError: an image cannot be read or is not of the calibration's size, no camera or no camera
