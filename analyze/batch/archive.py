@@ -204,7 +204,7 @@ def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place
 
 
 def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """File information by path of a place's files and of those below its folders.
+    """Size, type and time of change of a place's files and of those below its folders, by path.
 
     Of local folders only recordings (*.mcap, *.mcap.part) are listed, without the folders that `exclude`
     names; of folders elsewhere (in a bucket) all files.
@@ -214,7 +214,8 @@ def _list_files(place: _Place, exclude: Sequence[str]) -> dict[str, dict[str, An
         exclude: globs of folders to leave out.
 
     Returns:
-        Dict with size [bytes], type and time of change by path.
+        By path, a dict with size [bytes], type ("file" or other) and time of change, as the file system
+        gives them.
     """
     files: dict[str, dict[str, Any]] = {}
     local = _is_local(place.system)

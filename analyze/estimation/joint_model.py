@@ -200,10 +200,10 @@ class JointModel:
         return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
 
     def about_com(self, x: Array) -> tuple[Array, Array]:
-        """Moment of inertia per kilogram (strikes,) [m^2] about the centre of mass, parallel to each pivot.
+        """Moments of inertia per kilogram [m^2] about axes through c parallel to the pivots; derivatives.
 
-        It is l.J.l, with J the inertia tensor per kilogram about the centre of mass and l the pivot's unit
-        direction. Returned as a pair with its derivative (strikes, count) by the unknowns `x`.
+        c is the centre of mass. The moments (strikes,) are l.J.l, with J the inertia tensor per kilogram
+        about c and l a pivot's unit direction; the derivatives (strikes, count) are by the unknowns `x`.
         """
         J, by = unit_inertia(x[SECOND])
         rows = np.zeros((len(self.planes), self.count))

@@ -78,7 +78,7 @@ class SupportFunction:
     """relative standard deviation of the radius of such a curve, caused by uneven bends of the shape"""
 
     def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
-        """Support function h, its derivative h' and radius rho [m] at tipping angles, interpolated.
+        """Support function h, its derivative h' and radius rho, all in m, at tipping angles, interpolated.
 
         h is the height of the pivot point over the table, h' the horizontal distance from it to the contact
         in the direction of tipping, rho the radius of curvature at the contact. Beyond the grid the values at

@@ -71,7 +71,8 @@ class RestingPlane:
     def margin(self, points: Array) -> Array:
         """Distance (n,) [m] of points, projected on the plane, from the nearest edge of the support polygon.
 
-        The distance is negative for a point outside the polygon.
+        The support polygon is the convex outline of the object's contacts with the table. The distance is
+        negative for a point outside it.
 
         Args:
             points: (n, 3) points [m], in the object frame.
@@ -81,7 +82,8 @@ class RestingPlane:
     def margin_of(self, region: Region) -> float:
         """Smallest distance [m] of a region, projected on the plane, from the support polygon's edges.
 
-        The distance is negative if part of the region lies outside the polygon.
+        The support polygon is the convex outline of the object's contacts with the table. The distance is
+        negative if part of the region lies outside it.
 
         Args:
             region: Region believed to hold the centre of mass, in the object frame.

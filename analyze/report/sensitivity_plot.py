@@ -67,8 +67,8 @@ def worst_direction(covariance: Array) -> Array:
 def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
     """Contribution of each kind of error to the uncertainty of the centre of mass, largest first.
 
-    It is taken in the direction in which the centre of mass is least certain: half width [m] of the 95 %
-    interval from this kind alone, and share of the variance.
+    One row per kind: its name, half width [m] of the 95 % interval from this kind alone, and its share of the
+    variance, both in the direction in which the centre of mass is least certain.
 
     Args:
         sensitivity: covariance of the centre of mass by kind of error.

@@ -107,9 +107,9 @@ def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> No
 
 
 def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 9(a): error of the balance angle of each strike that tipped the carton over.
+    """Figure 9(a) of the paper: balance angle's error [deg] of each strike that tipped the carton over.
 
-    Both methods are shown. None without such a strike.
+    The errors of our method and of the paper's are shown. None without such a strike.
     """
     angles = [
         angle

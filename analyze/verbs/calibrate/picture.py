@@ -66,7 +66,9 @@ def picture(found: Calibration) -> Figure:
 
 
 def write_picture(found: Calibration, output: Path) -> None:
-    """Write the picture of a calibration to `output` as PNG; the file appears complete or not at all.
+    """Write the picture of a calibration (corners, uncertainty, residuals) to `output` as PNG.
+
+    The file appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.
