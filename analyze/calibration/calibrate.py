@@ -204,7 +204,7 @@ def _observed(shots: Sequence[Shot], points: Array) -> list[ObservedView]:
 def _refitted(
     shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle
 ) -> tuple[list[Shot], list[Dropped], Bundle]:
-    """Refit the corners in all shots (images of the board) on pixels freed of the fitted lens's distortion.
+    """Refit the corners in all shots (board images) on pixels freed of the fitted lens's distortion.
 
     If fewer than three shots can be refitted (or not all of one or two), the fitted lens is too inaccurate:
     all shots are then returned unchanged.

@@ -100,7 +100,7 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
 def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
     """Several solids of one density as one: volume [m^3], centroid [m], inertia tensor per kilogram [m^2].
 
-    The tensor (3, 3) is about the common centroid. Frame and axes are those of `solids`.
+    The centroid is (3,); the tensor (3, 3) is about it. Frame and axes are those of `solids`.
 
     Args:
         solids: Solids that do not overlap; the volume of at least one is not 0.
@@ -129,12 +129,12 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
-    """Uniform solid made of cells: volume [m^3], centroid (3,) [m], inertia per kilogram (3, 3) [m^2].
+    """Uniform solid made of small cubes: volume [m^3], centroid (3,) [m], inertia per kilogram (3, 3) [m^2].
 
     The inertia tensor is about the centroid. Centroid and axes are those of the object frame O.
 
     Args:
-        cells: Cells of the body.
+        cells: Cells (small cubes) of the body.
         volumes: (n,) volume [m^3] of each cell that belongs to the solid.
     """
     volume = float(volumes.sum())

@@ -100,8 +100,8 @@ def additional_edges(
 def _information(row: Array) -> Array:
     """Fisher information (6, 6) about the tensor's six entries from measuring one moment of inertia.
 
-    It is in units of the entries' prior standard deviations. The moment is the product of `row` (6,) and the
-    entries.
+    It is in units of the entries' prior standard deviations; the moment's sd is `STRIKE_SD_FRACTION` of such
+    a unit. The moment is the product of `row` (6,) and the entries.
     """
     return np.outer(row, row) / STRIKE_SD_FRACTION**2
 

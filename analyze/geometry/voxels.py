@@ -131,9 +131,10 @@ def _cut(
 
 
 def _centroids(moment: Array, volume: Array, otherwise: Array) -> Array:
-    """Centroids (n, 3) of n parts: first moments `moment` (n, 3) over volumes `volume` (n,).
+    """Centroids (n, 3) [m] of n parts: first moments `moment` (n, 3) over volumes `volume` (n,).
 
-    Where a part's volume is too small, its row of `otherwise` (n, 3) is returned.
+    The moments are in m^4, the volumes in m^3. Where a part's volume is too small, its row of the points
+    `otherwise` (n, 3) [m] is returned.
     """
     usable = volume > MIN_FRACTION
     return np.where(usable[:, None], moment / np.where(usable, volume, 1.0)[:, None], otherwise)

@@ -101,7 +101,8 @@ def rest_pose(
 def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:
     """Pose (R, p) after a step (6,) of rotation [rad] and position [m], each angle limited to 0.3 rad.
 
-    The pose is that of the marker in the camera frame; the rotation is about the marker's own axes.
+    R (3, 3) and p (3,) [m] are the marker's rotation and position in the camera frame; the rotation is about
+    the marker's own axes.
     """
     R, p = pose
     return R @ Rotation.from_rotvec(np.clip(step[:3], -0.3, 0.3)).as_matrix(), p + step[3:]

@@ -69,7 +69,7 @@ def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
     """Support function of the hull's outline, seen along the pivot axis; None if the outline has no area.
 
-    It is the pivot point's height [m] over the table by tipping angle [rad].
+    It is the pivot point's height [m] over the table by tipping angle [rad], as the hull rolls on the table.
     """
     R_world_object = np.array(planned.R_world_object)
     across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T

@@ -143,9 +143,10 @@ def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
 def _reach(
     model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypothesis, bench: Bench
 ) -> _Reached | Rejection:
-    """Swing, impact point and visible markers of an axis, or a rejection if it lacks one of them.
+    """Expected swing, impact point and visible markers of an axis; a rejection if it lacks one of them.
 
-    An axis that balances beyond `MAX_PHI` is rejected too.
+    The swing is that of the expected centre of mass: balance angle [rad], rate and lever arm. An axis that
+    balances beyond the angle `MAX_PHI` is rejected too.
 
     Args:
         model: Shape of the object.

@@ -155,7 +155,7 @@ def _axis(vector: Array) -> str:
 
 
 def table_place(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
-    """Pose of the table (two tilts, height) in one recording, and the names of its undetermined components.
+    """Pose of the table (two tilts, height) in one recording, with names of undetermined components.
 
     Tilts [rad] about x and y of the world frame W and height [m] are relative to the recorded camera pose.
 

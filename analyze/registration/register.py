@@ -136,7 +136,7 @@ def register(
 def _solve_each(
     views: Sequence[StrikeView], sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
 ) -> tuple[dict[str, Solution], list[LeftOut]]:
-    """Marker and table poses from each strike alone, by strike id; and a list of the strikes whose fit failed.
+    """Marker and table poses from each strike alone, by strike id; and the strikes whose fit failed.
 
     Marker poses are in the object frame, the table's is in the world frame, both with covariances. A strike
     whose fit failed is given with the reason.

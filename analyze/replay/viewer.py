@@ -33,7 +33,7 @@ _WITHOUT_SCREEN = "use --web for a browser, --save for a file or --screenshot fo
 
 
 class ReplayError(AnalyzeError):
-    """A replay cannot be shown or written: viewer, output file, or a strike or page that does not exist."""
+    """A replay cannot be shown or written: viewer, output file, or a missing strike or page (tab)."""
 
 
 @dataclass(frozen=True)

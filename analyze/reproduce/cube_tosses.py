@@ -141,10 +141,9 @@ def read_tosses(path: Path) -> list[BodyMotion]:
 def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progress) -> CubeAnswer:
     """Estimate centre of mass c of a tossed cube from flights, and c and I/m from contacts with a table.
 
-    I/m is the inertia per mass about c. The flights also give the file's metre, by which the contacts are
-    scaled. The file's metre is the true length of the
-    unit in which the file states lengths; it follows from the acceleration of gravity in flight. Errors that
-    all tosses share (drag, the cube's width, the file's metre) are included in the covariances.
+    I/m is the inertia per mass about c. The file's metre, the true length of the unit in which the file
+    states lengths, follows from the acceleration of gravity in flight; the contacts are scaled by it. Errors
+    that all tosses share (drag, the cube's width, the file's metre) are included in the covariances.
 
     Args:
         tosses: recorded motions of the cube, in the file's unit of length.

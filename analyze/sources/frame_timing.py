@@ -75,8 +75,9 @@ class FrameTiming:
     def times_ns(self, stamps: Sequence[int]) -> NDArray[np.int64]:
         """Capture times (n,) [ns] that belong to n time stamps; 0 is the first frame's.
 
-        At a constant rate with coarse stamps (`steady_s`) they are the nearest multiples of the frame
-        interval, where these are within one step of the stamps; otherwise the stamps' own times.
+        If the frame rate is constant and the stamps are coarsely rounded (`steady_s` is not None), they are
+        the nearest multiples of the frame interval, where these are within one step (unit of the stamps) of
+        the stamps. Otherwise they are the stamps' own times.
         """
         over, under = self._step_ns
         steps = np.asarray(stamps, dtype=np.int64) - self.first

@@ -42,9 +42,10 @@ class PublishedCentre:
 
 @dataclass(frozen=True)
 class PublishedMasses:
-    """One result of Table 2 of the paper (VISAPP 2013): error of the masses of shell and two inner parts.
+    """One result of Table 2 of the paper (VISAPP 2013): errors of the masses of shell and two inner parts.
 
-    Errors are relative to the total mass.
+    `metric` is the mean of the three absolute errors over the total mass; `misplaced` is their sum over twice
+    the total mass.
     """
 
     object: str

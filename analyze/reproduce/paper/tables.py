@@ -333,7 +333,7 @@ def _present(values: Iterable[float | None]) -> list[float]:
 
 
 def sessions_table(records: Sequence[SessionRecord]) -> Table:
-    """Table of the errors of every session, with true and estimated region masses."""
+    """Table of the errors of every session, with true and estimated masses of shell and interior parts."""
     rows: list[tuple[Value, ...]] = []
     for record in records:
         exact, drawn = record.ours[Condition.EXACT], record.ours[Condition.DRAWN]

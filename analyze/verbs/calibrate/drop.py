@@ -65,7 +65,10 @@ class DropOptions:
 
 @dataclass(frozen=True)
 class DropAnswer:
-    """True frame rate of a camera, measured from one or more free falls of a tag."""
+    """True frame rate of a camera, measured from one or more free falls of a tag.
+
+    It is given as the ratio of true to stated time, with its sd.
+    """
 
     options: DropOptions
     """options with which it was measured"""
