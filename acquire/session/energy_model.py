@@ -132,8 +132,9 @@ class EnergyModel:
 class _Axis:
     """One pivot axis (edge about which the object tips): geometry in the object frame O, and its tip.
 
-    Of the tip it holds the moment of inertia, the predicted balance angle, and the planned energy ratio
-    (kinetic energy after the strike over the energy needed to reach balance).
+    Of the tip it holds the moment of inertia about the parallel axis through the centre of mass, the
+    predicted balance angle, and the logarithm of the planned energy ratio (kinetic energy after the strike
+    over the energy needed to reach balance), scaled to a tip speed of 1 m/s.
     """
 
     point: Array

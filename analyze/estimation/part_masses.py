@@ -154,7 +154,8 @@ def part_masses(
         rng: Random generator of the chains; the same seed gives the same result.
 
     Returns:
-        Mean, covariance and 95 % interval of the masses, and which of them the moments determine.
+        Means (n,) [kg], covariance (n, n) [kg^2] and 95 % intervals (n, 2) [kg] of the masses, and which of
+        them the moments determine.
 
     Raises:
         EstimationError: fewer than two parts, or a part without volume.

@@ -41,10 +41,10 @@ def mass_distribution(
 ) -> MassDistribution:
     """Masses of three uniform regions: shell (R1), interior where n.x > offset (R2) and elsewhere (R3).
 
-    n is the unit normal of the plane n.x = offset that divides the interior, in the object frame O, at an
-    angle of at most 90 deg to the body's longest direction. Metropolis chains draw direction and offset of
-    this plane from its posterior, with the mass shares integrated out. For each plane the shares are then
-    drawn from their normal distribution, truncated at zero.
+    The shell is the body's outer wall. n is the unit normal of the plane n.x = offset that divides the
+    interior, in the object frame O, at an angle of at most 90 deg to the body's longest direction. Metropolis
+    chains draw direction and offset of this plane from its posterior, with the mass shares integrated out.
+    For each plane the shares are then drawn from their normal distribution, truncated at zero.
 
     The intervals hold for a body of three such regions. If even the best plane leaves a misfit beyond
     measurement error, the body is of another kind: then the dividing plane passes through its middle, normal

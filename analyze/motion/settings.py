@@ -10,9 +10,10 @@ from analyze.motion.contact import ContactErrors
 
 @dataclass(frozen=True)
 class WindowLimits:
-    """Bounds of the window of frames in which the object tips freely, the striker being off.
+    """Bounds of the fit's window: the frames in which the object tips freely, the striker being off.
 
-    They are times after the impact, in frames and in s, and limits of the tipping angle [rad].
+    It begins a number of frames and a time [s] after the impact, above a least tipping angle [rad], and ends
+    an angle [rad] past balance.
     """
 
     guard_frames: int = 2
@@ -63,7 +64,10 @@ class VerdictLimits:
 
 @dataclass(frozen=True)
 class MotionSettings:
-    """Settings of the motion analysis; the defaults are those of docs/explanation/method.md, section 3."""
+    """Settings of the motion analysis: bounds of the fit's frames, limits of a clean tip, contact errors.
+
+    The defaults are those of docs/explanation/method.md, section 3.
+    """
 
     window: WindowLimits = field(default_factory=WindowLimits)
     """bounds of the gravity-only window"""

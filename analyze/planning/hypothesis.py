@@ -120,7 +120,8 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     - the step at which the surface is sampled;
     - `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may hide an asymmetric filling.
 
-    Axes with nearly equal spread share one half edge. The result is cached on the model.
+    Axes with nearly equal spread share one half edge. Q is a box [m] in the object frame O, the inertia
+    (3, 3) is per kilogram [m^2], along O's axes. The result is cached on the model.
     """
     return model.cached("hypothesis", _hypothesis)
 

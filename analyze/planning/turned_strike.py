@@ -53,7 +53,11 @@ def turnable_axes(
         model: Shape of the object.
         spec: Name and markers.
         camera: Camera at the usual heading.
-        errors: Errors that strikes share.
+        errors: 1 sigma of errors that strikes share, such as the table's tilt.
+
+    Returns:
+        For each axis its index in `usable`, the axis with the markers seen when the object is turned, and
+        1 sigma [rad] of the tilt that two strikes, one each way, measure.
 
     Raises:
         PlanError: there is none; the message has the fault of the marker nearest to being visible.

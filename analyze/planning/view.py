@@ -122,9 +122,9 @@ def visible_markers(
         camera: Camera, with its pose in the world frame of the strike.
 
     Returns:
-        Names of the visible markers, the one best aligned with the pivot axis first; mean edge of its black
-        square in the image at rest [px], 0 if there is none; and the fault of the marker nearest to being
-        visible, which has a meaning only if none is.
+        Names of the visible markers, the one best aligned with the pivot axis first; mean edge of the first
+        one's black square in the image at rest [px], 0 if no marker is visible; and the fault of the marker
+        nearest to being visible, which has a meaning only if none is.
     """
     # For a strike with the object turned by 180 degrees the camera sees the other end of the axis.
     looks = axis.direction * np.copysign(1.0, camera.T_world_camera[1, 2])

@@ -54,7 +54,8 @@ def read_given(
         rig: rig to plan for; None for that of the latest recording. Only impacts by its striker are returned.
 
     Returns:
-        Centre of mass, inertia and strikes merged from all files, and the impacts that recordings measured.
+        Merged from all files, centre of mass [m], inertia per kilogram [m²], both in the object frame O, and
+        the strikes made; and the impacts that recordings measured.
 
     Raises:
         RecordingError, MergeError, ShapeError, TrackingError, EstimationError: the recordings cannot be

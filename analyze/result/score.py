@@ -195,11 +195,11 @@ def _holds_truth(path: Path) -> bool:
 def _region_scores(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
     """Relative errors of the masses of shell, upper and lower interior, as a dict of JSON values by name.
 
-    The interior is divided by a plane. The error is the mean over the three masses, over the total mass; with
-    it come the fraction of mass in a wrong region, the regions' names, true and estimated masses [kg], the
-    error of the plane's normal [rad], and the error of each naive answer and of the paper's method (VISAPP
-    2013), if that found masses. If the truth has no three region masses, the only two entries,
-    `region_mass_error_relative` and `mass_in_wrong_region`, are None.
+    The shell is the outer wall; a plane divides the interior. The error is the mean absolute error of the
+    three masses over the total mass; with it come the fraction of mass in a wrong region, the regions' names,
+    true and estimated masses [kg], the error of the plane's normal [rad], and the error of each naive answer
+    and of the paper's method (VISAPP 2013), if that found masses. If the truth has no three region masses,
+    the only two entries, `region_mass_error_relative` and `mass_in_wrong_region`, are None.
     """
     if len(body.region_mass_kg) != 3:
         return {"region_mass_error_relative": None, "mass_in_wrong_region": None}
