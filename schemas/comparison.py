@@ -36,7 +36,10 @@ class SessionsAgreement(Document):
 
 
 class SessionAnswer(Document):
-    """Centre of mass, moments of inertia and region masses that one session gives by itself."""
+    """Centre of mass, moments of inertia and region masses that one session gives by itself.
+
+    Regions are the shell and the interior on either side of a dividing plane.
+    """
 
     recording: ReportRecording
     setup: int = Field(ge=1, description="number of the set-up: rig, level and camera calibration")

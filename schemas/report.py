@@ -48,7 +48,10 @@ class InfluenceResult(Document):
 
 
 class ErrorShare(Document):
-    """Part of the covariance of the centre of mass that one kind of error causes; all parts add up to it."""
+    """Part of the covariance of the centre of mass that one kind of error causes; all parts add up to it.
+
+    It is in m^2, in the object frame O.
+    """
 
     source: str
     """kind of error"""

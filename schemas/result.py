@@ -176,7 +176,8 @@ class Parts(Document):
 class Filling(RenamedDocument):
     """Filling of the object's interior up to an estimated level, with the mass of the shell around it.
 
-    The 95 % intervals may be asymmetric.
+    The level is the height [m] of the filling's surface over the origin of the object frame O, along the
+    direction that was up; the shell is the outer wall. The 95 % intervals may be asymmetric.
     """
 
     name: str

@@ -49,7 +49,11 @@ class Watcher:
 
     @property
     def latest(self) -> WatchEvent | None:
-        """Observation of the newest image that the child process reported last; None before the first."""
+        """Latest report of the child process (`analyze watch`) on an image; None before the first.
+
+        It holds the markers in the newest image, whether anything moves, the saturated pixels and the angle
+        of the object to its planned placement.
+        """
         return self._latest
 
     def expect(self, plan_strike_id: str) -> None:

@@ -99,7 +99,7 @@ class Renderer:
             p_world_object: (k, 3) positions of the object's origin in W (world frame, z up) [m].
             q_wxyz: (k, 4) unit quaternions (w, x, y, z) from O, the object's frame, to W.
             arm_angle: (k,) angles of the arm [rad], 0 when it hangs, positive towards +x.
-            arm_axis_world: (k, 3) points on the arm's hinge in W [m].
+            arm_axis_world: (k, 3) points on the axis about which the arm turns, in W [m].
             exposure_us: exposure of the whole frame [us].
             gain_db: gain of the sensor [dB].
         """

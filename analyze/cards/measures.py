@@ -130,7 +130,8 @@ def plan_picture(place: Setting) -> str:
 def _contact(view: View, place: Setting) -> list[str]:
     """SVG element of the pivot edge on the pivot line, or of a disc where a rim touches the line.
 
-    The disc, at the mark on the line, also stands for an edge that was not found.
+    The disc, at the mark of the line (its point y = 0 in the world frame), also stands for an edge that was
+    not found.
     """
     if place.edge is None:
         return [ink.disc(view.project(np.zeros((1, 3)))[0], 9, ink.PIVOT, "#fff", 2)]

@@ -79,7 +79,8 @@ def inertial_parameters_from_joint(
     independent. Directions that no axis observes are determined by the shape's prior.
 
     Args:
-        solution: Solution of the joint problem of all strikes' balance angles and rate constants k.
+        solution: Solution of the joint problem of all strikes' balance angles phi and rate constants k, those
+            of the motions theta'' = -k sin(phi - theta).
         com_prior: Prior of the centre of mass that the problem was solved with.
         scale: Mass and gravity that the problem was solved with.
 

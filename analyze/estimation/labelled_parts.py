@@ -117,7 +117,9 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Fraction (cells,) of each cell's height that lies between the two ends of a labelled layer.
+    """Fraction (n,) of the height of each of n cells that lies between the two ends of a labelled layer.
+
+    Cells are small cubes of the body; their height is measured along the layer's direction.
 
     The ends are in metres from the origin of the object frame O along the layer's direction; the fraction is
     0 for a label without ends.
@@ -129,7 +131,7 @@ def _between(cells: Cells, label: PartLabel) -> Array:
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:
-    """Uniform solid made of small cubes: volume [m^3], centroid (3,) [m], inertia per kilogram (3, 3) [m^2].
+    """Uniform solid made of cubes: volume [m^3], centroid (3,) [m], inertia per kilogram (3, 3) [m^2].
 
     The inertia tensor is about the centroid. Centroid and axes are those of the object frame O.
 

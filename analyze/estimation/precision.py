@@ -25,8 +25,8 @@ MIN_GROUPS = 3
 class Precision:
     """Repeatability and reproducibility of one quantity, in its unit, from groups of repeated results.
 
-    A group has one set of conditions. Repeatability is the scatter within a group; reproducibility adds the
-    scatter between groups.
+    Results of a group were obtained under equal conditions. Repeatability is the standard deviation of
+    results within a group; reproducibility adds the variation between groups.
     """
 
     mean: float

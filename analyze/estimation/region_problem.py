@@ -192,9 +192,10 @@ class RegionProblem:
     def pieces(self, normal: Array, height: float) -> BodyPieces:
         """The body cut into pieces: the shell as one, and clumps of cells on either side of a dividing plane.
 
-        Given for each piece are its region (shell, upper or lower part), the moments of inertia (over their
-        standard deviations) that the body would have if all its mass were in the piece, and the largest share
-        of the mass that it can hold. Cells are small cubes.
+        Given for each piece are its region (shell, upper or lower part), the centre of mass and moments of
+        inertia that the body would have if all its mass were in the piece (whitened: the measured ones have
+        independent errors of unit sd), and the largest share of the mass that it can hold. Cells are small
+        cubes.
 
         Args:
             normal: (3,) unit normal of the dividing plane, in the object frame O.

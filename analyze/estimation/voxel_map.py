@@ -142,8 +142,9 @@ def _minimised_dual(
 
     Args:
         start: (k,) multipliers to start from.
-        features: (n, k) f, whitened contributions of a kilogram in each cell to the moments.
-        target: (k,) t, whitened measured moments.
+        features: (n, k) f, contributions of a kilogram in each cell (small cube) to the moments, whitened
+            (scaled to independent errors of sd 1).
+        target: (k,) t, measured moments, whitened likewise.
         most: (n,) m_max, masses of the cells at the density of lead [kg].
         offset: a, logit of the prior density over that of lead.
         stiffness: Weight of the entropy against chi^2; the smaller, the closer the moments are met.

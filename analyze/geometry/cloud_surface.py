@@ -95,6 +95,8 @@ class CloudSurface:
 def cloud_surface(points: Array) -> CloudSurface:
     """Closed convex exterior of a point cloud, with the quality of the fit.
 
+    The quality is given by the cloud's noise, stray points, hollows, and parts of the surface without points.
+
     Args:
         points: (n, 3) points [m]; the result is in their frame.
 
@@ -350,7 +352,7 @@ def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
     """Project points onto quadrics fitted to the patches of the cloud around them.
 
     Args:
-        points: (p, 3) points [m].
+        points: (p, 3) points [m]; inputs and results are in the cloud's frame.
         patches: (p, k, 3) k points of the cloud [m] nearest to each of these.
 
     Returns:

@@ -247,6 +247,9 @@ def widest_gap(flat: Array) -> float:
 def _weighted_fit(points: Array, weights: Array, inside: Array) -> FittedPlane | None:
     """Plane by weighted total least squares, with its covariance from the residuals (White 1980).
 
+    The covariance (3, 3) is that of the plane's height [m] at the weighted centroid of the points used, and
+    of its slopes along two axes in the plane.
+
     Args:
         points: (n, 3) points of the cloud [m].
         weights: (n,) weights of the points, 0 to 1.

@@ -157,9 +157,10 @@ class Estimate:
 
     @property
     def com(self) -> CentreOfMass:
-        """Centre of mass of the object in the object frame O, without its markers (printed tags).
+        """Centre of mass of the object without its markers (printed tags), with covariance.
 
-        The markers are included if the pose of any marker that has a mass is not known.
+        Position (3,) [m] and covariance (3, 3) [m^2] are in the object frame O. The markers are included if
+        the pose of any marker that has a mass is not known.
         """
         return self.inertial.com
 

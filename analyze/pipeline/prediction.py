@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 class StrikePrediction:
     """Measured motion of one strike compared with its prediction from all other strikes.
 
-    Compared are the balance angle, the rate constant k of the motion and the tipping angle theta(t).
+    Compared are the tipping angle theta over time, and balance angle phi and rate constant k [rad/s^2] of the
+    motion theta'' = -k sin(phi - theta).
     """
 
     left_out: LeaveOneOut
@@ -37,8 +38,8 @@ class StrikePrediction:
     def motion_sigmas(self) -> float:
         """Difference between measured and predicted tipping angle theta(t), in standard deviations.
 
-        Two errors count in it, those of the balance angle and of k, the rate constant of the motion. It is
-        scaled so that 3 is as unlikely by chance as an error of 3 sd of one quantity.
+        It is one number for two errors together, those of the balance angle and of k, the rate constant of
+        the motion. It is scaled so that 3 is as unlikely by chance as an error of 3 sd of one quantity.
         """
         return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.chi2)
 
@@ -46,7 +47,8 @@ class StrikePrediction:
     def consistent(self) -> bool:
         """True if a strike's measured motion is as predicted from all other strikes, within 3 sd.
 
-        Judged are balance angle and rate constant k of the motion together, and the tipping angle theta(t).
+        Judged are balance angle phi and rate constant k of the motion theta'' = -k sin(phi - theta) together,
+        and the measured tipping angle theta over time.
         """
         return self.left_out.agrees and self.motion_sigmas <= SIGMAS
 

@@ -164,7 +164,7 @@ def with_strikes_made(
 
     Returns:
         A new belief that also holds, by axis and heading, the inverse covariance (2, 2) of balance angle and
-        ln k (k the tip's rate constant), summed over the strikes made.
+        ln k (k [rad/s^2] the rate constant m g R / I_edge of the tip), summed over the strikes made.
 
     Raises:
         PlanError: a strike's axis is not one of the object's.

@@ -225,8 +225,8 @@ class Information:
     def weight(self, each: Candidate, strikes: int) -> Array:
         """Inverse covariance (2, 2) of phi [rad] and ln k from strikes on one axis, made and planned.
 
-        phi is the balance angle, k the rate constant of the tip. Of the strikes made, those at the usual
-        heading (turn of object and striker about the vertical) count.
+        phi is the balance angle, k the rate constant [rad/s^2] of the tip theta'' = -k sin(phi - theta). Of
+        the strikes made, those at the usual heading (turn of object and striker about the vertical) count.
 
         Args:
             each: the axis.

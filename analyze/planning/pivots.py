@@ -280,10 +280,11 @@ def wall_lean(
 
 
 def _round_rim(plane: RestingPlane) -> BoolArray:
-    """Mask (k,) of the k edges of a face's support polygon that belong to a round rim.
+    """Mask (k,), True for those of the k edges of a resting face that belong to a round rim.
 
-    An edge belongs to a rim if it turns by less than `RIM_TURN` against both neighbours. All are False if
-    there are fewer than `RIM_EDGES` such edges.
+    The edges are those of the support polygon, the convex outline of the face on the table. An edge belongs
+    to a rim if it turns by less than `RIM_TURN` (20 deg) against both neighbours. All are False if there are
+    fewer than `RIM_EDGES` (5) such edges.
     """
     out = plane.outward
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))

@@ -107,7 +107,8 @@ def _separated(
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
     """Unscanned fraction of the surface that lies on a resting plane; 0 if it has no samples.
 
-    The rim of the support polygon is left out if at least `MIN_SAMPLES` samples remain.
+    The rim of the support polygon (convex outline of what stands on the plane) is left out if at least
+    `MIN_SAMPLES` samples remain.
 
     Args:
         surface: Samples of the surface, with a mask of those not scanned.

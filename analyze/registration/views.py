@@ -164,9 +164,10 @@ def strike_view(
 def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
     """Log times (n,) [ns] and tipping angles (n,) [rad] of the frames of a tip that are used.
 
-    At most `MAX_TIP_FRAMES` (60) are used, spread evenly over the angle. Both are empty if the tip was not
-    measured, if the verdict is not good, rocked back or slid (`EDGE_ON_TABLE`), or if the body was struck
-    over a round rim or turned by less than `MIN_TURN_RAD` (0.1 rad).
+    Used are at most `MAX_TIP_FRAMES` (60) frames of the fit's window, or without a fit of the free motion up
+    to balance, spread evenly over the angle. n is 0 for a strike that shows no tip over a straight edge on
+    the table: its verdict is not good, rocked back or slid (`EDGE_ON_TABLE`), it rolls on a round rim, or its
+    tip was not measured or is below `MIN_TURN_RAD` (0.1 rad).
 
     Args:
         motion: analysed motion of the strike with its verdict and phases.

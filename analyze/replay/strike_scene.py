@@ -144,7 +144,8 @@ def _over_image(
 ) -> None:
     """Send the pivot axis and the object at the fitted angle, as lines over the strike's images.
 
-    Without a fit that has a curve (three frames or more and a rate constant k) only the axis is sent.
+    Only the axis is sent without a fit, or if the fit has fewer than three frames or no rate constant k (of
+    the motion theta'' = -k sin(phi - theta)).
     """
     camera = body.camera_of(planned)
     rest = overlay.pose_at_rest(planned, tracks, body.markers, camera, contact_ns)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Shown:
-    """Title, unit and digits of one kind of quantity on the comparison page, such as region masses."""
+    """Title, unit and digits of one kind of quantity on the comparison page, such as the centre of mass."""
 
     title: str
     unit: str

@@ -87,8 +87,9 @@ def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
 def cube_figure(answer: CubeAnswer) -> Figure:
     """Figure of the cube's centre of mass c by three methods, and of its moments of inertia.
 
-    Four panels show c from the side and from above with 95 % ellipses, the deviation from a parabola in
-    flight over the height in the cube, and the moments of inertia per mass by edge and corner contact.
+    The methods are free flight, contact of an edge with the table, and contact of a corner. Four panels
+    show c [mm] from the side and from above with 95 % ellipses, the deviation from a parabola in flight over
+    the height in the cube, and the moments of inertia per mass by edge and corner contact.
     """
     with style():
         figure = Figure(figsize=(10.4, 3.4), layout="constrained")

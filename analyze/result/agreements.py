@@ -35,8 +35,9 @@ def disagreement_texts(agreements: Agreements) -> Iterator[str]:
 def estimator_difference_text(each: EstimatorDisagreement) -> str:
     """Clause on the difference between two estimators of one strike's motion, with its size in sd.
 
-    It states the relative difference [%] of the rate constant k of the motion if `each.k_off` is given,
-    otherwise the difference [°] of the balance angle φ: the other estimator minus the one used.
+    It states the relative difference [%] of the rate constant k if `each.k_off` is given, otherwise the
+    difference [°] of the balance angle φ: the other estimator minus the one used. The motion of the tipping
+    angle θ is θ'' = -k sin(φ - θ).
     """
     if each.k_off is not None:
         return (

@@ -264,7 +264,8 @@ def refuse_impossible(board: Board) -> None:
 def black_rectangles(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
     """Black rectangles of a tag on a page, one for each run of black cells in a row of the tag.
 
-    Each has its left and lower edge on the page, y upwards, and its width and height [mm].
+    Cells are the tag's black and white squares. Each rectangle has left and lower edge in the frame of
+    `x` and `y`, y upwards, and width and height [mm].
 
     Args:
         cells: (n, n) cells of the tag, True for white, row 0 at the top.

@@ -234,9 +234,10 @@ def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: flo
 
 
 def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Figure 11: errors of c and of the region masses, with their means, next to the published ones.
+    """Figure 11: errors of centre of mass and region masses, with means, next to the published ones.
 
-    c is the centre of mass. None if there is no session on the paper's objects, planned by our method.
+    Regions are the shell (outer wall) and the interior's two parts. None if no session is on the paper's
+    objects and planned by our method.
     """
     mine = scores.on_paper_objects(scores.with_our_plan(records))
     if not mine:

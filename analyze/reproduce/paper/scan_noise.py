@@ -40,7 +40,8 @@ def errors_over_scan_noise(
 ) -> tuple[list[Sensitivity], list[Sensitivity]]:
     """Errors of c and of the region masses over the noise of a scan that replaces the shape.
 
-    c is the centre of mass. Both errors are given for our method, and for the paper's method with our edges.
+    c is the centre of mass, the regions are shell, upper and lower interior part. Both errors are given for
+    our method, and for the paper's method with our edges.
 
     Args:
         evidence: strikes of the session.

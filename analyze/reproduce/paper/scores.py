@@ -215,6 +215,8 @@ def _masses(
 ) -> Iterator[tuple[float, float, float, float, float]]:
     """Yield for each region true mass, estimated mass, its sd and both ends of its 95 % interval [kg].
 
+    The regions are shell, upper and lower part of the interior, in this order.
+
     Raises:
         ValueError: the answer has no masses, or none of their sd or intervals.
     """
