@@ -71,7 +71,7 @@ class CaptureStatus:
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """Path, frame counts and content id (hash of the messages) of a finished recording."""
+    """Finished recording: path and content id (hash of messages) of its last file, and frame counts."""
 
     path: Path
     """path of the last file"""

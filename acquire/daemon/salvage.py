@@ -69,7 +69,8 @@ class Salvage:
     def result(self) -> Salvaged:
         """Wait until the recovery has ended; return its outcome.
 
-        It has the paths of the recovered files, the numbers of frames saved and lost, and a report as text.
+        It has the paths of the complete files (or of the `.part` file where one could not be rebuilt), the
+        numbers of frames saved and lost, and a report as text.
         """
         self._thread.join()
         return self._found

@@ -175,7 +175,8 @@ def _check_connections(computer: Computer, rig: RigConfig, daemon: RunningDaemon
 def check_level(rig: RigConfig) -> Check:
     """Report the tilt of the table against gravity that the rig file gives; this check always passes.
 
-    The tilt is a level's reading or, without one, 0 with the standard deviation `gravity_tilt_sd_rad`.
+    The tilt is the reading of a level (the instrument) or, without one, 0 with the standard deviation
+    `gravity_tilt_sd_rad`.
 
     Returns:
         Passed check with the tilt and its standard deviation [deg] in words.

@@ -56,7 +56,10 @@ size_m = 0.03
 
 @dataclass(frozen=True)
 class CheckVideo:
-    """Test video: duration, frame counts, last image, clock quality, and last report of `analyze watch`."""
+    """Test video: duration [s], frames recorded and lost, content, and last event of `analyze watch`.
+
+    The content is the last image and the quality of the frame times. The event is None if there was none.
+    """
 
     seconds: float
     """time from the first frame to the last [s]"""

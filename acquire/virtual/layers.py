@@ -118,6 +118,7 @@ def compose(front_to_back: Sequence[Layer]) -> Layer:
 
     In a shared pixel the front layer takes its cover first, and layers behind it only what is left; two
     layers that meet at an edge fill it without a seam. A single layer is returned as it is.
+    Per pixel, a layer has its light and its cover (fraction 0..1 of the pixel that it hides).
     """
     if len(front_to_back) == 1:
         return front_to_back[0]

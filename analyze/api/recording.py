@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class StrikeFit:
-    """Fitted motion of one strike: balance angle phi, rate constant k and tipping angle theta(t) from rest.
+    """Fitted motion of one strike: balance angle phi, rate constant k, tipping angle theta(t) since rest.
 
     It names the estimator and holds standard deviations, times [s] and residuals too. The estimator pivot_fit
     fits theta'' = -k sin(phi - theta), with k in rad/s^2; rolling_fit and moment_balance add terms for a

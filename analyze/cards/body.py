@@ -48,7 +48,7 @@ class PlacedObject:
 
     @property
     def corners(self) -> Array:
-        """Corners (n, 3) [m] of the object's convex hull, in the world frame."""
+        """Corners (n, 3) [m] of the object's convex hull, in the strike's world frame (table at z = 0)."""
         return self.world(self.shape.hull)
 
     def tipped(self, theta: float) -> PlacedObject:

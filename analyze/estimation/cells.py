@@ -113,7 +113,7 @@ def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
 def candidate_shell_thicknesses(model: ObjectModel) -> Array:
     """Five thicknesses (5,) [m] to try for a shell (outer wall) whose thickness is not given.
 
-    They form a geometric series from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
+    They have a constant ratio, from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
     """
     return model.volume ** (1 / 3) * np.geomspace(
         MIN_SHELL_FRACTION, MAX_SHELL_FRACTION, SHELL_THICKNESS_COUNT

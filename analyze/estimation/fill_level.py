@@ -203,7 +203,7 @@ class _Grid:
 
     Args:
         moments: measured mass, centre of mass and moments of the whole object.
-        shells: cells for one or more shell thicknesses, thinnest first.
+        shells: the body cut into cells (small cubes), for one or more shell thicknesses, thinnest first.
         along: (3,) unit vector in the object frame O, along which levels are measured.
         density: density of the filling; None if it is not known.
         levels: (h,) levels of the grid [m].

@@ -22,7 +22,8 @@ body they touch."""
 class Body:
     """One connected part of a mesh file, in the object frame O [m]: mass properties, vertices and faces.
 
-    The mass properties are those of a uniform solid. The part is closed if its number of open edges is 0.
+    The mass properties are those of a uniform solid. The vertices (n, 3) are those of
+    the whole mesh; the faces (f, 3) are the part's own. The part is closed if its number of open edges is 0.
     """
 
     properties: MassProperties

@@ -37,13 +37,13 @@ class ContactTime:
 
 
 def contact_time(fit: MotionFit) -> ContactTime | None:
-    """Contact time (log_time) [ns] and its sd, extrapolated from a fit back to tipping angle 0, or None.
+    """Log time [ns] of the striker's contact and its sd [ns], extrapolated back to tipping angle 0, or None.
 
     None if the fit has no rate constant k of the tip [rad/s^2], or in its first frame the object does not tip
     forward (angular speed omega0 <= 0) or lies below rest (tipping angle theta0 < 0).
 
     Args:
-        fit: pendulum fitted to the free motion of one strike.
+        fit: pendulum fitted to the free motion of one strike, which is extrapolated.
     """
     if fit.k is None or fit.omega0 <= 0 or fit.theta0 < 0:
         return None

@@ -42,7 +42,7 @@ MAX_FALLS = 8
 
 @dataclass(frozen=True)
 class FallWindow:
-    """Stretch of frames of a track in which the tag falls freely."""
+    """Stretch of frames, indices [start, stop) of a track, in which the tag falls freely by `fall` [m]."""
 
     start: int
     """index of the first frame"""

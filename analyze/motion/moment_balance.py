@@ -239,9 +239,10 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     def balance(x: Array) -> tuple[Array, Array]:
         """Residuals (n,) of the moment balance at x (10,), and their derivatives (n, 10) by x.
 
-        A residual is the time integral of the moment per mass about a contact, over the root of the contact's
-        duration [m^2/s^1.5]. x holds, in the object frame O, the centre of mass [m] (3) and the inertia per
-        mass about O's origin as xx yy zz xy xz yz [m^2] (6), then the radius of the edges' rounding [m].
+        Forces at a contact have no moment about it (the balance). A residual is the time integral of the
+        moment per mass about a contact, over the root of the contact's duration [m^2/s^1.5]. x holds, in the
+        object frame O, the centre of mass [m] (3) and the inertia per mass about O's origin as xx yy zz xy xz
+        yz [m^2] (6), then the radius of the edges' rounding [m].
         """
         power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
         matrix, level = np.einsum("p,prc->rc", power, by_power[0]), power @ by_power[1]

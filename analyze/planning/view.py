@@ -52,7 +52,10 @@ class Fault:
 
 @dataclass(frozen=True)
 class MarkerVisibility:
-    """Names of the markers visible through a whole tip, or the fault of the one nearest to being visible."""
+    """Names of the markers visible through a whole tip, or the fault of the one nearest to being visible.
+
+    The mean edge [px] of the first marker's black square is held too; 0 if none is visible.
+    """
 
     markers: list[int | str]
     """Names of the visible markers, the one best aligned with the axis first."""

@@ -22,7 +22,7 @@ SINCE_CONTACT, SESSION = "since_contact", "session"
 def contact_of(record: pb.StrikeRecord) -> int:
     """Log time [ns] at which the striker touched the object, else the start of the strike's time window.
 
-    The start is given if no time of contact was recorded.
+    The window is the span of recorded images. Its start is given if no time of contact was recorded.
     """
     return record.contact_time_ns or record.window_start_ns
 

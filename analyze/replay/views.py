@@ -154,7 +154,7 @@ def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
 
 
 def fitted_angle(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAngle:
-    """Measured tipping motion, with the fitted angle theta in place of the measured one.
+    """Measured tipping motion, with the fitted tipping angle theta in place of the measured one.
 
     It has the frames that `fit` was made from. Time and theta [rad] are those of `fitted`, the curve of
     `fit`. Standard deviation, rotation off the axis and slip are copied from `angle`, the measured motion.

@@ -215,7 +215,7 @@ def chi_squared_p_value(chi_squared: float, degrees_of_freedom: int) -> float:
 
 
 def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
-    """Test whether groups of strikes share one centre of mass, against one of its own for each group.
+    """Test whether groups of strikes have one centre of mass in common, or each group one of its own.
 
     It uses the balance angles of the joint estimate.
 

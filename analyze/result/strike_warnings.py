@@ -62,9 +62,9 @@ def fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 
 
 def rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
-    """Yield warnings of objects that roll on the table.
+    """Yield warnings of objects that roll on the table while they tip.
 
-    They roll on a round rim, on an uneven flank, or although the estimator chosen takes the contact as fixed.
+    Reasons: a round rim, an uneven flank (curved side), or an estimator that takes the contact as fixed.
     """
     evidence, planes = estimate.evidence, estimate.fitted_planes
     on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}

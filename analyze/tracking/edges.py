@@ -133,7 +133,7 @@ class _Band:
 
 @dataclass(frozen=True)
 class _EdgeFits:
-    """Fitted lines, blur and contrast of a square's four edges, with the fit's normal equations."""
+    """Fitted lines, blur and contrast of a square's four edges, with the normal equations of their fit."""
 
     shape: Array
     """(4, 3) offset a, tilt b and blur s of each edge [px]; s is that of lens and pixel together"""

@@ -127,7 +127,7 @@ def out_of_order_lines(topics: list[dict[str, Any]]) -> list[str]:
 
 
 def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
-    """Problems of the file as lines of text, each with a remedy if there is one; may be empty.
+    """Problems of a recording's file as lines of text, each with a remedy if there is one; may be empty.
 
     The order of messages is not checked here (`out_of_order_lines`).
     """
