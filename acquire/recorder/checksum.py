@@ -107,6 +107,12 @@ def _over_zeros(size: int) -> _ByteTables:
 
 
 def _apply(tables: _ByteTables, crc: int) -> int:
-    """CRC-32 that `crc` becomes under the linear map in `tables`: XOR of one entry for each byte of `crc`."""
+    """CRC-32 that `crc` becomes under the linear map in `tables`.
+
+    Args:
+        tables: one table of 256 entries for each of the four bytes of `crc`, lowest byte first; the result is
+            the XOR of one entry of each.
+        crc: CRC-32 to be mapped.
+    """
     low, second, third, high = tables
     return low[crc & 255] ^ second[crc >> 8 & 255] ^ third[crc >> 16 & 255] ^ high[crc >> 24]

@@ -281,14 +281,14 @@ class _Solved:
 
 
 def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
-    """Result of one fall: q with the error by its own noise and the error that all falls share.
+    """Result of one fall: q with its error by this fall's own noise, and the error that all falls share.
 
-    q is the ratio of true to stated time.
+    q is the ratio of true to stated time. The result also has the fall's length [m], residuals and blur.
 
     Args:
         track: track of the tag.
         window: the frames of the fall.
-        solved: solution of its least squares.
+        solved: solution of the fall's least-squares fit.
     """
     solution, inverse, stated, q = solved.solution, solved.inverse, solved.stated, solved.time_ratio
     v, a = solution[3:6], solution[6:9]

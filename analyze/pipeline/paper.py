@@ -32,7 +32,11 @@ MIN_TIPS = 3
 
 @dataclass(frozen=True)
 class PaperEstimate:
-    """Centre of mass, and masses of shell and interior parts, by the paper's method (VISAPP 2013)."""
+    """Centre of mass, and masses of shell and interior parts, by the paper's method (VISAPP 2013).
+
+    The shell is the outer wall. There are no masses (None) if for no pivot axis three positive masses have
+    the object's mass as their sum.
+    """
 
     com: PaperCentre
     """centre of mass; with markers as `paper_estimate` returns it, in `Estimate.paper` without them where the

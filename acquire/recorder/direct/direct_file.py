@@ -201,7 +201,7 @@ class DirectFile:
                 self._change.notify_all()
 
     def release_reserve(self) -> None:
-        """Do nothing: the disk space reserved for the recording's end is allocated and kept from images."""
+        """Do nothing: this file always keeps disk space for the recording's end, which images may not use."""
 
     def wait_until(self, size: int) -> None:
         """Wait until other programs can read the first `size` bytes from the file.

@@ -294,8 +294,8 @@ class _Salvage:
     def _next_chunk(self, start: int) -> int:
         """Offset of the first undamaged MCAP chunk at or after `start`; the file's size if there is none.
 
-        The bytes are searched for the head of a chunk, because a wrong record length must not cost everything
-        after it. Chunks that compression made smaller are not found.
+        The bytes are searched for a chunk's head (opcode, length, times, size), because a wrong record length
+        must not cost everything after it. Chunks that compression made smaller are not found.
         """
         data = self._data
         for match in _CHUNK_HEAD.finditer(data, start):

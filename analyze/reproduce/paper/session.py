@@ -212,7 +212,8 @@ def _axis_moment(
 ) -> AxisMoment:
     """Errors of one axis's estimated moments of inertia and their sd, over the true moments.
 
-    An error is estimate / truth - 1. The true moment about the edge [kg m^2] is added.
+    An error is estimate / truth - 1. The true moment about the edge [kg m^2] and the true distance [m] of the
+    centre of mass from the pivot line are added.
 
     Args:
         plane: equi-plane (through pivot line and centre of mass) of a strike on the axis, for its edge.
@@ -222,8 +223,8 @@ def _axis_moment(
         i_edge_sd: standard deviation of `i_edge` [kg m^2]; 0 for the paper's method, which states none.
         i_com_sd: standard deviation of `i_com` [kg m^2]; 0 for the paper's method.
         corrected: the paper's corrected moment about the edge [kg m^2]; None if there is none.
-        left_out: fraction of the frames of stage two (free motion beyond the balance) that the paper's
-            eq. (5) leaves out; None for our method.
+        left_out: fraction of the frames of stage two (free motion beyond the balance) that the paper's eq.
+            (5) leaves out; None for our method.
     """
     R = distance_from_pivot(plane, np.array(body.com_object))
     about_com = float(plane.direction @ np.array(body.inertia_com).reshape(3, 3) @ plane.direction)

@@ -112,10 +112,10 @@ def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
 
 
 def _health(session: dict[str, Any]) -> list[str]:
-    """Problems of the session as lines of text, each with a remedy if there is one; may be empty.
+    """Problems of a session as lines of text, each with a remedy if there is one; may be empty.
 
     Args:
-        session: the session as JSON values, without `health`.
+        session: what `analyze inspect` reports on the session, as JSON values; has no entry `health` yet.
     """
     path = session["files"][0]["path"]
     found: list[str] = []
