@@ -58,7 +58,8 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         name: Name of the file, for messages.
 
     Returns:
-        The closed surface, with a mask of the faces that close holes and notes on the repairs.
+        The closed surface (vertices [m] and faces), with a mask of the faces that close holes and notes on
+        the repairs.
 
     Raises:
         ShapeError: there are too many holes, holes without a simple rim, or large and uneven ones; the

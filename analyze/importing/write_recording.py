@@ -76,7 +76,7 @@ class _LogTimes:
         Args:
             at_ns: log time of the source's start [ns].
             times_ns: (n,) times of the images since the source's start [ns], increasing.
-            window: the strike's window on the source's clock.
+            window: the strike's window (start and end [ns]) since the source's start.
         """
         first, last = index_range(times_ns, window.start_ns, window.end_ns)
         if first < last:
