@@ -300,8 +300,8 @@ def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
         dark: True if the points are of dark ridges.
 
     Returns:
-        The line; None if it covers less than `MIN_ROWS_SHARE` of the rows, or bends by more than
-        `MAX_SAGITTA_PX`.
+        The line between its two ends [undistorted px]; None if it covers less than `MIN_ROWS_SHARE` of the
+        rows, or bends by more than `MAX_SAGITTA_PX`.
     """
     if len(points) < MIN_ROWS_SHARE * height:
         return None

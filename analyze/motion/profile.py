@@ -76,7 +76,7 @@ def _side(tip: FittedTip, variance: float, lowest: float, sign: float) -> float:
     """Length [rad] of one side of the 95 % interval of the balance angle phi, divided by 1.96.
 
     Args:
-        tip: the fit.
+        tip: the fit of the tipping angle.
         variance: variance of the weighted residuals, correlation included.
         lowest: weighted sum of squares at the best phi.
         sign: -1 for the side of smaller phi, 1 for that of larger phi.

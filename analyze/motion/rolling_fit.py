@@ -86,13 +86,13 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     seen, sd = np.append(sample.theta, expected.values()), np.append(sample.sd, np.ones(3))
 
     def expect(sets: Array) -> Array:
-        """Expected observations (n + 3, c) for c sets (c, 5) of parameters.
+        """Expected observations (n + 3, c) of a rolling body for c sets (c, 5) of its parameters.
 
-        They are the tipping angles [rad] at n times, then three combinations of 1 / J, a / J and b / J, over
-        their sd, whose values the prior of centre of mass and inertia states. The parameters are 1 / J,
-        a / J, b / J, theta0 [rad] and omega0 [rad/s] (first angle and speed), with J [m^2] the inertia per
-        mass about the pivot point, a [m] the height of the centre of mass above it at rest, and -b [m] its
-        offset from it in the direction of tipping.
+        They are the tipping angles [rad] at n times, then the three combinations of 1 / J, a / J and b / J of
+        which the prior of centre of mass and inertia states a value, each over its sd. The parameters are
+        1 / J, a / J, b / J, theta0 [rad] and omega0 [rad/s] (first angle and speed), with J [m^2] the inertia
+        per mass about the pivot point, a [m] the height of the centre of mass above it at rest, and -b [m]
+        its offset from it in the direction of tipping.
         """
         return np.concatenate([rolling_theta(sample.time, sets, section), expected.rows() @ sets[:, :3].T])
 
