@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from analyze.motion.support_function import SupportFunction
+    from analyze.motion.supports import SupportLine
     from analyze.types import IntArray
     from schemas.strike_plan import PlannedStrike
     from schemas.strike_result import Verdict
@@ -35,6 +36,9 @@ class StrikeTask:
     unmarked_ns: IntArray | None = None
     """(n,) log times [ns] of the images without a marker; None if unknown: then every missing frame counts as
     an image without a marker"""
+    supports: tuple[SupportLine, ...] | None = None
+    """lines over which the object turns in succession, by the shape, ordered by the angle at which each takes
+    over, the line at rest first; None if unknown, or if the contact rolls on a curve"""
 
 
 @dataclass(frozen=True)
