@@ -63,7 +63,8 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     Five parameters are fitted: 1 / J, a / J, b / J, and theta0 and omega0, theta and its rate at the window's
     first frame. The body's centre of mass c is at (-b, a) [m] from the pivot point at rest (x in the
     direction of tipping, z up), and J = I_c / m + a^2 + b^2, I_c / m the inertia per mass about the axis
-    through c.
+    through c. A wide prior (c near the section's middle) enters as three more observations, since theta(t)
+    alone may not determine all five.
 
     Args:
         angle: tipping angle theta(t) of the strike.

@@ -43,10 +43,12 @@ class ReplayOptions:
 class Sender:
     """Sender of what a replay shows of one recording, to the stream that the viewer or a file receives.
 
-    A replay has pages (tabs of the viewer): one for the answer, one per strike, one for the session.
+    A replay has pages (tabs of the viewer): one for the answer (the estimate with its warnings), one per
+    strike, one for the session.
 
     Args:
-        timelines: timelines of the stream, and the stream.
+        timelines: the rerun stream to send to, with its two time axes (since a strike's contact, and since
+            the session's start).
         name: name of the recording, for display.
         options: options given by the user.
     """

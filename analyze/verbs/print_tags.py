@@ -75,10 +75,13 @@ def print_tags(options: _PrintTagsOptions) -> None:
 
 
 def _refuse_contradictions(options: _PrintTagsOptions) -> None:
-    """Refuse options that exclude each other: those of tags, of an object file, and of a board.
+    """Refuse options of tags, of an object file and of a calibration board that do not go together.
+
+    `--object` excludes `--ids`, `--size-mm`, `--family` and `--board`; `--board` excludes `--ids` and
+    `--size-mm`; `--squares` and `--square-mm` need `--board`.
 
     Raises:
-        click.UsageError: such options are given together.
+        click.UsageError: one of these rules is broken.
     """
     of_tags = (options.ids, options.size_mm)
     if options.object_file is not None and any(
