@@ -37,8 +37,9 @@ def station(seed: int) -> Station:
     """True camera calibration and pose of the virtual rig with a seed: nearly the nominal ones.
 
     The nominal camera is at (0.03, -0.55, 0.08) m in W, the world frame (pivot line along y, z up, tips
-    towards +x), and looks along +y, the pivot line; in the plane y = 0 it has 2.6 px/mm. The seed shifts it by up to 2 mm and turns it by up to 0.3 degrees, per
-    axis, and changes principal point (up to 4 px) and distortion.
+    towards +x), and looks along +y, the pivot line; in the plane y = 0 it has 2.6 px/mm. The seed shifts it
+    by up to 2 mm and turns it by up to 0.3 degrees, per axis, and changes principal point (up to 4 px) and
+    distortion.
     """
     rng = np.random.default_rng((seed, 0x57A7))
     K = np.array([[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]])

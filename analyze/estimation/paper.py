@@ -348,7 +348,10 @@ def _axis_solution(
 ) -> _Solution | None:
     """Masses [kg] of shell, upper and lower interior by VISAPP 2013, eq. 9, for one pivot axis.
 
-    Of all possible masses and dividing planes, those that put the centre of mass closest to `com`.
+    Masses are possible if they give the right moments of inertia about three parallel lines: the pivot line,
+    its parallel through `com`, and its mirror image in `com`. Of all possible masses and dividing planes,
+    those are returned that put the centre of mass closest to `com`; of those equally close, the ones with the
+    moment nearest to `i_edge`.
 
     Args:
         plane: Equi-plane (through pivot line and centre of mass) of a strike about the axis, for its pivot

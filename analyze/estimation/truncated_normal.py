@@ -201,8 +201,9 @@ class _Side:
     def on_line(cls, shares: ShareDistribution, start: Array, along: Array) -> _Side:
         """Normal distributions of u, the first of three shares, if the second or the third share is zero.
 
-        The shares then lie on a side of the triangle of possible shares. Returned are mean, sd and log
-        density at the mean, (b,) each, before truncation to 0..1.
+        The shares then lie on a side of the triangle of possible shares. Returned are, (b,) each, mean and
+        sd of u before truncation to 0..1, and the logarithm of exp(-d.P.d / 2) at that mean: the density of
+        the three shares, not normalised, with d = (u, v) - `shares.mean` and P = `shares.precision`.
 
         Args:
             shares: b distributions of three shares, before this condition.

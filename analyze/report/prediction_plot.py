@@ -30,7 +30,8 @@ TICKS = (0.2, 1.0, 5.0, 20.0)
 def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
     """Matplotlib figure of measured minus predicted tipping angle [deg] over time, a panel per strike.
 
-    The prediction comes from all other strikes. A 95 % band is drawn: 1.96 sd of the difference. Strikes that
+    Balance angle and rate constant are predicted from all other strikes; each motion starts as the strike's
+    own first free frames (shaded) do. A 95 % band is drawn: 1.96 sd of the difference. Strikes that
     are not consistent with their prediction are red.
 
     Raises:

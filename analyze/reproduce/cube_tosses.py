@@ -142,8 +142,9 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
     """Estimate centre of mass c of a tossed cube from flights, and c and I/m from contacts with a table.
 
     I/m is the inertia per mass about c. The file's metre, the true length of the unit in which the file
-    states lengths, follows from the acceleration of gravity in flight; the contacts are scaled by it. Errors
-    that all tosses share (drag, the cube's width, the file's metre) are included in the covariances.
+    states lengths, follows from the acceleration of gravity in flight; the contacts are scaled by it. The
+    covariances include errors that all tosses share: drag for the flights; the cube's width and the file's
+    metre for the contacts.
 
     Args:
         tosses: recorded motions of the cube, in the file's unit of length.
