@@ -156,18 +156,12 @@ def solve_joint(
     model = JointModel(planes, systematic, None if moments is None else moments.scale)
     data = _strike_data(planes, systematic, moments is not None)
     shape = None if moments is None else moments.prior(prior.mean)
-    inertia = np.eye(3) * (GYRATION_OVER_COM_SD * float(prior.sd.max())) ** 2 if shape is None else shape.mean
-    start = model.start(prior.mean, inertia)
-    diagonal = np.ones(model.count)
-    diagonal[COM] = prior.sd**-2
-    # Wide enough to matter only for impossibly flat bodies: logarithms of lengths, and U's other entries in
-    # units of size.
-    diagonal[SECOND] = LOG_LENGTH_SD**-2 * np.array([1.0, 1.0, 1.0, *[1 / float(np.trace(inertia))] * 3])
+    start, diagonal = prior_start(model, prior, moments)
     x = start if initial is None or len(initial.x) != model.count else initial.x
     weight = _initial_weights(
         planes, np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd)
     )
-    z, rows = _whitened(model, data, x)
+    z, rows = whitened(model, data, x)
     precision = _precision(diagonal, shape, x)
     for _ in range(MAX_ITERATIONS):
         before = x
@@ -184,8 +178,30 @@ def solve_joint(
             break
     freedom = float(weight @ data.parts) - _effective_parameters(precision, rows, weight)
     spread = max(1.0, float(weight @ np.sum(z**2, axis=1)) / freedom) if freedom >= 1.0 else 1.0
-    covariance = np.asarray(np.linalg.inv(precision + _information(rows, weight / spread)), dtype=np.float64)
+    information = strikes_information(rows, weight / spread)
+    covariance = np.asarray(np.linalg.inv(precision + information), dtype=np.float64)
     return JointSolution(model, x, covariance, weight, spread, data, shape)
+
+
+def prior_start(model: JointModel, prior: ComPrior, moments: MomentModel | None) -> tuple[Array, Array]:
+    """Prior mean (count,) and inverse variances (count,) of the joint problem's unknowns.
+
+    The shape's prior of the inertia tensor is not part of them (`shape_rows`).
+
+    Args:
+        model: Model of the strikes, which gives number and order of the unknowns.
+        prior: Prior of the centre of mass.
+        moments: Inputs for k, with the shape's prior of the moments; None if phi alone is used.
+    """
+    inertia = np.eye(3) * (GYRATION_OVER_COM_SD * float(prior.sd.max())) ** 2
+    if moments is not None:
+        inertia = moments.prior(prior.mean).mean
+    diagonal = np.ones(model.count)
+    diagonal[COM] = prior.sd**-2
+    # Wide enough to matter only for impossibly flat bodies: logarithms of lengths, and U's other entries in
+    # units of size.
+    diagonal[SECOND] = LOG_LENGTH_SD**-2 * np.array([1.0, 1.0, 1.0, *[1 / float(np.trace(inertia))] * 3])
+    return model.start(prior.mean, inertia), diagonal
 
 
 def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with_k: bool) -> StrikeData:
@@ -217,7 +233,7 @@ def _strike_data(planes: Sequence[EquiPlane], systematic: SystematicErrors, with
     return StrikeData(log_k, uses_k, whiten)
 
 
-def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
+def whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Array]:
     """Standardised residuals (strikes, 2) of (phi, ln k) and their derivatives (strikes, 2, count).
 
     phi is the balance angle, k the rate constant of the motion, count the number of unknowns. A residual is
@@ -229,7 +245,7 @@ def _whitened(model: JointModel, data: StrikeData, x: Array) -> tuple[Array, Arr
     return np.einsum("sij,sj->si", data.whiten, both), np.einsum("sij,sjc->sic", data.whiten, rows)
 
 
-def _information(rows: Array, weight: Array) -> Array:
+def strikes_information(rows: Array, weight: Array) -> Array:
     """Information (count, count) that the strikes contribute about the `count` unknowns.
 
     It is an inverse covariance.
@@ -243,7 +259,7 @@ def _information(rows: Array, weight: Array) -> Array:
     return flat.T @ (flat * np.repeat(weight, 2)[:, None])
 
 
-def _shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
+def shape_rows(shape: UnitPrior, x: Array) -> tuple[Array, Array]:
     """Difference (6,) of the inertia per kilogram from its prior by the shape, in sd, and its derivative.
 
     The entries of the tensor are in the order xx, yy, zz, xy, xz, yz; the derivative by the unknowns `x` is
@@ -270,7 +286,7 @@ def _precision(diagonal: Array, shape: UnitPrior | None, x: Array) -> Array:
     """
     precision = np.diag(diagonal)
     if shape is not None:
-        rows = _shape_rows(shape, x)[1]
+        rows = shape_rows(shape, x)[1]
         precision = precision + rows.T @ rows
     return precision
 
@@ -308,20 +324,20 @@ def _step(
     start, diagonal, shape = prior
 
     def misfit(x: Array, z: Array) -> float:
-        off = 0.0 if shape is None else float(np.sum(_shape_rows(shape, x)[0] ** 2))
+        off = 0.0 if shape is None else float(np.sum(shape_rows(shape, x)[0] ** 2))
         return float(weight @ np.sum(z**2, axis=1) + diagonal @ (x - start) ** 2) + off
 
     flat = rows.reshape(-1, model.count)
     gradient = flat.T @ (np.repeat(weight, 2) * z.ravel()) + diagonal * (x - start)
-    normal = np.diag(diagonal) + _information(rows, weight)
+    normal = np.diag(diagonal) + strikes_information(rows, weight)
     if shape is not None:
-        off, by = _shape_rows(shape, x)
+        off, by = shape_rows(shape, x)
         gradient, normal = gradient + by.T @ off, normal + by.T @ by
     step = -np.linalg.solve(normal, gradient)
     step = step * min(1.0, MAX_LOG_STEP / max(float(np.abs(step[LENGTHS]).max()), 1e-12))
     before = misfit(x, z)
     for _ in range(12):
-        there = _whitened(model, data, x + step)
+        there = whitened(model, data, x + step)
         if misfit(x + step, there[0]) <= before:
             return x + step, *there
         step = step / 2
@@ -337,7 +353,7 @@ def _effective_parameters(precision: Array, rows: Array, weight: Array) -> float
             the balance angle and of ln k (rate constant), scaled to independent errors of unit sd.
         weight: (strikes,) robust weights.
     """
-    information = _information(rows, weight)
+    information = strikes_information(rows, weight)
     return float(np.trace(np.linalg.solve(precision + information, information)))
 
 
