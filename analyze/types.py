@@ -9,6 +9,8 @@ recording's clock.
 
 from __future__ import annotations
 
+import enum
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -243,6 +245,49 @@ class TipMotion:
     stated rate, or at none of the ratios tried"""
 
 
+class RadiusSource(enum.Enum):
+    """Origin of the prior knowledge of an edge's radius; the value is its name in words."""
+
+    STATED = "stated for all edges"
+    EDGE = "stated for this edge"
+    SCAN = "measured on the scan"
+    SHAPE = "part of the shape"
+    ASSUMED = "not given"
+
+
+@dataclass(frozen=True)
+class RadiusPrior:
+    """Radius [m] of one edge's rounding before any strike: mean, two independent errors, origin."""
+
+    mean: float
+    """mean [m]"""
+    common_sd: float
+    """1 sigma [m] of the error that all edges of the object share"""
+    own_sd: float
+    """1 sigma [m] of this edge's own deviation"""
+    source: RadiusSource
+    """origin of the figures"""
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation [m] of the radius, from its shared and its own error together."""
+        return math.hypot(self.common_sd, self.own_sd)
+
+
+@dataclass(frozen=True)
+class EdgeRadius:
+    """Radius [m] of one pivot edge's rounding as all strikes together determine it, beside its prior."""
+
+    axis_id: str
+    """id of the pivot axis"""
+    value: float
+    """estimated radius [m]; may come out negative within its sd"""
+    sd: float
+    """standard deviation [m]"""
+    prior: RadiusPrior
+    """knowledge before the strikes"""
+
+
 @dataclass(frozen=True)
 class EquiPlane:
     """Equi-plane of one strike: the plane through the pivot's centre line and the centre of mass c.
@@ -289,6 +334,14 @@ class EquiPlane:
     radius_sd: float = 0.0
     """standard deviation [m] of a section's radius of curvature; a larger radius moves the line towards c by
     the same amount"""
+    radius_prior: RadiusPrior | None = None
+    """errors and origin of a rounded edge's radius, whose mean is `edge_radius`; None: the errors that
+    `SystematicErrors` states for all edges"""
+    wall: str = ""
+    """id of the side face that rises from the edge; its place error is that of the face as a resting face;
+    "" if unknown"""
+    wall_lean: float = 0.0
+    """lean [rad] of that side face: angle of its outward normal over the horizontal at rest"""
 
 
 @dataclass(frozen=True)
@@ -343,6 +396,8 @@ class CentreOfMass:
     """tilt of each levelling of the table"""
     planes: tuple[EquiPlane, ...] = ()
     """equi-planes of the strikes, corrected for the estimated tilt of the table"""
+    intervals: Array | None = None
+    """(3, 2) 95 % intervals [m] where a direction of c is open; None where they are 1.96 sd"""
 
 
 @dataclass(frozen=True)
@@ -364,6 +419,10 @@ class AxisInertia:
     """moment about the parallel axis through c [kg m^2]"""
     i_com_sd: float
     """its standard deviation [kg m^2]"""
+    i_edge_interval: tuple[float, float] | None = None
+    """95 % interval of `i_edge` [kg m^2]; None where it is 1.96 sd"""
+    i_com_interval: tuple[float, float] | None = None
+    """95 % interval of `i_com` [kg m^2]; None where it is 1.96 sd"""
 
 
 @dataclass(frozen=True)
@@ -381,13 +440,17 @@ class InertialParameters:
     inertia_sd: Array
     """(3, 3) standard deviations [kg m^2]"""
     measured: NDArray[np.bool_]
-    """(3, 3) True if the strikes determine the entry, False if the prior does"""
+    """(3, 3) True if the strikes determine the entry: its interval is short, and far shorter than the prior's"""
     axes: tuple[AxisInertia, ...] = ()
     """moments about the pivot axes"""
     joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(4 + axes, 4 + axes) covariance of (mass, c, i_com per axis)"""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(10, 10) covariance of (mass, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)"""
+    inertia_intervals: Array | None = None
+    """(6, 2) 95 % intervals of Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2]; None where they are 1.96 sd"""
+    informed: NDArray[np.bool_] = field(default_factory=lambda: np.ones((3, 3), dtype=np.bool_))
+    """(3, 3) True if the strikes informed the entry, measured or not; False if it is the prior's"""
 
 
 @dataclass(frozen=True)

@@ -213,6 +213,23 @@ class PartLabel(Document):
         return self
 
 
+class EdgeRadius(Document):
+    """Radius [m] of the rounding of one edge, which replaces the object's `edge_radius_m` there."""
+
+    id: str = Field(min_length=1, description="name of the edge in the plan, for example p4e0")
+    radius_m: float = Field(ge=0, description="radius of the rounded edge, in metres")
+    radius_sd_m: float | None = Field(
+        default=None,
+        ge=0,
+        description="1 sigma of radius_m, in metres; if left out or 0, 0.1 mm and a fifth of the radius",
+    )
+
+    @field_validator("radius_m")
+    @classmethod
+    def _metres(cls, value: float) -> float:
+        return _in_metres(value)
+
+
 class ObjectSpec(Document):
     """The object as the user describes it (TOML), without masses of inner parts: they are the result.
 
@@ -230,8 +247,22 @@ class ObjectSpec(Document):
         description="file and unit, or [shape.box] with size_m, or [shape.cylinder] with radius_m and "
         "height_m"
     )
-    edge_radius_m: float = Field(default=0.0, ge=0, description="radius of the rounded edges, in metres")
-    edge_radius_sd_m: float = Field(default=0.0, ge=0, description="1 sigma of edge_radius_m, in metres")
+    edge_radius_m: float | None = Field(
+        default=None,
+        ge=0,
+        description="radius of the rounded edges, in metres; if left out, 0 to 1.5 mm are taken as equally "
+        "likely",
+    )
+    edge_radius_sd_m: float | None = Field(
+        default=None,
+        ge=0,
+        description="1 sigma of edge_radius_m, in metres; if left out or 0, 0.1 mm and a fifth of the radius",
+    )
+    edge: list[EdgeRadius] | None = Field(
+        default=None,
+        min_length=1,
+        description="edges whose radius differs from edge_radius_m: id in the plan, radius_m, radius_sd_m",
+    )
     shell_thickness_m: float | None = Field(
         default=None, gt=0, description="thickness of the wall, in metres, if known"
     )
@@ -247,12 +278,7 @@ class ObjectSpec(Document):
     @field_validator("shell_thickness_m", "edge_radius_m")
     @classmethod
     def _metres(cls, value: float | None) -> float | None:
-        if value is not None and value > MAX_THICKNESS_M:
-            raise ValueError(
-                f"{value:g} m is too thick for a wall or an edge: it is in metres ({value:g} mm would be "
-                f"{value / 1000:g})"
-            )
-        return value
+        return None if value is None else _in_metres(value)
 
     @field_validator("mass_kg")
     @classmethod
@@ -280,9 +306,26 @@ class ObjectSpec(Document):
                     "use one of the two for all such tags"
                 )
         _check_labels(self.labels or [])
+        edges = [edge.id for edge in self.edge or []]
+        if named := [name for name in edges if edges.count(name) > 1]:
+            raise ValueError(f"edge {named[0]!r} is listed twice: give each edge one radius")
         if self.mass_sd_kg >= self.mass_kg:
             raise ValueError("mass_sd_kg must be below mass_kg: it is the scale's 1 sigma, in kilograms")
         return self
+
+
+def _in_metres(length: float) -> float:
+    """Length [m] of a wall's thickness or an edge's radius, unchanged.
+
+    Raises:
+        ValueError: it is above `MAX_THICKNESS_M`, so that it was probably given in millimetres.
+    """
+    if length > MAX_THICKNESS_M:
+        raise ValueError(
+            f"{length:g} m is too thick for a wall or an edge: it is in metres ({length:g} mm would be "
+            f"{length / 1000:g})"
+        )
+    return length
 
 
 def _check_labels(labels: list[PartLabel]) -> None:
@@ -354,6 +397,11 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
     known = spec.model_dump(mode="json")
     if not spec.shape.surface_sd_m:
         del known["shape"]["surface_sd_m"]
+    # Before a radius could be left open, one that was left out was hashed as 0.
+    known["edge_radius_m"] = known["edge_radius_m"] or 0.0
+    known["edge_radius_sd_m"] = known["edge_radius_sd_m"] or 0.0
+    if not spec.edge:
+        del known["edge"]
     labels: list[dict[str, object]] = known["labels"] or []
     for label in labels:
         for entry in LABEL_KEYS_AFTER_1_0:

@@ -144,7 +144,7 @@ def load_object(name: str, seed: int) -> VirtualObject:
         mesh_faces=faces,
         hull_vertices=hull_corners(vertices),
         convex_parts=parts,
-        edge_radius_m=spec.edge_radius_m,
+        edge_radius_m=spec.edge_radius_m or 0.0,
         friction=friction,
         body=body,
     )

@@ -21,7 +21,7 @@ import numpy as np
 from analyze.estimation.equiplane import balance_direction
 from analyze.estimation.priors import Scale, SystematicErrors
 from analyze.estimation.second_moments import log_cholesky, unit_inertia
-from analyze.types import Array, EquiPlane
+from analyze.types import Array, EquiPlane, RadiusSource
 
 COM = slice(0, 3)
 """Indices of c among the unknowns."""
@@ -40,7 +40,7 @@ AXIS_TERMS = 4
 LEVEL_TERMS = 2
 """Number of unknowns of one levelling: lean towards W's x and y."""
 OWN_RADIUS_FRACTION = 0.3
-"""1 sigma of one edge's radius about the common one, as a fraction of the common one's stated sd."""
+"""1 sigma of one edge's radius about the common one, as a fraction of the common one's sd."""
 MIN_DISTANCE = 1e-3
 """Lower bound of R [m], against division by zero."""
 
@@ -54,9 +54,10 @@ class JointModel:
 
     - the vertical's lean from the table's normal towards x and y of the world frame W (first levelling);
     - the shape's scale, the edges' common radius, gravity;
-    - four per pivot axis: the edge's place in the direction of the tip, an angle, its own radius, an error of
-      k;
-    - the place of each face rested on (all its edges lie in it);
+    - four per pivot axis: the edge's place in the direction of the tip, beyond that of its side face, an
+      angle, its own radius, an error of k;
+    - the place of each face rested on, or rising from a pivot edge: all edges of a face lie in it, so that
+      one face's error acts upwards where the object rests on it and forward where it is the side face;
     - two of lean for each further levelling (set-up of the table with one lean);
     - an angle for each further heading (direction of the tip) of an axis: the camera sees another side.
 
@@ -67,8 +68,9 @@ class JointModel:
 
     Attributes:
         planes: equi-planes of the strikes, whose phi the model is compared with.
+        systematic: standard deviations of the shared errors.
         axes: number of pivot axes.
-        faces: number of resting faces.
+        faces: number of faces rested on or rising from a pivot edge.
         tilts: prior of the lean of each levelling.
         count: number of unknowns.
     """
@@ -78,8 +80,9 @@ class JointModel:
     ) -> None:
         axes = sorted({plane.axis_id for plane in planes})
         self.planes = planes
+        self.systematic = systematic
         self.axes = len(axes)
-        faces = sorted({_face(plane) for plane in planes})
+        faces = sorted({face for plane in planes for face in _faces(plane)})
         first_face = FIRST_AXIS_TERM + AXIS_TERMS * len(axes)
         self.faces = len(faces)
         self._further_levels = first_face + len(faces)
@@ -108,20 +111,10 @@ class JointModel:
         self._k_error = np.zeros((n, self.count))
         self._lean = np.zeros(n)
         for i, plane in enumerate(planes):
-            forward, first = self._forward[i], self._first[plane.axis_id]
+            first = self._first[plane.axis_id]
             self._shift[i, :, SCALE_TERM] = plane.point * systematic.scale_sd
-            if plane.rounded:
-                self._radius_error[i, RADIUS] = systematic.edge_radius_sd
-                self._radius_error[i, first + OWN_RADIUS] = OWN_RADIUS_FRACTION * systematic.edge_radius_sd
-                self._shift[i] += np.outer(plane.up - forward, self._radius_error[i])
-            else:
-                # A flank's centre of curvature lies nearer to c by as much as its radius is larger.
-                self._radius_error[i, first + OWN_RADIUS] = plane.radius_sd
-                self._shift[i, :, first + OWN_RADIUS] = (
-                    balance_direction(plane.direction, plane.up, plane.phi) * plane.radius_sd
-                )
-            self._shift[i, :, first + FORWARD] = forward * plane.edge_sd
-            self._shift[i, :, first_face + faces.index(_face(plane))] = plane.up * plane.edge_sd
+            self._radius_error[i], moved = self._edge_errors(plane, systematic, first, first_face, faces)
+            self._shift[i] += moved
             tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])
             self._lean[i] = towards @ tilt.lean
             self._turn[i, self.tilt_terms(plane.level)] = towards * tilt.sd
@@ -129,6 +122,49 @@ class JointModel:
             if scale is not None:
                 self._k_error[i, GRAVITY] = scale.gravity_sd / scale.gravity
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd
+
+    def _edge_errors(
+        self,
+        plane: EquiPlane,
+        systematic: SystematicErrors,
+        first: int,
+        first_face: int,
+        faces: Sequence[tuple[str, str]],
+    ) -> tuple[Array, Array]:
+        """Errors (count,) of an edge's radius and (3, count) of its place [m], per unknown in units of sd.
+
+        The place is that of the centre line of the edge's rounding, in the object frame O.
+
+        Args:
+            plane: equi-plane of a strike over the edge.
+            systematic: standard deviations of shared errors.
+            first: index of the first unknown of the pivot axis.
+            first_face: index of the first face's unknown.
+            faces: keys of all faces, in the order of their unknowns.
+        """
+        radius, shift = np.zeros(self.count), np.zeros((3, self.count))
+        forward = np.cross(plane.direction, plane.up)
+        if plane.rounded:
+            radius[RADIUS], radius[first + OWN_RADIUS] = radius_sds(plane, systematic)
+            shift += np.outer(centre_line_shift(plane), radius)
+        else:
+            # A flank's centre of curvature lies nearer to c by as much as its radius is larger.
+            radius[first + OWN_RADIUS] = plane.radius_sd
+            shift[:, first + OWN_RADIUS] = (
+                balance_direction(plane.direction, plane.up, plane.phi) * plane.radius_sd
+            )
+        of_wall = min(systematic.face_sd, plane.edge_sd) if plane.wall else 0.0
+        shift[:, first + FORWARD] = forward * np.sqrt(plane.edge_sd**2 - of_wall**2)
+        # A face farther out moves the line along the other face that meets at the edge.
+        rest, *wall = (first_face + faces.index(face) for face in _faces(plane))
+        shift[:, rest] = (forward * np.tan(plane.wall_lean) - plane.up) * plane.edge_sd
+        for term in wall:
+            shift[:, term] += forward * of_wall / np.cos(plane.wall_lean)
+        return radius, shift
+
+    def axis_term(self, axis_id: str, term: int) -> int:
+        """Index in the vector of unknowns of one of a pivot axis's own, such as `FORWARD` or `OWN_RADIUS`."""
+        return self._first[axis_id] + term
 
     def tilt_terms(self, level: int) -> slice:
         """Slice of the vector of unknowns that holds a levelling's two errors of lean, towards x, then y.
@@ -255,10 +291,36 @@ class JointModel:
         return rows
 
 
-def _face(plane: EquiPlane) -> tuple[str, str]:
-    """Key of the face that the object rests on before a strike; equal keys share one place error.
+def radius_sds(plane: EquiPlane, systematic: SystematicErrors) -> tuple[float, float]:
+    """Standard deviations [m] of a rounded edge's radius: of the part that edges share, and of its own part.
 
-    It is (id of the face, ""), or ("", id of the pivot axis) if the face is not known: a pair, so that the
-    two kinds of id cannot be confused.
+    Args:
+        plane: equi-plane of a strike over the edge, with the prior of its radius, if it has one of its own.
+        systematic: errors of edges without a prior of their own.
     """
-    return (plane.face, "") if plane.face else ("", plane.axis_id)
+    if plane.radius_prior is not None:
+        return plane.radius_prior.common_sd, plane.radius_prior.own_sd
+    return systematic.edge_radius_sd, OWN_RADIUS_FRACTION * systematic.edge_radius_sd
+
+
+def centre_line_shift(plane: EquiPlane) -> Array:
+    """Displacement (3,) of the centre line of an edge's rounding per metre of its radius, in the frame O.
+
+    The rounding touches the resting face and the side face, so that a larger one has its centre line higher
+    and farther back. One that is part of the shape starts where the resting face ends: its centre line only
+    rises.
+    """
+    if plane.radius_prior is not None and plane.radius_prior.source is RadiusSource.SHAPE:
+        return plane.up
+    forward = np.cross(plane.direction, plane.up)
+    return plane.up - forward * (1 + np.sin(plane.wall_lean)) / np.cos(plane.wall_lean)
+
+
+def _faces(plane: EquiPlane) -> list[tuple[str, str]]:
+    """Keys of the resting face and, if known, of the side face at a pivot edge; each has one place error.
+
+    A key is (id of the face, ""), or ("", id of the pivot axis) if the resting face is not known: a pair, so
+    that the two kinds of id cannot be confused.
+    """
+    rest = (plane.face, "") if plane.face else ("", plane.axis_id)
+    return [rest, (plane.wall, "")] if plane.wall else [rest]

@@ -37,8 +37,11 @@ class SystematicErrors:
     scale_sd: float = 0.0
     """Relative 1 sigma of the shape's scale; all strikes."""
     edge_radius_sd: float = 0.0
-    """1 sigma [m] of the edges' radius: common to all edges, and a part of it (`OWN_RADIUS_FRACTION`) of each
-    edge alone."""
+    """1 sigma [m] of the radius of edges without a prior of their own (`EquiPlane.radius_prior`): common to
+    all of them, and a part of it (`OWN_RADIUS_FRACTION`) of each edge alone."""
+    face_sd: float = 0.0
+    """1 sigma [m] of the place of a face of the shape along its normal (a scan's error), each face its own;
+    all strikes over edges of that face."""
     axis_angle_sd: float = 2e-4
     """1 sigma [rad] of the angle error common to the strikes on one axis (resting face, lens, slip of the
     edge)."""

@@ -1,7 +1,8 @@
 """Exterior of an object from a noisy point cloud: hull of fitted planes and smoothed curved parts.
 
-Edges are the virtual sharp ones, where the fitted faces meet: their rounding is declared (`edge_radius_m`),
-not measured. Hollows are bridged and places without points are closed flat; both are measured and reported.
+Edges are the virtual sharp ones, where the fitted faces meet; the points beside them give the radius of their
+rounding (cloud_roundings.py). Hollows are bridged and places without points are closed flat; both are
+reported.
 """
 
 # scipy is only partly typed.
@@ -25,6 +26,7 @@ from analyze.geometry.cloud_rims import (
     rim_of_face,
     rim_within_outline,
 )
+from analyze.geometry.cloud_roundings import EdgeRounding, edge_roundings
 from analyze.geometry.distance import largest_height
 from analyze.geometry.hull_planes import MIN_NOISE_FRACTION, FittedPlane, fitted_planes
 from analyze.geometry.plane_search import HULL_DIRECTIONS, even_directions
@@ -90,12 +92,12 @@ class CloudSurface:
     unwalled: tuple[bool, ...]
     """For each plane, True if its outline is that of its own points, as the wall on it is too low to be
     extrapolated."""
+    roundings: tuple[EdgeRounding, ...] = ()
+    """Roundings that the points show at edges between two planes."""
 
 
 def cloud_surface(points: Array) -> CloudSurface:
-    """Closed convex exterior of a point cloud, with the quality of the fit.
-
-    The quality is given by the cloud's noise, stray points, hollows, and parts of the surface without points.
+    """Closed convex exterior of a point cloud, with its quality: noise, strays, hollows, bare parts.
 
     Args:
         points: (n, 3) points [m]; the result is in their frame.
@@ -137,6 +139,7 @@ def cloud_surface(points: Array) -> CloudSurface:
     depth = -largest_height(equations, some)
     deep = depth > max(4 * sd, MIN_HOLLOW_DEPTH * extent)
     reach = max(4 * sd, MIN_HOLLOW_DEPTH * extent) + 2.5 * noise.spacing
+    gap = max(2 * sd, 1.5 * noise.spacing)
     return CloudSurface(
         vertices,
         faces,
@@ -147,15 +150,11 @@ def cloud_surface(points: Array) -> CloudSurface:
         float(deep.mean()),
         float(np.quantile(depth[deep], 0.99)) if deep.any() else 0.0,
         scanned_surface.scanned_cloud(
-            vertices,
-            faces,
-            tree,
-            reach,
-            max(2 * sd, 1.5 * noise.spacing),
-            max(sd, MIN_NOISE_FRACTION * extent),
+            vertices, faces, tree, reach, gap, max(sd, MIN_NOISE_FRACTION * extent)
         ),
         _table_overhang(kept, planes, noise.spacing, extent),
         tuple(thin),
+        edge_roundings(kept, planes, sd, extent),
     )
 
 

@@ -6,20 +6,31 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from analyze.estimation.equiplane import equiplane
 from analyze.estimation.priors import SystematicErrors, TiltPrior
+from analyze.geometry.edge_radius import edge_radius, stated_radius
+from analyze.geometry.object_model import ObjectModel
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
     levelling_indices,
 )
-from analyze.types import (
-    EquiPlane,
-    TipMotion,
-)
+from analyze.planning.pivots import wall_lean
+from analyze.planning.stable_planes import resting_planes
+from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource, TipMotion
 
 if TYPE_CHECKING:
     from schemas.session_manifest import SessionManifest
     from schemas.strike_plan import PlannedStrike
+
+SAME_FACE_FRACTION = 5e-4
+"""distance of an edge from a face's plane, over the shape's longest extent, up to which it lies in the
+face"""
+SAME_FACE_COSINE = float(np.cos(np.radians(1.0)))
+"""cosine of the angle up to which two normals are those of one face"""
+SHAPE_RADIUS_SD = 0.05
+"""relative standard deviation of a rounding's radius that is taken from the shape itself"""
 
 
 def equiplanes(
@@ -46,7 +57,7 @@ def equiplanes(
     levels = levelling_indices(evidence.recordings)
     found: list[EquiPlane] = []
     for motion in motions:
-        plane = equiplane_by(evidence.planned(motion), motion, estimator)
+        plane = with_edge(equiplane_by(evidence.planned(motion), motion, estimator), evidence)
         index = evidence.recorded_in.get(motion.strike_id, 0)
         gravity_ratio = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
         k = None if plane.k is None else plane.k * gravity_ratio
@@ -57,10 +68,62 @@ def equiplanes(
     return tuple(found)
 
 
-def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Standard deviations of errors that strikes share: shape scale, edge radius, table tilt.
+def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
+    """Copy of an equi-plane that names the faces which meet at its pivot edge, and its radius's prior.
 
-    They are taken from `evidence`. Those of scale (relative) and edge radius [m] are the object file's. Each
+    Names of faces are those of the shape's resting faces, whatever the plan called them, so that a face has
+    one place error both where the object rests on it and where it rises from the edge. A flank on which the
+    contact rolls is returned unchanged: its radius is that of the shape's section.
+
+    Args:
+        plane: equi-plane of one strike, in the object frame O.
+        evidence: strikes with object file, shape and plan.
+    """
+    if not plane.rounded:
+        return plane
+    model, forward = evidence.model, np.cross(plane.direction, plane.up)
+    lean = wall_lean(model, forward, plane.up, [plane.point], plane.edge_radius)
+    leaning = lean or 0.0
+    inset = (1 + np.sin(leaning)) / np.cos(leaning)
+    corner = plane.point - plane.edge_radius * (plane.up - inset * forward)
+    radius = edge_radius(evidence.spec, model, plane.axis_id, corner)
+    if lean is None and not np.isclose(radius.mean, plane.edge_radius, rtol=1e-6, atol=1e-9):
+        own = float(np.hypot(SHAPE_RADIUS_SD * plane.edge_radius, evidence.spec.shape.surface_sd_m))
+        return replace(plane, radius_prior=RadiusPrior(plane.edge_radius, 0.0, own, RadiusSource.SHAPE))
+    rest = _face_at(model, corner, -plane.up)
+    wall = _face_at(model, corner, np.cos(leaning) * forward + np.sin(leaning) * plane.up)
+    return replace(
+        plane,
+        face=rest or plane.face,
+        wall=wall if rest and lean is not None else "",
+        wall_lean=leaning,
+        radius_prior=replace(radius, mean=plane.edge_radius),
+    )
+
+
+def _face_at(model: ObjectModel, corner: Array, outward: Array) -> str:
+    """Id of the shape's resting face that passes through a point and has the given normal; "" if none does.
+
+    Args:
+        model: shape of the object.
+        corner: (3,) point [m], in the object frame.
+        outward: (3,) outward unit normal of the face, in the object frame.
+    """
+    within = SAME_FACE_FRACTION * float(model.extent.max())
+    near = [
+        (abs(float(corner @ face.up) - face.level), face.id)
+        for face in resting_planes(model)
+        if -(face.up @ outward) > SAME_FACE_COSINE
+    ]
+    distance, name = min(near, default=(within, ""))
+    return name if distance < within else ""
+
+
+def systematic_errors(evidence: Evidence) -> SystematicErrors:
+    """Standard deviations of errors that strikes share: shape scale, place of faces, edge radius, tilt.
+
+    They are taken from `evidence`. Those of scale (relative), faces [m] and edge radius [m] are the object
+    file's; an equi-plane whose edge has a radius of its own (`with_edge`) states that one's errors. Each
     levelling (set-up of the table) has one unknown tilt [rad] against gravity. Where the manifest (the
     recording's metadata) holds the reading of a level (the instrument), the tilt is that reading within its
     sd; otherwise 0 within the sd that the manifest states.
@@ -70,7 +133,8 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
     return SystematicErrors(
         gravity_tilt_sd=tilts[0].gravity_tilt_sd_rad,
         scale_sd=evidence.spec.shape.scale_sd,
-        edge_radius_sd=evidence.spec.edge_radius_sd_m,
+        edge_radius_sd=stated_radius(evidence.spec).common_sd,
+        face_sd=evidence.spec.shape.surface_sd_m,
         other_tilt_sds=tuple(tilts[level].gravity_tilt_sd_rad for level in range(1, len(tilts))),
         readings=tuple(_level_prior(tilts[level]) for level in range(len(tilts))),
     )

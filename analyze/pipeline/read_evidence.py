@@ -27,7 +27,7 @@ from analyze.pipeline.evidence import (
     StrikeSource,
     StruckObject,
 )
-from analyze.pipeline.sections import next_face_angle, rolling_outline
+from analyze.pipeline.sections import next_face_angle, rolling_outline, strike_supports
 from analyze.planning.corrected import corrected_plan
 from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
@@ -141,7 +141,7 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
     Args:
         recording: complete recording, or one still being written.
         object_path: object file to use instead of the recording's; None for the recording's. The plan's
-            edges are then corrected to the file given.
+            edges are corrected to the file in use.
 
     Returns:
         Object file with the markers' masses included, shape and plan; also the closed bodies of the mesh, if
@@ -161,7 +161,7 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
     model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
     if object_path is not None:
         _refuse_other_shape(object_path, model, recording)
-        plan = corrected_plan(plan, recording.object_spec, spec, model)
+    plan = corrected_plan(plan, recording.object_spec, spec, model)
     own_hash = object_sha256(spec, shape_bytes)
     bodies = (
         tuple(bodies_of(spec, shape_bytes, shape_name))
@@ -322,6 +322,7 @@ def _strike(
         rolling_outline(struck.model, planned),
         next_face_angle(struck.model, planned),
         report.unmarked_ns,
+        strike_supports(struck.model, planned),
     )
     motion = analyse_strike(report.tracks, markers, camera, task)
     manifest = recording.manifest

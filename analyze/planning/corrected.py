@@ -1,4 +1,4 @@
-"""Update of a plan's pivots after the object file's edge radius or surface error was corrected."""
+"""Update of a plan's pivots to the radii and the surface error by which its strikes are analysed."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from analyze.geometry.edge_radius import edge_radius, stated_radius
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning.pivots import wall_lean
 from analyze.types import Array
@@ -16,57 +17,68 @@ from schemas.strike_plan import Pivot, StrikePlan
 def corrected_plan(
     plan: StrikePlan, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
 ) -> StrikePlan:
-    """Plan with the pivot (edge line) of every strike updated to the corrected object file.
+    """Plan with the pivot (edge line) of every strike updated to the object file in use.
 
-    The plan is returned as it is if edge radius and surface error are unchanged.
+    The plan is returned as it is if no pivot changes. Pivots change where the object file was corrected, and
+    where the plan was made with another radius than the one expected now, as older plans are whose object
+    file gave none: they have sharp edges.
 
     Args:
         plan: Plan made with `before`; it is not changed.
         before: Object file that the plan was made with.
-        corrected: Corrected object file of the same shape.
+        corrected: Object file in use, of the same shape; may equal `before`.
         model: Shape of the object.
     """
-    if (before.edge_radius_m, before.shape.surface_sd_m) == (
-        corrected.edge_radius_m,
-        corrected.shape.surface_sd_m,
-    ):
-        return plan
-    strikes = [
-        strike.model_copy(
-            update={
-                "pivot": corrected_pivot(
-                    strike.pivot, np.array(strike.R_world_object), before, corrected, model
-                )
-            }
+    pivots = [
+        corrected_pivot(
+            strike.pivot, strike.axis_id, np.array(strike.R_world_object), before, corrected, model
         )
         for strike in plan.strikes
+    ]
+    if all(pivot == strike.pivot for pivot, strike in zip(pivots, plan.strikes, strict=True)):
+        return plan
+    strikes = [
+        strike.model_copy(update={"pivot": pivot}) for strike, pivot in zip(plan.strikes, pivots, strict=True)
     ]
     return plan.model_copy(update={"strikes": strikes})
 
 
 def corrected_pivot(
-    pivot: Pivot, R_world_object: Array, before: ObjectSpec, corrected: ObjectSpec, model: ObjectModel
+    pivot: Pivot,
+    axis_id: str,
+    R_world_object: Array,
+    before: ObjectSpec,
+    corrected: ObjectSpec,
+    model: ObjectModel,
 ) -> Pivot:
-    """Pivot (edge line) of one planned strike, updated to a corrected edge radius and surface error.
+    """Pivot (edge line) of one planned strike, updated to the edge radius and surface error in use.
 
     The line is the centre line of the edge's rounding; it lies one radius inside the resting face and the
-    face that rises from the edge. If the pivot's radius is not the one stated in `before`, the rounding is
-    part of the shape (a moulded edge): line and radius are kept, and only the 1 sigma of the place is
-    updated.
+    face that rises from the edge. If the pivot's radius is none that a plan made with `before` can have, the
+    rounding is part of the shape (a moulded edge): line and radius are kept, and only the 1 sigma of the
+    place is updated.
 
     Args:
         pivot: Pivot as planned, in the object frame.
+        axis_id: Name of the edge in the plan.
         R_world_object: (3, 3) rotation from object to world frame at rest.
         before: Object file that the plan was made with.
-        corrected: Corrected object file.
+        corrected: Object file in use.
         model: Shape of the object.
     """
     surface, now = before.shape.surface_sd_m, corrected.shape.surface_sd_m
-    sd = math.sqrt(max(pivot.sd_m**2 - surface**2, 0.0) + now**2)
-    if not math.isclose(pivot.radius_m, before.edge_radius_m, rel_tol=1e-6, abs_tol=1e-9):
-        return pivot.model_copy(update={"sd_m": sd})
+    sd = pivot.sd_m if surface == now else math.sqrt(max(pivot.sd_m**2 - surface**2, 0.0) + now**2)
     tip, up = R_world_object[0], R_world_object[2]
     lean = wall_lean(model, tip, up, [np.array(pivot.point)], pivot.radius_m) or 0.0
-    more = corrected.edge_radius_m - before.edge_radius_m
-    point = np.array(pivot.point) + more * (up - tip * (1 + math.sin(lean)) / math.cos(lean))
-    return pivot.model_copy(update={"point": point.tolist(), "radius_m": corrected.edge_radius_m, "sd_m": sd})
+    inwards = up - tip * (1 + math.sin(lean)) / math.cos(lean)
+    corner = np.array(pivot.point) - pivot.radius_m * inwards
+    planned = [edge_radius(before, model, axis_id, corner).mean, stated_radius(before).mean]
+    # Older plans have sharp edges where the object file gave no radius.
+    planned += [] if before.edge_radius_m else [0.0]
+    if not any(math.isclose(pivot.radius_m, each, rel_tol=1e-6, abs_tol=1e-9) for each in planned):
+        return pivot.model_copy(update={"sd_m": sd})
+    radius = edge_radius(corrected, model, axis_id, corner).mean
+    if math.isclose(pivot.radius_m, radius, rel_tol=1e-6, abs_tol=1e-9):
+        return pivot.model_copy(update={"sd_m": sd})
+    point = np.array(pivot.point) + (radius - pivot.radius_m) * inwards
+    return pivot.model_copy(update={"point": point.tolist(), "radius_m": radius, "sd_m": sd})

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analyze.geometry.edge_radius import edge_radius
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.geometry.rotations import plane_basis
@@ -28,6 +29,22 @@ TOUCHING_FRACTION = 3e-4
 """Distance of a face from an edge or its rounding, over the object's extent, up to which they touch."""
 STEEPEST_WALL = np.radians(60.0)
 """Lean [rad] of the face that rises from an edge beyond which its rounding's inset is not used."""
+
+
+@dataclass(frozen=True)
+class NextEdge:
+    """Edge that takes over from the planned pivot edge as an object tips, and the room left before it does.
+
+    Q is the region believed to hold the centre of mass.
+    """
+
+    takes_over: float
+    """Tipping angle [rad] at which it takes over; 0 if the planned edge does not carry even at rest."""
+    shift: float
+    """Distance [m] of its line from that of the planned edge."""
+    firmness: float
+    """Largest factor by which Q can be scaled about its centre and the planned edge still carry at balance,
+    for every centre of mass in Q; negative if it does not carry for the centre itself."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +74,8 @@ class PivotAxis:
     moulded: bool = False
     """True if the rounding is part of the shape along all of the edge; False if it is the one stated for all
     edges."""
+    next_edge: NextEdge | None = None
+    """Edge that takes over as the object tips on; None if there is none, or it was not looked for."""
 
     @property
     def R_world_object(self) -> Array:  # noqa: N802 - the frames belong to the name
@@ -74,6 +93,16 @@ class PivotAxis:
         the axis's point on that line, at y = 0.
         """
         return np.array([0.0, 0.0, self.radius]) - self.R_world_object @ self.point
+
+    def carries_for(self, share: float) -> bool:
+        """True if the object balances over this axis, before the next edge lands, for a share of Q.
+
+        Q is the region believed to hold the centre of mass.
+
+        Args:
+            share: Scale of Q about its centre, 0 to 1; 1 stands for all of Q.
+        """
+        return self.next_edge is None or self.next_edge.firmness > share
 
     @property
     def edge(self) -> tuple[Array, Array]:
@@ -178,6 +207,19 @@ def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity
     return Swing(distance, float(np.arctan2(forward, up)), i_edge, mass * gravity * distance / i_edge, mass)
 
 
+def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
+    """1 sigma [rad] of an axis's balance angle phi, as the centre of mass varies over its region.
+
+    Args:
+        axis: Pivot axis.
+        believed: What is assumed of the object; the covariance of its region of the centre of mass is used.
+    """
+    arm = believed.region.centre - axis.point
+    arm = arm - axis.direction * float(arm @ axis.direction)
+    across = np.cross(axis.direction, arm) / float(arm @ arm)
+    return float(np.sqrt(across @ believed.region.covariance() @ across))
+
+
 def _axis(
     name: str,
     model: ObjectModel,
@@ -190,14 +232,14 @@ def _axis(
 ) -> PivotAxis:
     """Pivot axis at an edge, on the centre line of its rounding.
 
-    The stated rounding of a sharp edge (radius rho) touches both faces: its centre lies rho inside each. A
-    rounding that is part of the shape, as of a moulded body, begins where the face ends: its centre is
-    straight above.
+    The rounding of an edge that is sharp in the shape touches both faces: its centre lies one radius inside
+    each. The radius is the expected one, as stated, seen on a scan, or assumed (`edge_radius`). A rounding
+    that is part of the shape, as of a moulded body, begins where the face ends: its centre is straight above.
 
     Args:
         name: Id of the axis.
         model: Shape of the object.
-        spec: Object file, with the stated edge radius.
+        spec: Object file, with the edges' radii if they are known.
         plane: Face that the object rests on.
         tip: (3,) unit direction of the tip, in the object frame.
         edge: Ends (3,), (3,) of the edge [m], in the object frame; equal for a rim.
@@ -210,10 +252,10 @@ def _axis(
     """
     direction = np.cross(plane.up, tip)
     wall = wall_lean(model, tip, plane.up, edge)
-    radius = spec.edge_radius_m
+    contact = edge[0] + direction * float(direction @ (beside - edge[0]))
+    radius = edge_radius(spec, model, name, contact).mean
     lean = 0.0 if wall is None else wall
     inset = radius * (1 + np.sin(lean)) / np.cos(lean)
-    contact = edge[0] + direction * float(direction @ (beside - edge[0]))
     level = float(contact @ plane.up)
     own = model.edge_sd(np.array(edge))
     if wall is None and (moulded := _moulded_radius(model, plane, tip, contact, beside)) is not None:

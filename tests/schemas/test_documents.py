@@ -67,6 +67,17 @@ def test_valid_object():
     assert spec.mass_kg == 0.044
 
 
+def test_radius_that_is_not_given_leaves_the_identity_of_older_recordings():
+    left_out = parse_object_spec(GOOD.replace("edge_radius_m = 0.001\n", ""), "carton.toml")
+    assert left_out.edge_radius_m is None
+    as_recorded = left_out.model_copy(update={"edge_radius_m": 0.0, "edge_radius_sd_m": 0.0})
+    assert object_sha256(left_out, None) == object_sha256(as_recorded, None)
+    named = GOOD + '[[edge]]\nid = "p0e1"\nradius_m = 0.002\n'
+    assert object_sha256(parse_object_spec(named, "n"), None) != object_sha256(
+        parse_object_spec(GOOD, "g"), None
+    )
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
@@ -74,6 +85,12 @@ def test_valid_object():
         ("mass_kg = 0.044", "mass_kg = -1", "mass_kg"),
         ("mass_kg = 0.044", "mass_kg = nan", "mass_kg"),
         ("edge_radius_m", "edge_radius_mm", "unknown key 'edge_radius_mm'"),
+        ("[[marker]]", '[[edge]]\nid = "p0e1"\nradius_m = 2.0\n[[marker]]', "it is in metres"),
+        (
+            "[[marker]]",
+            '[[edge]]\nid = "p0e1"\nradius_m = 0.002\n[[edge]]\nid = "p0e1"\nradius_m = 0.001\n[[marker]]',
+            "'p0e1' is listed twice",
+        ),
         ("[shape.box]\nsize_m = [0.08, 0.06, 0.15]", '[shape]\nfile = "carton.stl"', "needs its unit"),
         ("[shape.box]\nsize_m = [0.08, 0.06, 0.15]", "[shape]", "exactly one of file, box, cylinder"),
         ("[0.08, 0.06, 0.15]", "[0.08, 0.06]", "size_m"),

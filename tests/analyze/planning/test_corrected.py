@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analyze.geometry.edge_radius import ASSUMED
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.corrected import corrected_pivot
 from analyze.planning.hypothesis import hypothesis
@@ -19,7 +20,7 @@ SHAPES = {"box": None, "leaning walls": frustum(30, 22, 90), "hexagon": hexagon(
 MICROMETRE = 1e-6
 
 
-def described(name: str, radius: float, surface_sd: float) -> tuple[ObjectSpec, ObjectModel]:
+def described(name: str, radius: float | None, surface_sd: float) -> tuple[ObjectSpec, ObjectModel]:
     triangles = SHAPES[name]
     shape = {"box": {"size_m": [0.06, 0.05, 0.2]}} if triangles is None else {"file": "b.stl", "unit": "mm"}
     spec = spec_of({**shape, "surface_sd_m": surface_sd}, edge_radius_m=radius)
@@ -46,7 +47,7 @@ def test_corrected_pivot_equals_that_of_a_new_plan(name, planned, measured):
     corrected, model = described(name, *measured)
     wanted = axes_of(corrected, model)
     for axis_id, axis in axes_of(*described(name, *planned)).items():
-        found = corrected_pivot(pivot_of(axis), axis.R_world_object, before, corrected, model)
+        found = corrected_pivot(pivot_of(axis), axis_id, axis.R_world_object, before, corrected, model)
         off = np.array(found.point) - wanted[axis_id].point
         assert np.linalg.norm(off - axis.direction * (off @ axis.direction)) < MICROMETRE
         assert found.radius_m == pytest.approx(wanted[axis_id].radius, abs=1e-12)
@@ -58,4 +59,17 @@ def test_moulded_radius_is_kept():
     corrected, _ = described("box", 0.003, 0.0)
     axis = next(iter(axes_of(before, model).values()))
     moulded = pivot_of(axis).model_copy(update={"radius_m": 0.008})
-    assert corrected_pivot(moulded, axis.R_world_object, before, corrected, model) == moulded
+    assert corrected_pivot(moulded, axis.id, axis.R_world_object, before, corrected, model) == moulded
+
+
+@pytest.mark.parametrize("name", list(SHAPES))
+def test_sharp_edges_of_older_plans_take_the_radius_that_is_assumed(name):
+    not_given, model = described(name, None, 0.0)
+    sharp = not_given.model_copy(update={"edge_radius_m": 0.0, "edge_radius_sd_m": 1e-4})
+    wanted = axes_of(not_given, model)
+    for axis_id, axis in axes_of(sharp, model).items():
+        assert axis.radius == 0.0
+        found = corrected_pivot(pivot_of(axis), axis_id, axis.R_world_object, not_given, not_given, model)
+        off = np.array(found.point) - wanted[axis_id].point
+        assert np.linalg.norm(off - axis.direction * (off @ axis.direction)) < MICROMETRE
+        assert found.radius_m == pytest.approx(ASSUMED.mean)

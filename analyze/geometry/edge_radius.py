@@ -1,0 +1,91 @@
+"""Radius of the rounding of an object's edges before any strike: stated, seen on a scan, or not given."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.types import Array, RadiusPrior, RadiusSource
+from schemas.object_spec import ObjectSpec
+
+MAX_ASSUMED_RADIUS = 1.5e-3
+"""Largest radius [m] of an edge where none is given: up to it all radii count as equally likely."""
+ASSUMED = RadiusPrior(
+    MAX_ASSUMED_RADIUS / 2,
+    MAX_ASSUMED_RADIUS / math.sqrt(24),
+    MAX_ASSUMED_RADIUS / math.sqrt(24),
+    RadiusSource.ASSUMED,
+)
+"""Radius where none is given: mean and variance of the uniform distribution.
+
+Half the variance is common to all edges, as one tool or mould makes them; half is each edge's own, as glued,
+cut and moulded edges differ.
+"""
+OWN_FRACTION = 0.3
+"""1 sigma of one edge's radius about the stated one, over the stated 1 sigma."""
+STATED_SD, STATED_SD_FRACTION = 1e-4, 0.2
+"""1 sigma [m] of a stated radius without one: the first, plus this fraction of the radius. A gauge in steps
+of 0.25 mm, or a photograph beside a ruler, is no better."""
+CONTRADICTION_SDS = 3.0
+"""Difference between a statement and the scan, in its 1 sigma, above which only the scan counts."""
+
+
+def stated_radius(spec: ObjectSpec) -> RadiusPrior:
+    """Radius [m] of the edges that the object file does not name, as stated or, if it is not, as assumed.
+
+    A radius of 0 with an sd of 0 counts as not given: recordings made before a radius could be left open hold
+    these figures where the object file had none.
+    """
+    radius, sd = spec.edge_radius_m, spec.edge_radius_sd_m
+    if radius is None or (radius == 0 and sd == 0):
+        return ASSUMED
+    common = sd or default_radius_sd(radius)
+    return RadiusPrior(radius, common, OWN_FRACTION * common, RadiusSource.STATED)
+
+
+def default_radius_sd(radius: float) -> float:
+    """Standard deviation [m] of a stated radius [m] for which none is given: 0.1 mm and a fifth of it."""
+    return STATED_SD + STATED_SD_FRACTION * radius
+
+
+def edge_radius(spec: ObjectSpec, model: ObjectModel, axis_id: str, point: Array) -> RadiusPrior:
+    """Radius [m] of one edge's rounding before any strike, with its standard deviations and origin.
+
+    In this order: the entry that names the edge in the object file; the rounding that a point cloud shows
+    there, unless the object file's radius for all edges is surer and agrees with it; that radius; if none is
+    stated, `ASSUMED`.
+
+    Args:
+        spec: object file.
+        model: shape of the object.
+        axis_id: name of the edge in the plan; in merged plans the recording's number may precede it.
+        point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
+    """
+    own_id = axis_id.rpartition(":")[2]
+    for entry in spec.edge or []:
+        if entry.id == own_id:
+            sd = entry.radius_sd_m or default_radius_sd(entry.radius_m)
+            return RadiusPrior(entry.radius_m, 0.0, sd, RadiusSource.EDGE)
+    stated, seen = stated_radius(spec), scanned_radius(model, point)
+    if seen is None or seen.sd > ASSUMED.sd:
+        return stated
+    agrees = abs(seen.mean - stated.mean) < CONTRADICTION_SDS * math.hypot(seen.sd, stated.sd)
+    return stated if agrees and stated.sd < seen.sd else seen
+
+
+def scanned_radius(model: ObjectModel, point: Array) -> RadiusPrior | None:
+    """Radius [m] of the rounding that the points of a cloud show at an edge; None if they show none.
+
+    Args:
+        model: shape of the object; only one made from a point cloud shows a rounding.
+        point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
+    """
+    if model.cloud is None:
+        return None
+    near = [each for each in model.cloud.roundings if each.distance(np.asarray(point)) < each.reach]
+    if not near:
+        return None
+    best = min(near, key=lambda each: each.distance(np.asarray(point)))
+    return RadiusPrior(best.radius, 0.0, best.sd, RadiusSource.SCAN)
