@@ -440,7 +440,7 @@ class InertialParameters:
     inertia_sd: Array
     """(3, 3) standard deviations [kg m^2]"""
     measured: NDArray[np.bool_]
-    """(3, 3) True if the strikes determine the entry: its interval is short, and far shorter than the prior's"""
+    """(3, 3) True if the strikes determine the entry: its interval is short, and the prior's far longer"""
     axes: tuple[AxisInertia, ...] = ()
     """moments about the pivot axes"""
     joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))

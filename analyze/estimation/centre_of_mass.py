@@ -13,11 +13,15 @@ from analyze.errors import EstimationError
 from analyze.estimation.equiplane import upright_in_gravity
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import COM
+from analyze.estimation.posterior import Posterior, linear_posterior
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import Array, CentreOfMass, EquiPlane, TableTilt
 
 UNOBSERVED_FRACTION = 0.15
 """Fraction of the prior's sd above which a direction of c counts as not observed."""
+OPEN_FRACTION = 0.05
+"""The same where moments are not linear in c along that direction: the box that bounds the object, rather
+than strikes, then limits c."""
 
 
 def centre_of_mass(
@@ -59,30 +63,34 @@ def centre_of_mass(
     return centre_of_mass_from_joint(solve_joint(planes, systematic, prior), prior)
 
 
-def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
+def centre_of_mass_from_joint(
+    solution: JointSolution, prior: ComPrior, posterior: Posterior | None = None
+) -> CentreOfMass:
     """Centre of mass c with its covariance, taken from the solution of the joint problem of all strikes.
 
     Args:
         solution: Solution of the joint problem, by the strikes' balance angles phi alone or with their rate
             constants k [rad/s^2] too.
         prior: Prior of c that the problem was solved with.
+        posterior: Distribution of c where it is not normal (profile.py); None to propagate errors linearly.
 
     Returns:
         c [m] in the object frame O with covariance; it counts as observed if the sd of its least certain
-        direction is below `UNOBSERVED_FRACTION` of the prior's. Per strike: the plane through pivot line and
-        c, corrected for the estimated tilt of the table; the distance of c from this plane, and from the
-        pivot line [m]; its share of the information about c; its robust weight. Also the estimated tilts.
+        direction is below `UNOBSERVED_FRACTION` of the prior's (`OPEN_FRACTION` if `posterior` is a mixture).
+        Per strike: the plane through pivot line and c, corrected for the estimated tilt of the table; the
+        distance of c from this plane, and from the pivot line [m]; its share of the information about c; its
+        robust weight. Also the estimated tilts.
     """
-    model, x, covariance = solution.model, solution.x, solution.covariance
-    position = x[COM]
+    model, x, posterior = solution.model, solution.x, posterior or linear_posterior(solution)
+    position, covariance, R = posterior.mean[COM], posterior.covariance, posterior.distances
     relative = covariance[COM, COM] / np.outer(prior.sd, prior.sd)
     values, vectors = np.linalg.eigh((relative + relative.T) / 2)
-    observed = bool(np.sqrt(values[-1]) < UNOBSERVED_FRACTION)
+    limit = UNOBSERVED_FRACTION if posterior.linear else OPEN_FRACTION
+    observed = bool(np.sqrt(values[-1]) < limit)
     worst = vectors[:, -1] * prior.sd
     worst = worst / np.linalg.norm(worst)
     worst = worst * np.sign(worst[np.argmax(np.abs(worst))])
-    distances = model.distances(x)
-    arms = model.distance_design(x)
+    distances = posterior.mean[R]
     upright = tuple(
         upright_in_gravity(plane, lean)
         for plane, lean in zip(model.planes, model.lean(x).tolist(), strict=True)
@@ -96,11 +104,12 @@ def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> Centr
         residuals=np.array([plane.normal @ (position - plane.point) for plane in upright]),
         weights=weights / weights.sum(),
         distances=distances,
-        distance_covariance=arms @ covariance @ arms.T,
-        position_distance_covariance=covariance[COM] @ arms.T,
+        distance_covariance=covariance[R, R],
+        position_distance_covariance=covariance[COM, R],
         robust=solution.weight,
         tilts=tuple(_tilt(solution, level) for level in range(len(model.tilts))),
         planes=upright,
+        intervals=None if posterior.linear else np.array([posterior.interval(i) for i in range(3)]),
     )
 
 

@@ -6,17 +6,24 @@ The paper's own moment (VISAPP 2013, eq. 5) is in paper.py.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analyze.estimation.cells import Cells, moments_about
 from analyze.estimation.centre_of_mass import centre_of_mass_from_joint
 from analyze.estimation.joint import JointSolution, MomentPrior, UnitPrior
-from analyze.estimation.joint_model import COM, SECOND
+from analyze.estimation.joint_model import COM
+from analyze.estimation.posterior import TENSOR, Posterior, linear_posterior
 from analyze.estimation.priors import ComPrior, Scale
-from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix, unit_inertia
+from analyze.estimation.second_moments import symmetric_matrix
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array, AxisInertia, EquiPlane, InertialParameters
 
-MEASURED_FRACTION = 0.5
-"""Fraction of the prior's sd below which the sd of a tensor entry marks the entry as measured."""
+INFORMED_FRACTION = 0.5
+"""Fraction of the prior's sd below which the sd of a tensor entry shows that strikes informed it."""
+MAX_MEASURED_SHARE = 0.1
+"""Half an entry's 95 % interval over the geometric mean of the diagonal entries of its row and column, up to
+which the entry counts as measured. Sessions that determine c reach 0.02 to 0.06 (boxes, bottles, lumps
+inside); sets that leave a direction of c open 0.2 to 1."""
 
 
 def shape_prior(cells: Cells) -> MomentPrior:
@@ -71,7 +78,7 @@ def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
 
 
 def inertial_parameters_from_joint(
-    solution: JointSolution, com_prior: ComPrior, scale: Scale
+    solution: JointSolution, com_prior: ComPrior, scale: Scale, posterior: Posterior | None = None
 ) -> InertialParameters:
     """Mass, centre of mass and inertia tensor with covariance (10, 10), from the solution of all strikes.
 
@@ -83,77 +90,99 @@ def inertial_parameters_from_joint(
             of the motions theta'' = -k sin(phi - theta).
         com_prior: Prior of the centre of mass that the problem was solved with.
         scale: Mass and gravity that the problem was solved with.
+        posterior: Distribution of c and moments where it is not normal (profile.py); None to propagate errors
+            linearly.
 
     Returns:
         Parameters of the body that tipped, in the object frame O, with covariance in the order mass [kg],
-        centre of mass [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2] about the centre of mass. A tensor
-        entry counts as measured if its sd is below `MEASURED_FRACTION` of the prior's. For each pivot axis
-        with a k that was used, sorted by id: the moments about its edge and about its parallel through the
-        centre of mass.
+        centre of mass [m], Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2] about the centre of mass. For each pivot
+        axis with a k that was used, sorted by id: the moments about its edge and about its parallel through
+        the centre of mass. `measured_entries` says which entries count as measured. Where `posterior` is a
+        mixture, all values are its means, and intervals by its quantiles are added.
     """
-    model, x, P = solution.model, solution.x, solution.covariance
-    J, by = unit_inertia(x[SECOND])
-    m = scale.mass
-    to_tensor = np.zeros((6, len(x)))
-    to_tensor[:, SECOND] = m * symmetric_entries(by).T
-    about_com, by_com = model.about_com(x)
-    about_edge, by_edge = model.about_edge(x)
+    model, posterior = solution.model, posterior or linear_posterior(solution)
+    m, mean, P = scale.mass, posterior.mean, posterior.covariance
     strikes = {plane.axis_id: i for i, plane in reversed(list(enumerate(model.planes)))}
     struck = {plane.axis_id for plane, uses in zip(model.planes, solution.data.uses_k, strict=True) if uses}
     first = [strikes[name] for name in sorted(struck)]
+    about_com, about_edge = posterior.about_com.start, posterior.about_edge.start
     relative = scale.mass_sd / m
 
-    def sd(value: float, row: Array) -> float:
-        return float(np.sqrt(m**2 * row @ P @ row + (m * value * relative) ** 2))
+    def sd(index: int) -> float:
+        return float(m * np.sqrt(P[index, index] + (mean[index] * relative) ** 2))
+
+    def interval(index: int) -> tuple[float, float] | None:
+        if posterior.linear:
+            return None
+        low, high = posterior.interval(index, relative)
+        return m * low, m * high
 
     axes = tuple(
         AxisInertia(
             axis_id=model.planes[i].axis_id,
             direction=model.planes[i].direction,
-            i_edge=m * float(about_edge[i]),
-            i_edge_sd=sd(float(about_edge[i]), by_edge[i]),
-            i_com=m * float(about_com[i]),
-            i_com_sd=sd(float(about_com[i]), by_com[i]),
+            i_edge=m * float(mean[about_edge + i]),
+            i_edge_sd=sd(about_edge + i),
+            i_com=m * float(mean[about_com + i]),
+            i_com_sd=sd(about_com + i),
+            i_edge_interval=interval(about_edge + i),
+            i_com_interval=interval(about_com + i),
         )
         for i in first
     )
-    to_com = np.zeros((3, len(x)))
-    to_com[:, COM] = np.eye(3)
-    prior_sd = np.ones((3, 3)) if solution.moment_prior is None else m * solution.moment_prior.sd
-    ten = _with_mass(
-        np.vstack([to_com, to_tensor]), P, np.concatenate([np.zeros(3), m * symmetric_entries(J)]), scale
-    )
+    tensor = list(range(TENSOR.start, TENSOR.stop))
+    ten = _with_mass(posterior, tensor, scale)
     tensor_sd = symmetric_matrix(np.sqrt(np.diag(ten)[4:]))
+    ends = None if posterior.linear else np.array([interval(index) for index in tensor])
+    inertia = m * symmetric_matrix(mean[TENSOR])
+    prior_sd = np.ones((3, 3)) if solution.moment_prior is None else m * solution.moment_prior.sd
     return InertialParameters(
         mass=m,
         mass_sd=scale.mass_sd,
-        com=centre_of_mass_from_joint(solution, com_prior),
-        inertia=m * J,
+        com=centre_of_mass_from_joint(solution, com_prior, posterior),
+        inertia=inertia,
         inertia_sd=tensor_sd,
-        measured=tensor_sd < MEASURED_FRACTION * prior_sd,
+        measured=measured_entries(inertia, tensor_sd, prior_sd, ends),
         axes=axes,
-        joint_covariance=_with_mass(
-            np.vstack([to_com, m * by_com[first]]),
-            P,
-            np.concatenate([np.zeros(3), m * about_com[first]]),
-            scale,
-        ),
+        joint_covariance=_with_mass(posterior, [about_com + i for i in first], scale),
         covariance=ten,
+        inertia_intervals=ends,
+        informed=tensor_sd < INFORMED_FRACTION * prior_sd,
     )
 
 
-def _with_mass(rows: Array, P: Array, values: Array, scale: Scale) -> Array:
-    """Joint covariance (1 + n, 1 + n) of the mass and n quantities derived from the joint estimate.
+def measured_entries(inertia: Array, sd: Array, prior_sd: Array, ends: Array | None) -> NDArray[np.bool_]:
+    """True (3, 3) for entries of the inertia tensor that the strikes measured.
 
-    Each quantity is either proportional to the mass (as a moment of inertia) or independent of it.
+    An entry is measured if half its 95 % interval is at most `MAX_MEASURED_SHARE` of the geometric mean of
+    the diagonal entries of its row and column, and its sd is below `INFORMED_FRACTION` of the prior's.
 
     Args:
-        rows: (n, count) derivatives of the quantities by the joint estimate's unknowns, at the stated mass.
-        P: (count, count) covariance of these unknowns.
-        values: (n,) values of the quantities; 0 for those that do not depend on the mass.
+        inertia: (3, 3) tensor [kg m^2].
+        sd: (3, 3) standard deviations [kg m^2].
+        prior_sd: (3, 3) those of the shape's prior [kg m^2].
+        ends: (6, 2) 95 % intervals of xx, yy, zz, xy, xz, yz [kg m^2]; None for 1.96 sd.
+    """
+    half = SIGMAS_95 * sd
+    if ends is not None:
+        half = np.maximum(half, symmetric_matrix(np.diff(ends, axis=1)[:, 0] / 2))
+    size = np.sqrt(np.outer(np.diag(inertia), np.diag(inertia)))
+    return (half <= MAX_MEASURED_SHARE * size) & (sd < INFORMED_FRACTION * prior_sd)
+
+
+def _with_mass(posterior: Posterior, moments: list[int], scale: Scale) -> Array:
+    """Covariance (4 + n, 4 + n) of the mass [kg], the centre of mass [m] and n moments of inertia [kg m^2].
+
+    Moments are proportional to the mass, the centre of mass does not depend on it.
+
+    Args:
+        posterior: Distribution of centre of mass and moments per kilogram.
+        moments: Indices of the moments among the posterior's quantities.
         scale: Mass with its standard deviation.
     """
-    by_mass = np.concatenate([[1.0], values / scale.mass])
+    where = [*range(COM.start, COM.stop), *moments]
+    factors = np.concatenate([np.ones(3), np.full(len(moments), scale.mass)])
+    by_mass = np.concatenate([[1.0], np.zeros(3), posterior.mean[moments]])
     covariance = np.outer(by_mass, by_mass) * scale.mass_sd**2
-    covariance[1:, 1:] += rows @ P @ rows.T
+    covariance[1:, 1:] += np.outer(factors, factors) * posterior.covariance[np.ix_(where, where)]
     return covariance

@@ -70,17 +70,43 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
         plane = planes[axis.axis_id]
         before = axis.i_com + whole.mass * _lever(whole.com.position, plane, axis.direction) ** 2
         after = i_com + found[0] * _lever(found[1:4], plane, axis.direction) ** 2
-        axes.append(replace(axis, i_edge=axis.i_edge + after - before, i_com=i_com, i_com_sd=sd))
+        axes.append(
+            replace(
+                axis,
+                i_edge=axis.i_edge + after - before,
+                i_com=i_com,
+                i_com_sd=sd,
+                i_edge_interval=_shifted(axis.i_edge_interval, after - before),
+                i_com_interval=_shifted(axis.i_com_interval, i_com - axis.i_com),
+            )
+        )
     return replace(
         whole,
         mass=float(found[0]),
-        com=replace(whole.com, position=found[1:4], covariance=covariance[1:4, 1:4]),
+        com=replace(
+            whole.com,
+            position=found[1:4],
+            covariance=covariance[1:4, 1:4],
+            # The markers' mass is small: ends move as the means do.
+            intervals=_moved_ends(whole.com.intervals, found[1:4] - whole.com.position),
+        ),
         inertia=inertia,
+        inertia_intervals=_moved_ends(whole.inertia_intervals, found[4:] - ten[4:]),
         inertia_sd=symmetric_matrix(np.sqrt(np.diag(covariance)[4:])),
         axes=tuple(axes),
         joint_covariance=joint,
         covariance=covariance,
     )
+
+
+def _moved_ends(ends: Array | None, by: Array) -> Array | None:
+    """Intervals (n, 2) of n quantities moved by `by` (n,), in their unit; None if there are none."""
+    return None if ends is None else ends + by[:, None]
+
+
+def _shifted(ends: tuple[float, float] | None, by: float) -> tuple[float, float] | None:
+    """Interval of one quantity moved by `by`, in its unit; None if there is none."""
+    return None if ends is None else (ends[0] + by, ends[1] + by)
 
 
 def _marker_moments(markers: Sequence[MarkerSpec]) -> tuple[float, Array, Array]:

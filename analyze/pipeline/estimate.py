@@ -30,6 +30,7 @@ from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.priors import ComPrior, Scale
+from analyze.estimation.profile import profiled_posterior
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.geometry.voxels import voxelise
@@ -261,7 +262,8 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
     moments = replace(moments, scale=scale)
     solution = solve_joint(planes, systematic, prior, moments)
-    struck = inertial_parameters_from_joint(solution, prior, scale)
+    posterior = profiled_posterior(planes, systematic, prior, moments, solution)
+    struck = inertial_parameters_from_joint(solution, prior, scale, posterior)
     checks = check_solution(
         planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes)
     )

@@ -149,8 +149,8 @@ def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
         AxisMoment(
             axis_id=axis.axis_id,
             direction=axis.direction.tolist(),
-            i_edge=quantity(axis.i_edge, axis.i_edge_sd, "kg m^2"),
-            i_com=quantity(axis.i_com, axis.i_com_sd, "kg m^2", lowest=0.0),
+            i_edge=quantity(axis.i_edge, axis.i_edge_sd, "kg m^2", interval=axis.i_edge_interval),
+            i_com=quantity(axis.i_com, axis.i_com_sd, "kg m^2", lowest=0.0, interval=axis.i_com_interval),
         )
         for axis in parameters.axes
     ]

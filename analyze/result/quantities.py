@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.estimation.second_moments import symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
 from schemas.quantity import Quantity
 
@@ -19,21 +20,28 @@ if TYPE_CHECKING:
     )
 
 
-def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """Scalar in the Result's form, marked as observed, with its 95 % interval, value ± 1.96 sd.
+def quantity(
+    value: float,
+    sd: float,
+    unit: str,
+    lowest: float | None = None,
+    interval: tuple[float, float] | None = None,
+) -> Quantity:
+    """Scalar in the Result's form, marked as observed, with its 95 % interval, by default value ± 1.96 sd.
 
     Args:
         value: value in `unit`.
         sd: standard deviation of the value.
         unit: name of the unit.
         lowest: bound below which the interval is cut, as 0 for a moment of inertia; None for no bound.
+        interval: 95 % interval in `unit`; None for value ± 1.96 sd.
     """
-    low = value - SIGMAS_95 * sd
+    low, high = interval or (value - SIGMAS_95 * sd, value + SIGMAS_95 * sd)
     return Quantity(
         value=value,
         sd=sd,
         unit=unit,
-        interval95=[low if lowest is None else max(low, lowest), value + SIGMAS_95 * sd],
+        interval95=[low if lowest is None else max(low, lowest), high],
         observed=True,
     )
 
@@ -50,7 +58,7 @@ def com_quantity(com: CentreOfMass) -> Quantity:
         unit="m",
         sd=sd.tolist(),
         covariance=com.covariance.tolist(),
-        interval95=intervals95(com.position, sd),
+        interval95=intervals95(com.position, sd) if com.intervals is None else com.intervals.tolist(),
         frame="O",
         observed=com.observed,
         unobserved_direction=(
@@ -68,11 +76,15 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
     """
     value, sd = without_rounding_noise(parameters.inertia), parameters.inertia_sd
     every = bool(parameters.measured.all())
+    intervals = intervals95(value.ravel(), sd.ravel())
+    if parameters.inertia_intervals is not None:
+        entries = np.stack([symmetric_matrix(ends) for ends in parameters.inertia_intervals.T], axis=-1)
+        intervals = entries.reshape(9, 2).tolist()
     return Quantity(
         value=value.tolist(),
         unit="kg m^2",
         sd=sd.ravel().tolist(),
-        interval95=intervals95(value.ravel(), sd.ravel()),
+        interval95=intervals,
         frame="O",
         observed=every,
         source="measured" if every else "prior",

@@ -1,0 +1,319 @@
+"""Posterior of centre of mass c and moments of inertia where linear error propagation is wrong.
+
+If the strikes leave a direction v of c open, the moments I / m = g R / k - R^2 are curved along it, and sd
+from the Jacobian at one point mean nothing. The joint problem is then solved at fixed values s of c.v, each
+from its neighbour; a solution has the weight
+
+    exp(-misfit / 2) / sqrt(det H),
+
+with H the information about all other unknowns (nested Laplace approximation: Rue, Martino and Chopin 2009;
+the walk along s is that of the profile likelihood: Venzon and Moolgavkar 1988). Every quantity is a mixture
+of normal distributions, one per s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analyze.estimation.joint import (
+    JointSolution,
+    MomentModel,
+    UnitPrior,
+    prior_start,
+    shape_rows,
+    solve_joint,
+    strikes_information,
+    whitened,
+)
+from analyze.estimation.joint_model import COM, SECOND, JointModel
+from analyze.estimation.posterior import Posterior, derived, linear_posterior, mixture_posterior
+from analyze.estimation.priors import ComPrior, SystematicErrors
+from analyze.estimation.second_moments import log_cholesky, symmetric_entries, unit_inertia
+from analyze.types import Array, EquiPlane
+
+MAX_CURVATURE = 0.1
+"""Second-order term of a quantity over its sd, 1 sd of c along a direction, above which that is followed."""
+FILLING_FACTOR = 3.0
+"""Factor on the shape's prior sd of the moments along an open direction: a body with its mass in one lump
+then lies within about 1.3 sd."""
+MAX_DROP = 5.0
+"""Decrease of the log density from its largest value at which the walk ends (3.2 sd of a normal)."""
+MAX_CHANGE = 1.6
+"""Largest change of the log density from one point to the next; a longer step is shortened."""
+MAX_POINTS = 13
+"""Largest number of points s tried on either side of the solution, along one direction."""
+MAX_COARSE_POINTS = 7
+"""The same along each of two directions."""
+MAX_STEPS = 14
+"""Largest number of Gauss-Newton steps at one point."""
+NEGLIGIBLE_WEIGHT = 1e-6
+"""Probability below which a point is left out."""
+FIRST_DAMPING = 1e-4
+"""Smallest damping of a step, as a fraction of the information's diagonal (Marquardt 1963)."""
+CONVERGED_DECREASE = 3e-3
+"""Decrease of the misfit in a step below which a point is solved."""
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Solution of the joint problem with c held along one or two directions."""
+
+    x: Array
+    """(count,) unknowns."""
+    covariance: Array
+    """(count, count) covariance of the unknowns given the held coordinates of c."""
+    log_density: float
+    """Logarithm of the density of the held coordinates, up to a constant."""
+    slopes: Array
+    """(n, count) change of the unknowns per metre of the held coordinates."""
+
+
+class _Problem:
+    """Joint problem with robust weights and spread of a solution, to be solved with c held along directions.
+
+    Args:
+        solution: Solution of all strikes, by the same priors.
+        prior: Prior of c.
+        moments: Gravity, and the shape's prior of the moments.
+    """
+
+    def __init__(self, solution: JointSolution, prior: ComPrior, moments: MomentModel) -> None:
+        self.solution = solution
+        self.prior = prior
+        self._moment_prior = moments.prior
+        self._start, self._diagonal = prior_start(solution.model, prior, moments)
+        self._weight = solution.weight / solution.spread
+
+    def inside(self, x: Array) -> bool:
+        """True if c lies in the box that the prior of c is made from, or no farther out than the solution."""
+        off = np.abs(x[COM] - self.prior.mean) / self.prior.sd
+        at = np.abs(self.solution.x[COM] - self.prior.mean) / self.prior.sd
+        return bool(np.all(off <= np.maximum(1.0, at)))
+
+    def solved(self, x: Array, directions: Array, values: Array) -> _Point:
+        """Most likely unknowns with the coordinates of c along `directions` held at `values`.
+
+        Args:
+            x: (count,) unknowns to start from.
+            directions: (n, 3) orthonormal directions, in the object frame O.
+            values: (n,) coordinates of c along them [m].
+        """
+        free = _free_basis(directions, len(x))
+        x = x.copy()
+        x[COM] += directions.T @ (values - directions @ x[COM])
+        misfit, gradient, normal, shape = self._expansion(x)
+        damping = 0.0
+        for _ in range(MAX_STEPS):
+            inner = free.T @ normal @ free
+            damped = inner + damping * np.diag(np.diag(inner))
+            step = -free @ np.linalg.solve(damped, free.T @ gradient)
+            moved = _moved(x, step)
+            there = self._expansion(moved)
+            if there[0] > misfit:
+                damping = max(10 * damping, FIRST_DAMPING)
+                continue
+            decrease = misfit - there[0]
+            x, damping = moved, (damping / 5 if damping > FIRST_DAMPING else 0.0)
+            misfit, gradient, normal, shape = there
+            if decrease < CONVERGED_DECREASE:
+                break
+        inner = free.T @ normal @ free
+        covariance = np.asarray(free @ np.linalg.inv(inner) @ free.T, dtype=np.float64)
+        # The density is that of the entries of the tensor, not of the logarithms that stand for them: a flat
+        # body's logarithms have no lower end.
+        by = symmetric_entries(unit_inertia(x[SECOND])[1])
+        volume = float(np.linalg.slogdet(by)[1]) - 0.5 * float(np.linalg.slogdet(inner)[1])
+        normalised = float(np.sum(np.log(symmetric_entries(shape.sd))))
+        lifted = np.zeros((len(directions), len(x)))
+        lifted[:, COM] = directions
+        slopes = lifted - lifted @ normal @ covariance
+        return _Point(x, covariance, volume - normalised - misfit / 2, slopes)
+
+    def _expansion(self, x: Array) -> tuple[float, Array, Array, UnitPrior]:
+        """Misfit at the unknowns `x` (count,), half its gradient, its Gauss-Newton matrix, shape's prior."""
+        z, rows = whitened(self.solution.model, self.solution.data, x)
+        shape = self._moment_prior(x[COM])
+        off, by = shape_rows(shape, x)
+        apart = x - self._start
+        misfit = float(self._weight @ np.sum(z**2, axis=1) + self._diagonal @ apart**2 + off @ off)
+        flat = rows.reshape(-1, len(x))
+        gradient = flat.T @ (np.repeat(self._weight, 2) * z.ravel()) + self._diagonal * apart + by.T @ off
+        normal = np.diag(self._diagonal) + strikes_information(rows, self._weight) + by.T @ by
+        return misfit, gradient, normal, shape
+
+
+def profiled_posterior(
+    planes: Sequence[EquiPlane],
+    systematic: SystematicErrors,
+    prior: ComPrior,
+    moments: MomentModel,
+    solution: JointSolution,
+) -> Posterior:
+    """Distribution of c and moments of inertia: normal where the strikes determine c, else a mixture.
+
+    A principal direction of the covariance of c is open if the second-order term of any reported quantity, 1
+    sd along it, exceeds `MAX_CURVATURE` of the quantity's sd. At most two directions, those of the largest
+    curvature, are followed; there the shape's prior of the moments counts `FILLING_FACTOR` times wider, and c
+    is confined to the box that its prior is made from.
+
+    Args:
+        planes: Equi-planes of the strikes (plane through pivot line and c), in the object frame O.
+        systematic: Standard deviations of errors that strikes share.
+        prior: Prior of c.
+        moments: Mass, gravity, and the shape's prior of the moments.
+        solution: Solution of the joint problem of all these.
+    """
+    if not len(open_directions(solution, prior)):
+        return linear_posterior(solution)
+
+    def wide(com: Array) -> UnitPrior:
+        shape = moments.prior(com)
+        return UnitPrior(shape.mean, FILLING_FACTOR * shape.sd)
+
+    wide_moments = replace(moments, prior=wide)
+    solution = solve_joint(planes, systematic, prior, wide_moments, solution)
+    directions = open_directions(solution, prior)
+    if not len(directions):
+        return linear_posterior(solution)
+    problem = _Problem(solution, prior, wide_moments)
+    values = directions @ solution.x[COM]
+    sds = np.sqrt(np.einsum("ni,ij,nj->n", directions, solution.covariance[COM, COM], directions))
+    points = MAX_POINTS if len(directions) == 1 else MAX_COARSE_POINTS
+    middle = problem.solved(solution.x, directions, values)
+    return _mixture(solution.model, directions, _walk(problem, directions, sds, middle, points))
+
+
+def open_directions(solution: JointSolution, prior: ComPrior) -> Array:
+    """Principal directions (n, 3) of the covariance of c, 0 to 2, along which moments are not linear.
+
+    Args:
+        solution: Joint solution, with moments.
+        prior: Prior of c; the principal directions are those of the covariance in units of its sd.
+    """
+    model, x, P = solution.model, solution.x, solution.covariance
+    relative = P[COM, COM] / np.outer(prior.sd, prior.sd)
+    vectors = np.linalg.eigh((relative + relative.T) / 2)[1]
+    here, by = derived(model, x)
+    sds = np.sqrt(np.einsum("qi,ij,qj->q", by, P, by))
+    found: list[tuple[float, Array]] = []
+    for vector in vectors.T:
+        # Steps in the unknowns that move c by 1 sd along the direction, all else following.
+        v = vector / prior.sd
+        step = P[:, COM] @ v / np.sqrt(v @ P[COM, COM] @ v)
+        bend = (derived(model, x + step)[0] + derived(model, x - step)[0]) / 2 - here
+        curvature = float(np.max(np.abs(bend) / np.maximum(sds, 1e-15)))
+        if curvature > MAX_CURVATURE:
+            along = vector * prior.sd
+            found.append((curvature, along / np.linalg.norm(along)))
+    found.sort(key=lambda each: -each[0])
+    if not found:
+        return np.zeros((0, 3))
+    directions = np.array([along for _, along in found[:2]])
+    return np.linalg.qr(directions.T)[0].T
+
+
+def _walk(
+    problem: _Problem, directions: Array, sds: Array, start: _Point, most: int
+) -> list[tuple[_Point, Array]]:
+    """Points along one direction, or two, each with the parts (n,) [m] of the directions it stands for.
+
+    With two, a line along the second is walked from every point of the first.
+
+    Args:
+        problem: Joint problem.
+        directions: (n, 3) orthonormal directions, in the object frame O.
+        sds: (n,) sd of c along them by linear propagation [m].
+        start: Solution with c held along all of them.
+        most: Largest number of points on either side.
+    """
+    line = _line(problem, directions, 0, float(sds[0]), start, most)
+    if len(directions) == 1:
+        return [(point, np.array([part])) for point, part in line]
+    return [
+        (point, np.array([part, other]))
+        for first, part in line
+        for point, other in _line(problem, directions, 1, float(sds[1]), first, most)
+    ]
+
+
+def _line(
+    problem: _Problem, directions: Array, moving: int, sd: float, start: _Point, most: int
+) -> list[tuple[_Point, float]]:
+    """Points along direction number `moving`, with the part [m] of the direction that each stands for.
+
+    The steps grow where the log density is flat and shrink where it falls fast. The walk ends on either side
+    where the log density has fallen by `MAX_DROP`, or c leaves the box that its prior is made from.
+    """
+    held = directions @ start.x[COM]
+    at, points = [float(held[moving])], [start]
+    for sign in (-1.0, 1.0):
+        step, place, point = sd / 3, float(held[moving]), start
+        best = max(each.log_density for each in points)
+        for _ in range(most):
+            values = held.copy()
+            values[moving] = place + sign * step
+            there = problem.solved(point.x + sign * step * point.slopes[moving], directions, values)
+            change = abs(there.log_density - point.log_density)
+            if change > MAX_CHANGE or not problem.inside(there.x):
+                step *= 0.4
+                continue
+            place = float(values[moving])
+            step *= 1.5 if change < MAX_CHANGE / 4 else 1.0
+            at.append(place)
+            points.append(there)
+            point, best = there, max(best, there.log_density)
+            if there.log_density < best - MAX_DROP:
+                break
+    order = np.argsort(at)
+    places = np.array(at)[order]
+    edges = np.concatenate([places[:1], (places[1:] + places[:-1]) / 2, places[-1:]])
+    parts = np.diff(edges) if len(places) > 1 else np.array([sd])
+    return [(points[i], float(part)) for i, part in zip(order.tolist(), parts.tolist(), strict=True)]
+
+
+def _mixture(model: JointModel, directions: Array, points: list[tuple[_Point, Array]]) -> Posterior:
+    """Mixture of the points' distributions, each weighted by its density and the part it stands for."""
+    log_weights = np.array([point.log_density + float(np.sum(np.log(part))) for point, part in points])
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    kept = weights > NEGLIGIBLE_WEIGHT
+    chosen = [pair for pair, keep in zip(points, kept.tolist(), strict=True) if keep]
+    means: list[Array] = []
+    covariances: list[Array] = []
+    steps: list[Array] = []
+    for point, part in chosen:
+        q, by = derived(model, point.x)
+        means.append(q)
+        covariances.append(by @ point.covariance @ by.T)
+        steps.append((point.slopes * part[:, None]) @ by.T)
+    return mixture_posterior(
+        directions,
+        weights[kept] / weights[kept].sum(),
+        np.array(means),
+        np.array(covariances),
+        np.array(steps),
+    )
+
+
+def _moved(x: Array, step: Array) -> Array:
+    """Unknowns (count,) after a step, taken straight in the entries of the tensor and in all other unknowns.
+
+    ln k is nearly linear in these entries, but not in the numbers that stand for them. An impossible tensor
+    is replaced by the nearest possible one.
+    """
+    J, by = unit_inertia(x[SECOND])
+    moved = x + step
+    moved[SECOND] = log_cholesky(J + np.einsum("n,nij->ij", step[SECOND], by))
+    return moved
+
+
+def _free_basis(directions: Array, count: int) -> Array:
+    """Orthonormal basis (count, count - n) of the unknowns with c held along n `directions` (n, 3)."""
+    across = np.linalg.svd(directions)[2][len(directions) :]
+    basis = np.zeros((count, count - len(directions)))
+    basis[COM, : len(across)] = across.T
+    basis[COM.stop :, len(across) :] = np.eye(count - COM.stop)
+    return basis
