@@ -226,11 +226,7 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
     Raises:
         EstimationError: the points span no area.
     """
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):
-        raise EstimationError("the section across the pivot axis has no area: check the shape") from None
-    whole = simplified_polygon(np.asarray(points[hull.vertices] - pivot, dtype=np.float64))
+    whole = hull_outline(points, pivot)
     outline, curves, rough = smooth_outline(whole)
     theta = np.asarray(LOW + _STEP * np.arange(round((HIGH - LOW) / _STEP) + 1), dtype=np.float64)
     touching, offset = _at_corners(outline, curves, theta, rounding)
@@ -260,6 +256,24 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
         bent,
         rough,
     )
+
+
+def hull_outline(points: Array, pivot: Array) -> Outline:
+    """Convex outline of a cross-section, with coordinates relative to a pivot point [m].
+
+    Args:
+        points: (n, 2) points of the section [m], x in the direction of tipping, z up, in any order; points
+            inside the convex hull are ignored.
+        pivot: (2,) pivot point in the same frame [m].
+
+    Raises:
+        EstimationError: the points span no area.
+    """
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        raise EstimationError("the section across the pivot axis has no area: check the shape") from None
+    return simplified_polygon(np.asarray(points[hull.vertices] - pivot, dtype=np.float64))
 
 
 def _at_corners(outline: Outline, curves: list[Curve], theta: Array, rounding: float) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Outline of an object on which it rolls in one strike, and the angle at which its next face lands."""
+"""Outline on which an object rolls in one strike, its support lines, and the angle at which it lands."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ from analyze.geometry.object_model import LINE_SD, load_object_model
 from analyze.motion.landing import landing_angle
 from analyze.motion.rolling_choice import is_curved
 from analyze.motion.support_function import support_of_outline
+from analyze.motion.supports import carrying_line, support_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from analyze.geometry.object_model import ObjectModel
     from analyze.motion.support_function import SupportFunction
+    from analyze.motion.supports import SupportLine
+    from analyze.types import Array
     from schemas.object_spec import ObjectSpec
     from schemas.strike_plan import PlannedStrike
 
@@ -49,7 +52,10 @@ def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFuncti
 
 
 def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Tipping angle [rad] from which the object's next face may land on the table, or None.
+    """Tipping angle [rad] from which the object's next face may land on the table after balance, or None.
+
+    If another edge takes over from the planned one before the predicted balance, it is the face that lands
+    while the object turns over that edge.
 
     Args:
         model: the object's exterior, in the object frame O.
@@ -57,13 +63,46 @@ def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
 
     Returns:
         Angle at which the face lands by the shape, less a margin for errors of the shape. None if the object
-        rolls on a curved flank, if no further face comes to the table or one does before the predicted
-        balance, or if the outline has no area.
+        rolls on a curved flank, if no further face comes to the table after the predicted balance, or if the
+        outline has no area.
     """
     section = _across(model, planned)
     if section is None or is_curved(section, planned.phi_predicted_rad):
         return None
-    return landing_angle(section, planned)
+    lands = landing_angle(section, planned)
+    if lands is not None:
+        return lands
+    points, radius = _projected(model, planned), planned.pivot.radius_m
+    supports = support_lines(points, radius, planned.pivot.sd_m)
+    line = supports[carrying_line(supports, planned.phi_predicted_rad)]
+    place = np.array([line.along_m, line.up_m])
+    return landing_angle(support_of_outline(points, place, radius), planned) if line.takes_over_rad else None
+
+
+def strike_supports(model: ObjectModel, planned: PlannedStrike) -> tuple[SupportLine, ...] | None:
+    """Lines over which the object turns in succession in a strike, from rest on, or None.
+
+    Args:
+        model: the object's exterior, in the object frame O.
+        planned: rest pose and pivot of the strike.
+
+    Returns:
+        The lines, ordered by the tipping angle at which each takes over, with places relative to the planned
+        pivot. None if the object rolls on a curved flank, or if the outline has no area.
+    """
+    section = _across(model, planned)
+    if section is None or is_curved(section, planned.phi_predicted_rad):
+        return None
+    return support_lines(_projected(model, planned), planned.pivot.radius_m, planned.pivot.sd_m)
+
+
+def _projected(model: ObjectModel, planned: PlannedStrike) -> Array:
+    """Corners (n, 2) [m] of the hull seen along the pivot axis, from the pivot's centre line, at rest.
+
+    x points in the direction of the tip, z up.
+    """
+    R_world_object = np.array(planned.R_world_object)
+    return (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
 
 
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
@@ -71,22 +110,20 @@ def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | Non
 
     It is the pivot point's height [m] over the table by tipping angle [rad], as the hull rolls on the table.
     """
-    R_world_object = np.array(planned.R_world_object)
-    across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
     try:
-        return support_of_outline(across, np.zeros(2), planned.pivot.radius_m)
+        return support_of_outline(_projected(model, planned), np.zeros(2), planned.pivot.radius_m)
     except EstimationError:
         return None
 
 
 class MeshSections:
-    """Outline and landing angle of a mesh object for each strike, to judge it while the session runs.
+    """Outline, support lines and landing angle of a mesh object for each strike, while the session runs.
 
-    The outline is that of the curved flank on which the object rolls, the landing angle the tipping angle
-    from which its next face may land. The shape is loaded once, on first use. All answers are None if it was
-    not available then, that is if its file was not recorded yet or cannot be used. They are None too for a
-    primitive (box, cylinder), which has no file, and for a point cloud: fitting its surface takes seconds,
-    and the estimate does it later.
+    The outline is that of the curved flank on which the object rolls; the support lines are those over which
+    it turns in succession; the landing angle is the tipping angle from which its next face may land. The
+    shape is loaded once, on first use. All answers are None if it was not available then, that is if its file
+    was not recorded yet or cannot be used. They are None too for a primitive (box, cylinder), which has no
+    file, and for a point cloud: fitting its surface takes seconds, and the estimate does it later.
 
     Args:
         spec: the object's file: mass, shape, markers.
@@ -111,11 +148,20 @@ class MeshSections:
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
         """Tipping angle [rad] from which the object's next face may land on the table, or None.
 
-        None if the object rolls on a curved flank, if no further face comes to the table or one does before
-        the predicted balance, if the outline has no area, or if the shape is not available.
+        None if the object rolls on a curved flank, if no further face comes to the table after the predicted
+        balance, if the outline has no area, or if the shape is not available.
         """
         model = self._loaded()
         return None if model is None else next_face_angle(model, planned)
+
+    def supports(self, planned: PlannedStrike) -> tuple[SupportLine, ...] | None:
+        """Lines over which the object turns in succession in a planned strike, from rest on, or None.
+
+        None if the object rolls on a curved flank, if the outline has no area, or if the shape is not
+        available.
+        """
+        model = self._loaded()
+        return None if model is None else strike_supports(model, planned)
 
     def _loaded(self) -> ObjectModel | None:
         """The object's exterior, loaded at the first call; None if it was not available at that call."""

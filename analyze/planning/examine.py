@@ -12,7 +12,7 @@ from analyze.planning import feasibility, impact, view
 from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel
 from analyze.planning.information import Candidate
-from analyze.planning.pivots import PivotAxis, Swing, swing
+from analyze.planning.pivots import PivotAxis, Swing, phi_spread, swing
 from analyze.planning.precision import FRAME_PX, FRAME_RATE, TrackedSwing, frame_sd, strike_covariances
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
@@ -125,19 +125,6 @@ def examine(
         for (each, seen, friction), noise in zip(passed, covariances, strict=True)
     ]
     return usable, rejected
-
-
-def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
-    """1 sigma [rad] of an axis's balance angle phi, as the centre of mass varies over its region.
-
-    Args:
-        axis: Pivot axis.
-        believed: What is assumed of the object; the covariance of its region of the centre of mass is used.
-    """
-    arm = believed.region.centre - axis.point
-    arm = arm - axis.direction * float(arm @ axis.direction)
-    across = np.cross(axis.direction, arm) / float(arm @ arm)
-    return float(np.sqrt(across @ believed.region.covariance() @ across))
 
 
 def _reach(

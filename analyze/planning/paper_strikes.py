@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from analyze.errors import PlanError
+from analyze.geometry.edge_radius import edge_radius
 from analyze.planning import feasibility, impact
 from analyze.planning.card import placement_card
 from analyze.planning.design import MIN_NORMAL_SPREAD
-from analyze.planning.examine import phi_spread
 from analyze.planning.information import COM, Candidate, Information, normal_spread, unknown_direction
+from analyze.planning.next_edge import next_edge_rejection, with_next_edge
 from analyze.planning.paper_plan import PaperStrike, paper_plan
-from analyze.planning.pivots import PivotAxis, swing
+from analyze.planning.pivots import PivotAxis, phi_spread, swing
 from analyze.planning.plan import plan_hypothesis
 from analyze.planning.precision import FRAME_PX, TrackedSwing, frame_sd, strike_covariances
 from analyze.planning.prepared import PreparedObject
@@ -104,7 +105,7 @@ def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> Pivo
         strike: Impact point and rotation point.
         name: Id of the axis.
     """
-    radius = prepared.spec.edge_radius_m
+    radius = edge_radius(prepared.spec, prepared.model, name, strike.rotation_point).mean
     point = strike.rotation_point + radius * (strike.plane.up - strike.tip)
     point = point + strike.axis * float(strike.axis @ (strike.impact_point - point))
     return PivotAxis(name, strike.plane, strike.axis, strike.tip, point, radius, EDGE_SD, rolls=False)
@@ -156,6 +157,10 @@ def _strikes(
         kept("speed", speed, problem)
     if problem := bench.striker.too_high_or_low(height):
         kept("impact_unreachable", height, problem)
+    followed = with_next_edge(model, axis, believed.region)
+    if followed.next_edge is not None and followed.next_edge.firmness <= 1:
+        each = next_edge_rejection(followed, believed)
+        kept(each.code, each.number, each.text)
     pixels = sight.pixels if sight.markers else FRAME_PX
     (noise,) = strike_covariances(
         [TrackedSwing(expected, max(energy, 1.0), frame_sd(pixels))], bench.frame_rate

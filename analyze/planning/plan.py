@@ -15,6 +15,7 @@ from analyze.planning.examine import UsableAxis
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import unsure_note
 from analyze.planning.information import Information
+from analyze.planning.next_edge import doubtful_note
 from analyze.planning.pivots import PivotAxis
 from analyze.planning.prepared import PreparedObject
 from analyze.planning.refusal import refusal_message
@@ -338,7 +339,8 @@ def _placing_order(axis: PivotAxis, prepared: PreparedObject) -> tuple[float, st
 def _warnings(prepared: PreparedObject, used: Sequence[UsableAxis]) -> list[str]:
     planes = [each.candidate.axis.plane for each in used]
     unsure = unsure_note(planes, prepared.unsure, prepared.believed.region)
-    warnings = [unsure] if unsure else []
+    doubtful = doubtful_note([each.candidate.axis for each in used])
+    warnings = [text for text in (unsure, doubtful) if text]
     if any(each.candidate.axis.rolls for each in used):
         warnings.append(
             "round rims are used, on which the contact can roll: strike square to the rim; repeats show "

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analyze.geometry.edge_radius import stated_radius
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import design
 from analyze.planning.earlier_results import EarlierResult, updated_hypothesis, with_strikes_made
@@ -14,7 +15,8 @@ from analyze.planning.examine import Bench, UsableAxis, examine
 from analyze.planning.footing import Q_SCALES, STRIP_AREA_FRACTION, footing
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
 from analyze.planning.information import Belief, Information, SharedErrors
-from analyze.planning.pivots import pivot_axes
+from analyze.planning.next_edge import next_edge_rejection, with_next_edge
+from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
 from schemas.object_spec import ObjectSpec
@@ -73,9 +75,9 @@ def prepare_object(
 ) -> PreparedObject:
     """Find and check the pivot axes (edges about which it tips) of an object.
 
-    The axes belong to faces on which the object surely stands. If these axes do not determine the centre of
-    mass c, axes are added of faces on which the object stands only if c is where it is expected, the surer
-    faces first.
+    The axes belong to faces on which the object surely stands, and their edges surely carry it up to balance,
+    before the next edge touches the table. If these axes do not determine the centre of mass c, axes are
+    added for which both hold only if c is where it is expected, the surer ones first.
 
     Args:
         model: Shape of the object.
@@ -104,7 +106,7 @@ def prepare_object(
     shared = replace(
         errors or SharedErrors(),
         scale=spec.shape.scale_sd,
-        edge_radius=spec.edge_radius_sd_m,
+        edge_radius=stated_radius(spec).sd,
         mass=spec.mass_sd_kg / spec.mass_kg,
     )
     information = Information((), belief, shared)
@@ -112,12 +114,16 @@ def prepare_object(
     stable: list[RestingPlane] = []
     usable: list[UsableAxis] = []
     left_out: list[Rejection] = []
+    waiting: list[PivotAxis] = []
     for share in Q_SCALES:
-        known = {plane.id for plane in standing}
+        known: set[str] = {plane.id for plane in standing}
         standing = footing(model, planes, believed.region, share)
         scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
         axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
-        passed, failed = examine(model, spec, axes, believed, bench)
+        waiting += [with_next_edge(model, axis, believed.region) for axis in axes]
+        carrying = [axis for axis in waiting if axis.carries_for(share)]
+        waiting = [axis for axis in waiting if not axis.carries_for(share)]
+        passed, failed = examine(model, spec, carrying, believed, bench)
         stable += scanned
         usable += passed
         left_out += [*bare, *cut, *failed]
@@ -132,7 +138,11 @@ def prepare_object(
         tuple(stable),
         believed,
         tuple(usable),
-        (*_unstable(planes, standing, believed), *left_out),
+        (
+            *_unstable(planes, standing, believed),
+            *left_out,
+            *(next_edge_rejection(axis, believed) for axis in waiting),
+        ),
         information,
         0 if given is None else len(given.strikes),
     )

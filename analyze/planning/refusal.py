@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning import unscanned
+from analyze.planning import next_edge, unscanned
 from analyze.planning.information import Candidate, unknown_direction
 from analyze.planning.rejections import rejection_summary
 from analyze.planning.stable_planes import RestingPlane
@@ -36,6 +36,10 @@ REMEDIES = {
         "whole tip"
     ),
     "hidden": "glue the tags where no part of the object stands before them",
+    next_edge.CODE: (
+        "stick on a foot (a flat plate with straight edges, its weight given as a marker's) that reaches "
+        "beyond the edges which land before balance, scan both together, and plan again"
+    ),
     "slips": "use a mat with more friction",
     "speed": "change the striker's effective mass or its speed limits (rig file)",
     "impact_unreachable": "glue on a plate that the striker can meet",

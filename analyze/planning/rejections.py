@@ -6,13 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analyze.planning import unscanned
+from analyze.planning import next_edge, unscanned
 from schemas.strike_plan import Rejection
 
 _REASONS = {
     "slips": ("slipping", "friction needed", "", 1.0, 2),
     "lifts": ("lifting off before balance", "", "", 1.0, 0),
     "too_steep": ("too steep", "balance after", " deg", float(np.degrees(1.0)), 0),
+    next_edge.CODE: (
+        "with a neighbour that may land before balance",
+        "at",
+        " deg",
+        float(np.degrees(1.0)),
+        0,
+    ),
     "impact_unreachable": ("out of the striker's reach", "", "", 1.0, 0),
     "speed": ("at another speed than the striker's", "needed", " m/s", 1.0, 2),
     "no_marker": ("without a tag that faces along them", "best is off by", " deg", float(np.degrees(1.0)), 0),

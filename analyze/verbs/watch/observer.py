@@ -179,6 +179,7 @@ class Observer:
                 section,
                 landing_angle_rad,
                 report.unmarked_ns,
+                None if self._sections is None else self._sections.supports(planned),
             )
             motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:

@@ -1,0 +1,171 @@
+"""Check that the planned pivot edge carries the tip up to balance, and not a neighbour that lands before."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.motion.rolling_choice import is_curved
+from analyze.motion.support_function import support_of_outline
+from analyze.motion.supports import LIFTED_RAD, support_lines
+from analyze.planning.examine import MAX_PHI
+from analyze.planning.pivots import NextEdge, phi_spread
+from schemas.strike_plan import Rejection
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.geometry.object_model import ObjectModel
+    from analyze.motion.supports import SupportLine
+    from analyze.planning.hypothesis import Hypothesis, Region
+    from analyze.planning.pivots import PivotAxis
+
+CODE = "next_edge"
+"""Rejection code of axes whose neighbour may land before balance."""
+MAX_SHIFT_M = 5e-4
+"""Shift [m] of the support line up to which an axis is used all the same, with a larger sd of its place (or
+its own sd if that is larger)."""
+MARGIN_RAD = math.radians(1.0)
+"""Angle [rad] before the take-over by which balance must come, for unequal rounding and for a few frames
+past balance."""
+
+
+def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> PivotAxis:
+    """Copy of a pivot axis with the edge that takes over from it, and with an sd that holds small shifts.
+
+    Two kinds are returned as they are: an axis on a curved flank, which rolls, as its contact moves by the
+    flank's shape; and one that is too steep to be used at all.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis.
+        region: Region Q believed to hold the centre of mass, in the object frame.
+    """
+    across = np.stack([axis.tip, axis.plane.up])
+    points = (model.hull_vertices - axis.point) @ across.T
+    phi = _expected_phi(axis, region)
+    if phi > MAX_PHI:
+        return axis
+    try:
+        rolls = axis.moulded or is_curved(support_of_outline(points, np.zeros(2), axis.radius), phi)
+        supports = () if rolls else support_lines(points, axis.radius, axis.sd)
+    except EstimationError:
+        return axis
+    if not supports:
+        return axis
+    off = _edge_offset(model, axis)
+    most = max(MAX_SHIFT_M, axis.sd)
+    if off > most:
+        return replace(axis, next_edge=NextEdge(0.0, off, -1.0))
+    shifts = _shifts(supports)
+    away = next((i for i, shift in enumerate(shifts) if shift > most), len(shifts))
+    found = [math.inf, *(_firmness(axis, region, supports, i) for i in range(1, len(supports)))]
+    # A line that takes over only beyond balance shifts nothing.
+    shift = max([off, *(each for i, each in enumerate(shifts[:away]) if found[i] <= 1.0)])
+    axis = replace(axis, sd=math.hypot(axis.sd, shift))
+    if away == len(shifts):
+        return axis
+    # A curve takes over as a whole, from its first point on.
+    return replace(axis, next_edge=NextEdge(supports[away].takes_over_rad, shifts[away], found[away]))
+
+
+def _edge_offset(model: ObjectModel, axis: PivotAxis) -> float:
+    """Distance [m] along the table from the planned edge to the corner that touches just after rest.
+
+    It is 0 unless a facet beside the resting face is so nearly parallel to it that it belongs to it, although
+    its far corner is not one of the face's.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis.
+    """
+    first = axis.tip * math.sin(LIFTED_RAD) - axis.plane.up * math.cos(LIFTED_RAD)
+    lowest = model.hull_vertices[int(np.argmax(model.hull_vertices @ first))]
+    return abs(float((lowest - axis.edge[0]) @ axis.tip))
+
+
+def _shifts(supports: Sequence[SupportLine]) -> list[float]:
+    """Largest distances [m] of support lines from the first one, while each of them carries.
+
+    Args:
+        supports: Lines over which the object turns in succession.
+    """
+    first = supports[0]
+    places = [math.hypot(line.along_m - first.along_m, line.up_m - first.up_m) for line in supports]
+    # The contact moves along a curve up to the line after it.
+    return [
+        max(place, places[i + 1]) if supports[i].is_curve and i + 1 < len(places) else place
+        for i, place in enumerate(places)
+    ]
+
+
+def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], i: int) -> float:
+    """Largest factor by which a region can be scaled and the lines before line i still carry at balance.
+
+    The line before carries at balance if the centre of mass is past it when line i takes over.
+
+    Args:
+        axis: Pivot axis.
+        region: Region believed to hold the centre of mass; it is scaled about its centre.
+        supports: Lines over which the object turns in succession.
+        i: Index of a line, 1 or more.
+    """
+    at = supports[i].takes_over_rad - supports[i].takes_over_sd_rad - MARGIN_RAD
+    forward = axis.tip * math.cos(at) + axis.plane.up * math.sin(at)
+    room = float((region.centre - axis.point) @ forward) - supports[i - 1].ahead_m(at)
+    return room / max(float(region.reach(forward[None])[0]), 1e-12)
+
+
+def next_edge_rejection(axis: PivotAxis, believed: Hypothesis) -> Rejection:
+    """Rejection of a pivot axis whose next edge may land before balance.
+
+    Its `number` is the tipping angle [rad] at which that edge takes over.
+
+    Args:
+        axis: Pivot axis with a next edge.
+        believed: Hypothesis with the region Q of the centre of mass.
+    """
+    takes_over, shift = (
+        (0.0, 0.0) if axis.next_edge is None else (axis.next_edge.takes_over, axis.next_edge.shift)
+    )
+    phi, sd = _expected_phi(axis, believed.region), phi_spread(axis, believed)
+    low, high = math.degrees(max(phi - 2 * sd, 0.0)), math.degrees(phi + 2 * sd)
+    text = (
+        f"another edge, {1000 * shift:.1f} mm from this one, touches the table at "
+        f"{math.degrees(takes_over):.0f} deg, and balance comes at {low:.0f} to {high:.0f} deg: the object "
+        "may tip over that edge instead"
+    )
+    return Rejection(axis_id=axis.id, code=CODE, number=takes_over, text=text)
+
+
+def doubtful_note(used: Sequence[PivotAxis]) -> str:
+    """Warning with remedy that a plan uses axes whose next edge may land before balance; empty if none.
+
+    Args:
+        used: Pivot axes of the plan's strikes.
+    """
+    listed = ", ".join(
+        f"{axis.id} (next edge {1000 * axis.next_edge.shift:.1f} mm away, at "
+        f"{math.degrees(axis.next_edge.takes_over):.0f} deg)"
+        for axis in used
+        if axis.next_edge is not None and axis.next_edge.firmness <= 1
+    )
+    if not listed:
+        return ""
+    return (
+        "the edges that surely carry the object up to balance do not suffice to determine the centre of "
+        "mass; the plan also uses edges that carry it if its centre of mass is near its expected place, but "
+        f"whose neighbour may touch the table before: {listed}. Strike these last; leave out a strike that "
+        "balances over the neighbour, or plan again with --given RECORDING, from which the centre of mass "
+        "is known better"
+    )
+
+
+def _expected_phi(axis: PivotAxis, region: Region) -> float:
+    """Balance angle [rad] about an axis with the centre of mass at the centre of the region believed in."""
+    arm = region.centre - axis.point
+    return math.atan2(-float(arm @ axis.tip), float(arm @ axis.plane.up))
