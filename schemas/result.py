@@ -213,6 +213,21 @@ class TableTilt(Document):
     """angle towards W's +y, positive if that side of the table is the higher one"""
 
 
+class EdgeRadiusResult(Document):
+    """Radius [m] of one pivot edge's rounding: as all strikes determine it, and as it was known before."""
+
+    axis_id: str
+    """name of the pivot edge"""
+    radius: Quantity
+    """radius by all strikes together [m]"""
+    expected_m: float = Field(description="radius expected before the strikes")
+    expected_sd_m: float = Field(description="1 sigma of the expected radius")
+    expected_from: str = Field(
+        description="origin of the expected radius in words: stated for all edges, stated for this edge, "
+        "measured on the scan, part of the shape, or not given"
+    )
+
+
 class FrameTimes(Document):
     """Source of the frame times of an imported recording, and limits and estimate of its true frame rate.
 
@@ -295,6 +310,7 @@ class Result(SparseDocument):
 
     left_out: ClassVar[tuple[str, ...]] = (
         "table_tilt",
+        "edge_radii",
         "parts",
         "verdict",
         "parameters_covariance",
@@ -345,6 +361,9 @@ class Result(SparseDocument):
     )
     table_tilt: list[TableTilt] | None = Field(
         default=None, description="one per levelling; not written in older results"
+    )
+    edge_radii: list[EdgeRadiusResult] | None = Field(
+        default=None, description="one per pivot edge that is rounded; not written in older results"
     )
     frame_times: list[FrameTimes] | None = Field(
         default=None, description="recordings whose times come from a file's time stamps; else not written"

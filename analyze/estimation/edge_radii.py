@@ -1,8 +1,7 @@
 """Edge radii from all strikes: estimates, and a check of stated radii by the strikes alone.
 
-The balance angle phi of a tip changes with the edge's radius in proportion to cos phi - sin phi, the rate
-constant k through the arm R + radius. Tips of unlike phi, or over opposite edges, therefore determine the
-radius, without any statement of the user.
+The balance angle phi of a tip changes with the edge's radius in proportion to cos phi - sin phi. Tips of
+unlike phi, or over opposite edges, therefore determine the radius, without any statement of the user.
 """
 
 from __future__ import annotations
@@ -12,7 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
+from analyze.estimation.agreement import agreement
+from analyze.estimation.centre_of_mass import centre_of_mass
+from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import OWN_RADIUS, RADIUS, centre_line_shift, radius_sds
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.geometry.edge_radius import ASSUMED
@@ -92,29 +93,55 @@ def with_radius_not_given(
     )
 
 
-def check_stated_radii(
+def without_refuted_radii(
     planes: Sequence[EquiPlane],
+    recorded_in: Sequence[int],
     systematic: SystematicErrors,
     prior: ComPrior,
-    moments: MomentModel | None = None,
+) -> tuple[tuple[EquiPlane, ...], RadiusCheck | None]:
+    """Equi-planes in which a radius that the strikes contradict counts as not given, and the comparison.
+
+    The second is None if no edge's radius is stated. A centre of mass that moved between two recordings can
+    look like a wrong radius. If recordings disagree with any radius, that is taken to be the cause, and the
+    statement stands.
+
+    Args:
+        planes: Equi-planes of the strikes, with the stated radii.
+        recorded_in: (strikes,) number of each strike's recording.
+        systematic: Standard deviations of errors that strikes share.
+        prior: Prior of the centre of mass.
+    """
+    check = check_stated_radii(planes, systematic, prior)
+    if check is None or not check.refuted:
+        return tuple(planes), check
+    wide = with_radius_not_given(planes, check.axis_ids)
+    if len(set(recorded_in)) > 1:
+        com = centre_of_mass(wide, systematic, prior)
+        if not agreement(wide, recorded_in, com, systematic, prior).holds:
+            return tuple(planes), replace(check, axis_ids=())
+    return wide, check
+
+
+def check_stated_radii(
+    planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior
 ) -> RadiusCheck | None:
     """Compare the stated radii of the edges with the strikes' own; None if no edge's radius is stated.
 
     The joint problem is solved with the prior of radii that are not given. What this prior contributed is
     then taken off again (information form), so that only the strikes' own information is compared: where
     they determine nothing, nothing can be refuted. The score of the statement is tested for the mean of all
-    stated edges, then for each edge.
+    stated edges, then for each edge. Only the balance angles phi are used: the rate constants k add little,
+    and a wrong frame rate would look like a wrong radius.
 
     Args:
         planes: Equi-planes of the strikes, with the stated radii.
         systematic: Standard deviations of errors that strikes share.
         prior: Prior of the centre of mass.
-        moments: Inputs for the rate constants k; None to use the balance angles phi alone.
     """
     stated = {plane.axis_id: plane for plane in planes if _is_stated(plane)}
     if not stated:
         return None
-    solution = solve_joint(with_radius_not_given(planes), systematic, prior, moments)
+    solution = solve_joint(with_radius_not_given(planes), systematic, prior)
     axes = [plane for plane in _rounded_axes(solution) if plane.axis_id in stated]
     values, covariance = _radii(solution, axes)
     ours = [stated[plane.axis_id] for plane in axes]

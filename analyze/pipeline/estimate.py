@@ -23,6 +23,7 @@ from analyze.estimation.agreement import (
 )
 from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
 from analyze.estimation.checks import Checks, check_solution
+from analyze.estimation.edge_radii import RadiusCheck, estimated_radii, without_refuted_radii
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
@@ -56,6 +57,7 @@ from analyze.pipeline.shells import region_masses
 from analyze.pipeline.too_few import too_few_text
 from analyze.types import (
     CentreOfMass,
+    EdgeRadius,
     EquiPlane,
     InertialParameters,
     MassDistribution,
@@ -155,6 +157,10 @@ class Estimate:
     """density [kg/m³] by cell: of all that have the measured moments, the one of maximum entropy"""
     sensitivity: Sensitivity
     """influence of strikes and error sources on the centre of mass"""
+    edge_radii: tuple[EdgeRadius, ...]
+    """radii of the rounded pivot edges, as all strikes determine them"""
+    radius_check: RadiusCheck | None
+    """comparison of the stated edge radii with the strikes' own; None if none are stated"""
 
     @property
     def com(self) -> CentreOfMass:
@@ -251,8 +257,11 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     options = options or EstimateOptions()
     spec, model = evidence.spec, evidence.model
     used = _used_motions(evidence, options)
-    stated_planes = equiplanes(evidence, used, options.estimator)
     systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(*model.bounds)
+    recording_of = [evidence.recorded_in.get(motion.strike_id, 0) for motion in used]
+    stated_planes, radius_check = without_refuted_radii(
+        equiplanes(evidence, used, options.estimator), recording_of, systematic, prior
+    )
     scale = stated_scale(evidence)
     cells = cells_from_voxels(
         voxelise(model, (model.volume / CELLS) ** (1 / 3), shell_thickness(spec, model))
@@ -268,7 +277,6 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes)
     )
     inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
-    recording_of = [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes]
     paper, struck_paper_planes = paper_estimate(evidence, used, cells, scale)
     return Estimate(
         evidence=evidence,
@@ -298,6 +306,8 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         frame_rates=tuple(rates),
         voxels=voxel_map(measured_moments(inertial), cells),
         sensitivity=sensitivity(solution, systematic, prior, struck, inertial),
+        edge_radii=estimated_radii(solution),
+        radius_check=radius_check,
     )
 
 

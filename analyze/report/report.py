@@ -23,6 +23,7 @@ from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figure, voxel_map_text
 from analyze.result.frame_times import frame_time_lines
+from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.output_file import write_text
 from schemas.quantity import Quantity
@@ -118,6 +119,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             strikes=_strike_plots(answer),
             tilts=[
                 *tilt_lines(result),
+                *radius_lines(result),
                 *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1),
             ],
             sources=figure_element(sources_figure(rows, half)),

@@ -113,6 +113,8 @@ def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
     for number, tilt in enumerate(result.table_tilt or [], 1):
         yield _row(f"table_tilt_x {number}", tilt.towards_x)
         yield _row(f"table_tilt_y {number}", tilt.towards_y)
+    for edge in result.edge_radii or []:
+        yield _row(f"edge_radius {edge.axis_id}", edge.radius)
 
 
 def _row(name: str, quantity: Quantity) -> Sequence[Cell]:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.frame_times import frame_time_lines
+from analyze.result.radius import radius_lines
 from analyze.result.tilt import tilt_lines
 from schemas.quantity import Quantity
 from schemas.result import Filling, Parts, Result
@@ -49,7 +50,11 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
         elif len(recording.files) > 1:
             console.print(f"in {len(recording.files)} files: {', '.join(recording.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
-    for line in [*tilt_lines(result), *frame_time_lines(result.frame_times, len(recordings) > 1)]:
+    for line in [
+        *tilt_lines(result),
+        *radius_lines(result),
+        *frame_time_lines(result.frame_times, len(recordings) > 1),
+    ]:
         console.print(escape(line))
     console.print()
     console.print(_strikes(result))

@@ -9,6 +9,7 @@ import numpy as np
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.agreements import estimator_difference_text
 from analyze.result.frame_times import wrong_text
+from analyze.result.radius import refuted_radius_text
 from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
         " it could be"
         for each in wrong_rates
     ]
+    if (radius := refuted_radius_text(estimate.radius_check)) is not None:
+        found.append(radius)
     found += _doubt_priors(estimate, regions)
     if checks.sigmas_outside_hull > MAX_OUTSIDE_SD:
         found.append(

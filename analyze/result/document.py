@@ -16,6 +16,7 @@ from analyze.result.quantities import (
     quantity,
     without_rounding_noise,
 )
+from analyze.result.radius import radius_documents
 from analyze.result.rounding import rounded
 from analyze.result.strike_rows import prediction_document, strike_result
 from analyze.result.tilt import table_tilts
@@ -70,6 +71,7 @@ def result_document(estimate: Estimate) -> Result:
             regions=regions_document(estimate.distribution),
             regions_paper=_paper_regions(estimate.distribution, estimate.paper.regions),
             table_tilt=table_tilts(inertial.com, evidence),
+            edge_radii=radius_documents(estimate.edge_radii),
             verdict=assessment(estimate, frame_times),
             parameters_covariance=inertial.covariance.tolist(),
             parts=None if estimate.parts is None else parts_document(estimate.parts),
