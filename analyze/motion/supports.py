@@ -78,17 +78,20 @@ def carrying_line(supports: Sequence[SupportLine], theta: float) -> int:
     return max(sum(line.takes_over_rad <= theta for line in supports) - 1, 0)
 
 
-def support_lines(points: Array, rounding: float, sd: float) -> tuple[SupportLine, ...]:
+def support_lines(
+    points: Array, rounding: float, sd: float, join_curves: bool = True
+) -> tuple[SupportLine, ...]:
     """Lines over which an object turns in succession as it tips, from rest up to 150 deg.
 
-    Facets of the outline that lie on the table within 0.5 deg of rest belong to the resting face. Curved
-    flanks, approximated by short facets, give one line each.
+    Facets of the outline that lie on the table within 0.5 deg of rest belong to the resting face.
 
     Args:
         points: (n, 2) corners of the hull, seen along the pivot axis [m]: x towards where the object tips, z
             up, from the planned pivot's centre line; points inside the convex hull are ignored.
         rounding: Radius of the rounding of every corner that is not part of a curved flank [m].
         sd: Standard deviation of an edge's place [m].
+        join_curves: True if a curved flank, approximated by short facets, gives one line; False if each of
+            its corners gives one.
 
     Returns:
         The lines, ordered by take-over angle, the one at rest first.
@@ -114,7 +117,7 @@ def support_lines(points: Array, rounding: float, sd: float) -> tuple[SupportLin
             continue
         last = lines[-1]
         width = math.hypot(float(place[0]) - last.along_m, float(place[1]) - last.up_m)
-        if (last.is_curve and rolls) or (width < _SAME_LINE_M and rolls == last.is_curve):
+        if (join_curves and last.is_curve and rolls) or (width < _SAME_LINE_M and rolls == last.is_curve):
             continue
         lines.append(
             SupportLine(

@@ -52,7 +52,7 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
         return axis
     try:
         rolls = axis.moulded or is_curved(support_of_outline(points, np.zeros(2), axis.radius), phi)
-        supports = () if rolls else support_lines(points, axis.radius, axis.sd)
+        supports = () if rolls else support_lines(points, axis.radius, axis.sd, join_curves=False)
     except EstimationError:
         return axis
     if not supports:
@@ -61,7 +61,7 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
     most = max(MAX_SHIFT_M, axis.sd)
     if off > most:
         return replace(axis, next_edge=NextEdge(0.0, off, -1.0))
-    shifts = _shifts(supports)
+    shifts = [_apart(line, supports[0]) for line in supports]
     away = next((i for i, shift in enumerate(shifts) if shift > most), len(shifts))
     found = [math.inf, *(_firmness(axis, region, supports, i) for i in range(1, len(supports)))]
     # A line that takes over only beyond balance shifts nothing.
@@ -69,7 +69,6 @@ def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> Pivot
     axis = replace(axis, sd=math.hypot(axis.sd, shift))
     if away == len(shifts):
         return axis
-    # A curve takes over as a whole, from its first point on.
     return replace(axis, next_edge=NextEdge(supports[away].takes_over_rad, shifts[away], found[away]))
 
 
@@ -88,19 +87,9 @@ def _edge_offset(model: ObjectModel, axis: PivotAxis) -> float:
     return abs(float((lowest - axis.edge[0]) @ axis.tip))
 
 
-def _shifts(supports: Sequence[SupportLine]) -> list[float]:
-    """Largest distances [m] of support lines from the first one, while each of them carries.
-
-    Args:
-        supports: Lines over which the object turns in succession.
-    """
-    first = supports[0]
-    places = [math.hypot(line.along_m - first.along_m, line.up_m - first.up_m) for line in supports]
-    # The contact moves along a curve up to the line after it.
-    return [
-        max(place, places[i + 1]) if supports[i].is_curve and i + 1 < len(places) else place
-        for i, place in enumerate(places)
-    ]
+def _apart(line: SupportLine, other: SupportLine) -> float:
+    """Distance [m] of two support lines."""
+    return math.hypot(line.along_m - other.along_m, line.up_m - other.up_m)
 
 
 def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], i: int) -> float:
@@ -114,7 +103,9 @@ def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], 
         supports: Lines over which the object turns in succession.
         i: Index of a line, 1 or more.
     """
-    at = supports[i].takes_over_rad - supports[i].takes_over_sd_rad - MARGIN_RAD
+    # Of a curve's short facets all together have the error of one long one.
+    off = min(supports[i].takes_over_sd_rad, axis.sd / max(_apart(supports[i], supports[0]), 1e-9))
+    at = supports[i].takes_over_rad - off - MARGIN_RAD
     forward = axis.tip * math.cos(at) + axis.plane.up * math.sin(at)
     room = float((region.centre - axis.point) @ forward) - supports[i - 1].ahead_m(at)
     return room / max(float(region.reach(forward[None])[0]), 1e-12)

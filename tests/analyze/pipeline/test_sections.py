@@ -11,7 +11,7 @@ import trimesh
 from analyze.geometry.object_model import load_object_model
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
-from analyze.pipeline.sections import MeshSections, next_face_angle, rolling_outline
+from analyze.pipeline.sections import MeshSections, next_face_angle, rolling_outline, strike_supports
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import pivot_axes
 from analyze.planning.stable_planes import resting_planes
@@ -21,6 +21,7 @@ from schemas.strike_plan import Pivot
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.motion.rolling import RollingBody, as_tracked, draw_rolling
 from tests.analyze.motion.tipping import planned
+from tests.analyze.planning.random_bodies import convex_triangles
 from tests.analyze.planning.test_planes_and_pivots import hexagon
 
 BODY = RollingBody(0.04, 0.02, (-0.02, 0.06), 0.003)
@@ -139,3 +140,36 @@ def test_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
 def test_body_on_a_flank_has_no_landing_angle():
     spec, data, strike = moulded()
     assert next_face_angle(load_object_model(spec, data, "bowl.stl"), strike) is None
+
+
+def test_neighbour_that_lands_before_balance_is_in_the_supports_and_the_face_after_it_lands():
+    """The chamfer's outer edge carries at balance; from there on the object falls until its side lands."""
+    turn, width = math.radians(15.0), 6.0
+    corners, half = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]), np.array([30.0, 25.0])
+    levels = [(0.0, width * math.cos(turn)), (width * math.sin(turn), 0.0), (120.0, 0.0)]
+    points = np.vstack([np.column_stack([corners * (half - less), np.full(4, z)]) for z, less in levels])
+    spec = spec_of({"file": "b.stl", "unit": "mm"}, edge_radius_m=1e-7, edge_radius_sd_m=1e-6)
+    data = stl(convex_triangles(points))
+    model, live = load_object_model(spec, data, "b.stl"), MeshSections(spec, lambda: data)
+    for axis in pivot_axes(model, spec, resting_planes(model), hypothesis(model)):
+        if axis.plane.up[2] < 0.999:
+            continue
+        pivot = Pivot(
+            point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd
+        )
+        strike = planned(0.0, 0.5).model_copy(
+            update={"pivot": pivot, "R_world_object": axis.R_world_object.tolist()}
+        )
+        supports = strike_supports(model, strike)
+        assert supports == live.supports(strike)
+        assert [math.degrees(line.takes_over_rad) for line in supports] == pytest.approx(
+            [0, 15, 90], abs=0.01
+        )
+        assert 1e3 * supports[1].along_m == pytest.approx(width * math.cos(turn), abs=0.01)
+        assert 1e3 * supports[1].up_m == pytest.approx(width * math.sin(turn), abs=0.01)
+        assert math.degrees(next_face_angle(model, strike)) == pytest.approx(88.9, abs=0.2)
+
+
+def test_body_on_a_flank_has_no_supports():
+    spec, data, strike = moulded()
+    assert strike_supports(load_object_model(spec, data, "bowl.stl"), strike) is None
