@@ -39,13 +39,18 @@ def parts_of_bodies(
         volume.
 
     Raises:
-        ShapeError: a label names a body that the mesh does not have.
+        ShapeError: a label names a body that the mesh does not have, or that is not closed.
     """
     used = {number for label in labels for number in label.bodies}
     if beyond := sorted(number for number in used if number > len(bodies)):
         raise ShapeError(
             f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: "
             "correct it, `analyze parts` lists the bodies"
+        )
+    if torn := sorted(number for number in used if bodies[number - 1].open_edges):
+        raise ShapeError(
+            f"{name}: body {torn[0]} is not closed ({bodies[torn[0] - 1].open_edges} open edges), so that it"
+            " has no volume: close it in a mesh editor, or export the assembly with one solid per part"
         )
     parts = [
         (label.name, merged_solid([bodies[number - 1].properties for number in label.bodies]))

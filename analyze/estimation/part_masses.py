@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
+from scipy.special import chdtrc
 
 from analyze.errors import EstimationError
 from analyze.estimation.cells import Cells
@@ -27,6 +28,8 @@ from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
 
+MIN_PROBABILITY = 0.01
+"""Probability of a chi^2 by chance below which parts do not explain the moments."""
 _MAX_DENSITY = DENSITIES[1]
 """Largest density of a part [kg/m^3], about that of lead."""
 _CHAINS, _STEPS, _BURN_IN_STEPS = 100, 160, 60
@@ -39,6 +42,8 @@ _CENTRE_ITERATIONS = 2
 """Number of times that the c of the parts, about which moments are taken, is updated."""
 _MASS_BOUND_SIGMAS = 5.0
 """Standard deviations by which a part's upper bound exceeds the object's mass."""
+_AT_BOUND = 1e-5
+"""Distance of a mass from a bound, over its possible range, within which it is at the bound."""
 _UNOBSERVED_WIDTH = 0.5
 """Width of a part's interval over its possible range from which on it counts as not observed."""
 
@@ -112,14 +117,24 @@ class PartMasses:
     intervals: Array
     """(n, 2) shortest intervals that contain 95 % [kg]."""
     observed: tuple[bool, ...]
-    """False for a part whose interval is at least half as wide as its possible range."""
+    """False for a part whose interval is at least half as wide as its possible range, and for all parts if
+    they do not explain the moments."""
     volumes: Array
     """(n,) volumes of the parts [m^3]."""
     uniform: Array
     """(n,) naive answer [kg]: one density for all parts."""
     misfit: float
-    """Rms of the standardised residuals at the best masses; far above 1 if the parts cannot explain the
-    moments."""
+    """Rms of the standardised residuals at the best masses."""
+    probability: float
+    """Probability of so large a chi^2 of the moments by chance; 1 if there are no more moments than parts."""
+
+    @property
+    def explained(self) -> bool:
+        """True if the moments are those of such parts, within their errors.
+
+        Otherwise a part is missing, not uniform, or of another shape, and the masses' intervals do not hold.
+        """
+        return self.probability >= MIN_PROBABILITY
 
 
 def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
@@ -185,17 +200,39 @@ def part_masses(
         about = likeliest @ np.array([part.centroid for part in parts]) / likeliest.sum()
     draws = _sample(mean, precision, likeliest, most, rng)
     low, high = shortest_intervals(draws, 0.0)
-    best = draws[np.argmin(np.sum((draws @ rows.T - target) ** 2, axis=1))]
+    residual = rows @ likeliest - target
+    probability = _probability_by_chance(rows, residual, likeliest, most)
+    explained = probability >= MIN_PROBABILITY
     return PartMasses(
         names=tuple(names),
         masses=draws.mean(axis=0),
         covariance=np.cov(draws.T),
         intervals=np.stack([low, high], axis=1),
-        observed=tuple(bool(part) for part in high - low < _UNOBSERVED_WIDTH * most),
+        observed=tuple(explained and bool(part) for part in high - low < _UNOBSERVED_WIDTH * most),
         volumes=volumes,
         uniform=uniform,
-        misfit=float(np.sqrt(np.mean((rows @ best - target) ** 2))),
+        misfit=float(np.sqrt(np.mean(residual**2))),
+        probability=probability,
     )
+
+
+def _probability_by_chance(rows: Array, residual: Array, masses: Array, most: Array) -> float:
+    """Probability of a chi^2 of the whitened moments at least as large as at the best masses.
+
+    Each combination of masses that the moments determine takes a degree of freedom, except masses at their
+    bounds.
+
+    Args:
+        rows: (4 + a, n) whitened design matrix.
+        residual: (4 + a,) whitened residuals at the best masses.
+        masses: (n,) best masses [kg].
+        most: (n,) upper bounds of the masses [kg].
+    """
+    free = (masses > _AT_BOUND * most) & (masses < (1 - _AT_BOUND) * most)
+    scaled = rows[:, free] * most[free]
+    rank = int(np.linalg.matrix_rank(scaled, tol=1.0)) if free.any() else 0
+    freedom = len(residual) - rank
+    return 1.0 if freedom < 1 else float(chdtrc(freedom, float(residual @ residual)))
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:

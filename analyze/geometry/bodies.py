@@ -1,29 +1,43 @@
-"""Bodies (connected parts) of a mesh file with volume, centroid and inertia, for labelled parts."""
+"""Bodies of a mesh file, with mass properties, for labelled parts; bodies that touch are separate."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import PurePath
+from typing import NamedTuple
 
 import numpy as np
 
 from analyze.errors import ShapeError
 from analyze.geometry import mesh_files, polyhedron
+from analyze.geometry.mesh_holes import fill_holes
+from analyze.geometry.mesh_repair import low_discrepancy
+from analyze.geometry.mesh_shells import shells_of, unmatched_edges
 from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, IntArray
 from schemas.object_spec import ObjectSpec
 
-MIN_FACES = 4
-"""Smallest number of faces of a body; fewer belong to a seam that the exporter did not merge, and thus to the
-body they touch."""
+_PROBED_FACES = 25
+"""Number of a shell's largest faces from which it is judged whether the shell lies within another one."""
+_PROBE_DEPTH = 1e-6
+"""Distance of the probed points below their faces, over the extent of the mesh."""
+_OVERLAP_PROBES = 4000
+"""Number of points at which the common volume of two bodies is sampled."""
+_MIN_OVERLAP = 1e-3
+"""Common volume of two bodies, over the smaller one's, up to which it is neglected."""
+_SAME_VOLUME = 1e-6
+"""Relative difference of two volumes below which a shell counts as no larger than the other."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """One connected part of a mesh file, in the object frame O [m]: mass properties, vertices and faces.
+    """One body of a mesh file, in the object frame O [m]: mass properties, vertices and faces.
 
-    The mass properties are those of a uniform solid. The vertices (n, 3) are those of
-    the whole mesh; the faces (f, 3) are the part's own. The part is closed if its number of open edges is 0.
+    The mass properties are those of a uniform solid without its cavities and without the bodies that lie
+    wholly in its material. The vertices (n, 3) are those of the whole mesh; the faces (f, 3) are the body's
+    own.
     """
 
     properties: MassProperties
@@ -33,14 +47,30 @@ class Body:
     faces: IntArray
     """(f, 3) faces of this body and its cavities, counter-clockwise from outside the material."""
     open_edges: int
-    """Number of open edges; 0 if the body is closed."""
+    """Number of edges at which the surface is open or wound ambiguously; 0 if the body is closed."""
+    filled_edges: int = 0
+    """Number of edges around holes that were closed."""
+
+
+class Overlap(NamedTuple):
+    """Common volume of two bodies of a mesh file, by their numbers; it counts in both."""
+
+    first: int
+    """Number of the one body, from 1."""
+    second: int
+    """Number of the other body, from 1."""
+    volume: float
+    """Common volume [m^3]."""
 
 
 def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> list[Body]:
-    """Bodies of an object's mesh file, largest first, with cavities subtracted from hollow ones.
+    """Bodies of an object's mesh file, largest first.
 
-    A body is a connected part of the mesh; whether it is closed is not checked, but reported as
-    `Body.open_edges`. A cavity is a body of the opposite winding inside a larger one.
+    Bodies that touch are separate, by the file's own vertex numbers or else by the wedges of material at
+    their common edges (`mesh_shells`). A cavity is a shell of the opposite winding inside a body. A body that
+    lies wholly in the material of another one displaces it: that volume is subtracted from the outer body.
+    Where bodies overlap in part, the common volume counts in both (`overlaps_of`). Small or flat holes are
+    closed; a body with others stays open, which `Body.open_edges` reports.
 
     Args:
         spec: Object, for its shape's unit.
@@ -59,61 +89,139 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
             f"{shape_name}: only a mesh file has bodies that can be parts: give an assembly as a mesh, or "
             "label wall and layers"
         )
-    # Bodies that touch each other have nearly equal corners, which must not be merged.
-    vertices, faces = mesh_files.read_mesh(shape_bytes, shape_name, suffix, spec.shape.unit, same=0.0)
+    vertices, faces, piece = mesh_files.read_numbered_mesh(shape_bytes, shape_name, suffix, spec.shape.unit)
     vertices = vertices * spec.shape.unit.metres
-    faces, body, _ = polyhedron.consistently_wound(faces)
-    labels = _with_seams(faces, body)
-    volumes = polyhedron.body_volumes(vertices, faces, labels)
-    # The winding of most of the volume is taken as outwards; a body of the other winding inside another is
-    # its cavity.
-    if volumes.sum() <= 0:
-        faces, volumes = faces[:, ::-1], -volumes
-    found = [faces[labels == label] for label in range(len(volumes))]
-    outer = np.flatnonzero(volumes > 0)
-    merged = {int(label): found[label] for label in outer}
-    for hole in np.flatnonzero(volumes <= 0):
-        corner = vertices[found[hole][0]].mean(axis=0, keepdims=True)
-        owner = next(
-            (
-                int(label)
-                for label in outer
-                if volumes[label] > -volumes[hole] and polyhedron.inside(vertices, found[label], corner)[0]
-            ),
-            None,
-        )
-        if owner is None:
-            merged[int(hole)] = found[hole][:, ::-1]
-        else:
-            merged[owner] = np.concatenate([merged[owner], found[hole]])
+    shells = shells_of(vertices, faces, piece)
+    surfaces, filled = list(shells.closed), [0] * len(shells.closed)
+    for each in shells.open:
+        vertices, surface, edges = _without_holes(vertices, each, shape_name)
+        surfaces.append(surface)
+        filled.append(edges)
     bodies = [
-        Body(polyhedron.mass_properties(vertices, each), vertices, each, polyhedron.open_edges(each))
-        for each in merged.values()
+        Body(polyhedron.mass_properties(vertices, each), vertices, each, unmatched_edges(each), filled[i])
+        for i, each in _solids(vertices, surfaces).items()
     ]
     return sorted(bodies, key=lambda one: -one.properties.volume)
 
 
-def _with_seams(faces: IntArray, body: IntArray) -> IntArray:
-    """Number (f,) of the body of each face, from 0, with loose faces joined to larger parts.
+def _without_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, int]:
+    """Vertices (k, 3), faces (g, 3) of an open surface with its holes closed, and number of their edges.
 
-    Loose faces belong to a connected part of fewer than `MIN_FACES`; they go to the larger part that shares
-    most of their corners. If all parts are that small, they count as one body.
+    They are returned as given, with 0, if the holes are too large, too many or not simple.
 
     Args:
-        faces: (f, 3) indices of the corners of each face.
-        body: (f,) number of the connected part of the mesh to which each face belongs.
+        vertices: (n, 3) vertices of the whole mesh.
+        faces: (f, 3) faces of the open surface.
+        name: Name of the file, for messages.
     """
-    sizes = np.bincount(body)
-    large = np.flatnonzero(sizes >= MIN_FACES)
-    if not len(large):
-        return np.zeros(len(faces), dtype=np.int64)
-    corners = [np.unique(faces[body == label]) for label in large]
-    result = body.copy()
-    for label in np.flatnonzero((sizes > 0) & (sizes < MIN_FACES)):
-        own = np.unique(faces[body == label])
-        shared = [
-            (int(np.isin(own, each).sum()), int(sizes[other]))
-            for each, other in zip(corners, large, strict=True)
-        ]
-        result[body == label] = large[shared.index(max(shared))]
-    return np.unique(result, return_inverse=True)[1].astype(np.int64)
+    used, local = np.unique(faces, return_inverse=True)
+    try:
+        more, closed, _ = fill_holes(vertices[used], local.reshape(-1, 3).astype(np.int64), name)
+    except ShapeError:
+        return vertices, faces, 0
+    index = np.concatenate([used, len(vertices) + np.arange(len(more) - len(used))])
+    return np.concatenate([vertices, more[len(used) :]]), index[closed], unmatched_edges(faces)
+
+
+def _solids(vertices: Array, surfaces: list[IntArray]) -> dict[int, IntArray]:
+    """Faces (f, 3) of each body: its outer surface, its cavities, and the bodies in its material reversed.
+
+    Args:
+        vertices: (n, 3) vertices of the whole mesh.
+        surfaces: Faces of each shell, wound consistently.
+
+    Returns:
+        Faces by the index of the body's outer surface in `surfaces`.
+    """
+    volumes = np.array([_volume(vertices, each) for each in surfaces])
+    # The winding of most of the volume is taken as outwards; a shell of the other winding inside a body is
+    # its cavity.
+    if volumes.sum() < 0:
+        surfaces, volumes = [each[:, ::-1] for each in surfaces], -volumes
+    solids = {i: surfaces[i] for i in np.flatnonzero(volumes > 0).tolist()}
+    probes = [_probes(vertices, each) for each in surfaces]
+    for hole in np.flatnonzero(volumes < 0).tolist():
+        larger = np.flatnonzero(volumes > -(1 + _SAME_VOLUME) * volumes[hole]).tolist()
+        owner = _smallest_around(vertices, surfaces, larger, volumes, probes[hole])
+        if owner is None:
+            solids[hole] = surfaces[hole] = surfaces[hole][:, ::-1]
+            volumes[hole] = -volumes[hole]
+            probes[hole] = _probes(vertices, surfaces[hole])
+        else:
+            solids[owner] = np.concatenate([solids[owner], surfaces[hole]])
+    # Cavities are complete: where a body lies in one, it displaces nothing.
+    hollow = dict(solids)
+    for inner in sorted(hollow, key=lambda i: volumes[i]):
+        larger = [i for i in hollow if volumes[i] > (1 + _SAME_VOLUME) * volumes[inner]]
+        owner = _smallest_around(vertices, surfaces, larger, volumes, probes[inner])
+        if owner is not None and polyhedron.inside(vertices, hollow[owner], probes[inner]).all():
+            solids[owner] = np.concatenate([solids[owner], surfaces[inner][:, ::-1]])
+    return solids
+
+
+def _smallest_around(
+    vertices: Array, surfaces: list[IntArray], candidates: list[int], volumes: Array, points: Array
+) -> int | None:
+    """Index of the shell of least volume among `candidates` that contains most of `points`; None if none.
+
+    Args:
+        vertices: (n, 3) vertices of the whole mesh.
+        surfaces: Faces of each shell.
+        candidates: Indices of the shells to consider.
+        volumes: (s,) volumes of the shells.
+        points: (m, 3) points.
+    """
+    for index in sorted(candidates, key=lambda i: volumes[i]):
+        corners = vertices[surfaces[index]].reshape(-1, 3)
+        if np.any(points.mean(axis=0) < corners.min(axis=0)) or np.any(
+            points.mean(axis=0) > corners.max(axis=0)
+        ):
+            continue
+        if polyhedron.inside(vertices, surfaces[index], points).mean() > 0.5:
+            return index
+    return None
+
+
+def _probes(vertices: Array, faces: IntArray) -> Array:
+    """Points (m, 3) just below the largest faces of a shell, in the material that it bounds.
+
+    Args:
+        vertices: (n, 3) vertices of the whole mesh.
+        faces: (f, 3) faces of the shell, counter-clockwise from outside the material.
+    """
+    corners = vertices[faces]
+    normals = polyhedron.area_vectors(corners)
+    size = np.linalg.norm(normals, axis=1)
+    largest = np.argsort(-size)[:_PROBED_FACES]
+    depth = _PROBE_DEPTH * float(np.ptp(vertices, axis=0).max())
+    inwards = normals[largest] / np.maximum(size[largest], 1e-300)[:, None]
+    return np.asarray(corners[largest].mean(axis=1) - depth * inwards, dtype=np.float64)
+
+
+def _volume(vertices: Array, faces: IntArray) -> float:
+    """Volume [m^3] inside closed `faces` (f, 3); negative if they are clockwise from outside."""
+    return float(polyhedron.body_volumes(vertices, faces, np.zeros(len(faces), dtype=np.int64))[0])
+
+
+def overlaps_of(bodies: Sequence[Body]) -> list[Overlap]:
+    """Pairs of bodies with a common volume, largest first, sampled at evenly spread points.
+
+    Volumes below 0.1 % of the smaller body, and below the sampling's resolution, are left out.
+    """
+    found: list[Overlap] = []
+    boxes = [
+        (corners.min(axis=0), corners.max(axis=0))
+        for corners in (body.vertices[body.faces].reshape(-1, 3) for body in bodies)
+    ]
+    for i, j in combinations(range(len(bodies)), 2):
+        low = np.maximum(boxes[i][0], boxes[j][0])
+        size = np.minimum(boxes[i][1], boxes[j][1]) - low
+        if np.any(size <= 0):
+            continue
+        points = low + size * low_discrepancy(_OVERLAP_PROBES)
+        within = [polyhedron.inside(one.vertices, one.faces, points) for one in (bodies[i], bodies[j])]
+        share = np.count_nonzero(within[0] & within[1]) / _OVERLAP_PROBES
+        volume = share * float(size[0] * size[1] * size[2])
+        if volume > _MIN_OVERLAP * min(bodies[i].properties.volume, bodies[j].properties.volume):
+            found.append(Overlap(i + 1, j + 1, volume))
+    return sorted(found, key=lambda one: -one.volume)

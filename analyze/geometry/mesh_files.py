@@ -11,6 +11,7 @@ memory.
 from __future__ import annotations
 
 import json
+import re
 import struct
 import warnings
 from io import BytesIO
@@ -32,6 +33,10 @@ ALWAYS_ACCEPTED_BYTES = 50_000_000
 SAME_VERTEX = 1e-7
 """Distance, over the mesh's extent, within which vertices are merged: STL repeats every vertex per face, OBJ
 per texture seam."""
+_OBJ_CONTINUED = re.compile(rb"\\\r?\n")
+_OBJ_EXTRAS = re.compile(rb"^[ \t]*(?:usemtl|mtllib|vt|vn|o|g|s)\b[^\r\n]*", re.MULTILINE)
+_OBJ_FACE = re.compile(rb"^[ \t]*f\b[^\r\n]*", re.MULTILINE)
+_OBJ_CORNER_EXTRAS = re.compile(rb"/-?\d*")
 PLY_TYPES = {
     "char": "i1",
     "uchar": "u1",
@@ -51,17 +56,16 @@ UNITS_3MF = {
 }
 
 
-def read_mesh(
-    data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX
-) -> tuple[Array, IntArray]:
+def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> tuple[Array, IntArray]:
     """Read the triangles of a mesh file, in its unit, with the parts of a scene at their places.
+
+    Vertices within `SAME_VERTEX` of the mesh's extent are merged.
 
     Args:
         data: Content of the file.
         name: Name of the file, for messages.
         suffix: Format, one of `FORMATS`.
         unit: Unit declared by the object file, compared with the unit stated in a 3MF file.
-        same: Distance, over the mesh's extent, within which vertices are merged; 0 to merge equal ones only.
 
     Returns:
         Finite vertices (n, 3), each used by a face, in the file's unit; and faces (f, 3), none with a vertex
@@ -70,6 +74,28 @@ def read_mesh(
     Raises:
         ShapeError: the file is not readable, has fewer than 4 faces, infinite coordinates or only coinciding
             vertices, or states another unit.
+    """
+    vertices, faces, _ = read_numbered_mesh(data, name, suffix, unit)
+    return _merged(vertices, faces)
+
+
+def read_numbered_mesh(
+    data: bytes, name: str, suffix: str, unit: LengthUnit
+) -> tuple[Array, IntArray, IntArray]:
+    """Read the triangles of a mesh file, in its unit, with its own numbers of vertices: none are merged.
+
+    Args:
+        data: Content of the file.
+        name: Name of the file, for messages.
+        suffix: Format, one of `FORMATS`.
+        unit: Unit declared by the object file, compared with the unit stated in a 3MF file.
+
+    Returns:
+        Finite vertices (n, 3), each used by a face, in the file's unit; faces (f, 3); and for each vertex
+        the number (n,), from 0, of the piece of the file (node of a scene) that it belongs to.
+
+    Raises:
+        ShapeError: as for `read_mesh`.
     """
     # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh
@@ -80,10 +106,18 @@ def read_mesh(
             # numpy's warning for a text that ends within a number.
             warnings.filterwarnings("error", message="string or file could not be read to its end")
             warnings.filterwarnings("ignore", category=RuntimeWarning)
-            plain = BytesIO(_as_utf8(data, suffix))
-            mesh = trimesh.load_scene(plain, file_type=suffix, process=False, skip_materials=True).to_mesh()
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
-        faces = np.asarray(mesh.faces, dtype=np.int64)
+            plain = BytesIO(_without_extras(data, suffix))
+            scene = trimesh.load_scene(plain, file_type=suffix, process=False, skip_materials=True)
+        pieces = [each for each in scene.dump() if isinstance(each, trimesh.Trimesh)]
+        sizes = [len(each.vertices) for each in pieces]
+        before = np.cumsum([0, *sizes[:-1]])
+        vertices = np.concatenate([np.asarray(each.vertices, dtype=np.float64) for each in pieces])
+        faces = np.concatenate(
+            [
+                np.asarray(each.faces, dtype=np.int64) + start
+                for each, start in zip(pieces, before, strict=True)
+            ]
+        )
     except _Contradiction as doubt:
         raise ShapeError(f"{name}: {doubt}") from None
     except Exception:  # trimesh's readers raise whatever the damaged byte leads to
@@ -96,18 +130,29 @@ def read_mesh(
         )
     if suffix == "3mf":
         _refuse_other_unit(data, name, unit)
-    return _merged(vertices, faces, name, same)
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices = vertices[used]
+    _refuse_useless_coordinates(vertices, name)
+    return vertices, faces.reshape(-1, 3).astype(np.int64), np.repeat(np.arange(len(sizes)), sizes)[used]
 
 
-def _as_utf8(data: bytes, suffix: str) -> bytes:
-    """Content of a mesh file with names and comments as UTF-8, so that trimesh need not guess.
+def _without_extras(data: bytes, suffix: str) -> bytes:
+    """Content of a mesh file, reduced to what its shape needs, with text as UTF-8.
 
-    Guessing takes longer than reading the numbers. The header of a binary STL is blanked; formats other than
-    STL and OBJ are returned as they are.
+    Guessing an encoding takes longer than reading the numbers. The header of a binary STL is blanked. Of an
+    OBJ, materials, textures and normals are left out: a face keeps the numbers of its vertices alone, which
+    trimesh would otherwise renumber at each seam of a texture. Other formats are returned as they are.
     """
     if suffix == "stl" and len(data) == _binary_stl_size(data):
         return bytes(80) + data[80:]
-    return data.decode(errors="replace").encode() if suffix in {"stl", "obj"} else data
+    if suffix not in {"stl", "obj"}:
+        return data
+    plain = data.decode(errors="replace").encode()
+    if suffix == "obj":
+        plain = _OBJ_CONTINUED.sub(b"", plain)
+        plain = _OBJ_EXTRAS.sub(b"", plain)
+        plain = _OBJ_FACE.sub(lambda face: _OBJ_CORNER_EXTRAS.sub(b"", face[0]), plain)
+    return plain
 
 
 def is_mesh(data: bytes, suffix: str) -> bool:
@@ -223,20 +268,18 @@ def _refuse_other_unit(data: bytes, name: str, unit: LengthUnit) -> None:
         )
 
 
-def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> tuple[Array, IntArray]:
-    used, faces = np.unique(faces, return_inverse=True)
-    vertices, faces = vertices[used], faces.reshape(-1, 3)
+def _refuse_useless_coordinates(vertices: Array, name: str) -> None:
+    """Raise `ShapeError` if `vertices` (n, 3) are infinite, all coincide, or lie too far from the origin."""
     if not np.isfinite(vertices).all():
         raise ShapeError(f"{name}: has infinite or missing coordinates (no numbers): export it anew")
     largest = float(np.abs(vertices).max())
     step = float(np.ptp(vertices, axis=0).max()) * SAME_VERTEX
     if step == 0 or largest > 1e15 or largest / step > 1e15:
         raise ShapeError(f"{name}: all vertices coincide, or lie too far from the origin: export it anew")
-    _, first, inverse = np.unique(
-        np.round(vertices / (same / SAME_VERTEX * step)) if same else vertices,
-        axis=0,
-        return_index=True,
-        return_inverse=True,
-    )
-    faces = inverse.ravel()[faces].astype(np.int64)
-    return vertices[first], without_degenerate(faces)
+
+
+def _merged(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+    """Vertices (k, 3) and faces (g, 3) with vertices merged within `SAME_VERTEX` of the mesh's extent."""
+    step = float(np.ptp(vertices, axis=0).max()) * SAME_VERTEX
+    _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
+    return vertices[first], without_degenerate(inverse.ravel()[faces].astype(np.int64))

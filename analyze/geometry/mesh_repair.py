@@ -22,6 +22,7 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import polyhedron
 from analyze.geometry.mesh_holes import fill_holes
+from analyze.geometry.mesh_shells import separated
 from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
@@ -83,6 +84,7 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         added = np.arange(len(faces)) >= len(added)
         faces, body, more = polyhedron.consistently_wound(faces)
         turned = max(turned, more)
+    body = _touching_apart(vertices, faces, body)
     faces, inside_out = polyhedron.outward(vertices, faces, body)
     if turned:
         notes.append(f"{name}: {turned} faces were wound against their neighbours and have been turned")
@@ -91,6 +93,23 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
     vertices, faces, added = _exterior(vertices, faces, added, body, name, notes)
     _refuse_self_crossing(vertices, faces, name)
     return ClosedMesh(vertices, faces, added, tuple(notes))
+
+
+def _touching_apart(vertices: Array, faces: IntArray, body: IntArray) -> IntArray:
+    """Number (f,) of the body of each face, with bodies that touch over faces kept apart.
+
+    `body` (f,), by edges with two faces alone, is returned where bodies cannot be told by their wedges of
+    material at common edges: the mesh is open, or bodies overlap there.
+
+    Args:
+        vertices: (n, 3) vertices [m].
+        faces: (f, 3) faces, consistently wound.
+        body: (f,) number of the connected part of each face.
+    """
+    if polyhedron.body_volumes(vertices, faces, np.zeros_like(body))[0] < 0:
+        faces = faces[:, ::-1]
+    _, shell, closed = separated(vertices, faces)
+    return shell if closed.all() else body
 
 
 def _without_repeats(faces: IntArray) -> IntArray:
@@ -256,11 +275,7 @@ def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
         name: Name of the file, for the message.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    i = np.arange(1, PROBES + 1)[:, None]
-    # A deterministic low-discrepancy sequence: the generalised golden ratio's in three dimensions.
-    points = low + (high - low) * (
-        (0.5 + i * np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])) % 1
-    )
+    points = low + (high - low) * low_discrepancy(PROBES)
     times = polyhedron.winding(vertices, faces, points)
     inside = int(np.sum(times != 0))
     wrong = int(np.sum((times != 0) & (times != 1)))
@@ -271,6 +286,13 @@ def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
             "negatively): unite the parts in the CAD program or a mesh editor, or give a primitive (box, "
             "cylinder) instead"
         )
+
+
+def low_discrepancy(count: int) -> Array:
+    """Points (count, 3) in the unit cube, evenly spread: the generalised golden ratio's sequence."""
+    i = np.arange(1, count + 1)[:, None]
+    steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
+    return np.asarray((0.5 + i * steps) % 1, dtype=np.float64)
 
 
 def _pieces(faces: IntArray) -> int:

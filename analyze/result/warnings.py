@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from schemas.object_spec import ObjectSpec
 
 
-MAX_PARTS_MISFIT = 2.5
-"""rms of the parts' residuals over their sd, above which the parts do not explain the moments"""
 MAX_REGION_SD = 0.1
 """1 sigma of a region's mass over the object's mass, above which the region is reported as uncertain"""
 
@@ -261,18 +259,20 @@ def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
     """
     if parts is None:
         return
+    if not parts.explained:
+        text = (
+            f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd, by chance in"
+            f" {100 * parts.probability:.1g} % of sessions): a part is missing, not uniform, or its bodies"
+            " are not those labelled; their masses are not determined"
+        )
+        yield warning(WarningCode.REGIONS_UNCERTAIN, text)
+        return
     if unobserved := [
         name for name, observed in zip(parts.names, parts.observed, strict=True) if not observed
     ]:
         text = (
             f"the moments do not determine the mass of {names_text(unobserved)}: label fewer parts, or strike"
             " about more axes"
-        )
-        yield warning(WarningCode.REGIONS_UNCERTAIN, text)
-    if parts.misfit > MAX_PARTS_MISFIT:
-        text = (
-            f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd): a part is"
-            " missing, or not uniform"
         )
         yield warning(WarningCode.REGIONS_UNCERTAIN, text)
 

@@ -67,7 +67,8 @@ def read_bodies(path: Path) -> tuple[ObjectFiles, list[Body]]:
 def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | None = None) -> None:
     """Print the bodies as a table: number, volume [cm^3], centroid and size [mm], and the labelled part.
 
-    A hint on labels follows if there is one body, or if no body is labelled.
+    Bodies that overlap are named below it. A hint on labels follows if there is one body, or if no body is
+    labelled.
 
     Args:
         files: the object file with its shape.
@@ -77,6 +78,8 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
+
+    from analyze.geometry.bodies import overlaps_of
 
     console = console or Console(highlight=False)
     part_of = _part_of_body(files)
@@ -91,9 +94,15 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
             f"{_CUBIC_CM * body.properties.volume:.3f}",
             ", ".join(f"{_MILLI * value:.1f}" for value in body.properties.centroid),
             " x ".join(f"{_MILLI * value:.0f}" for value in size),
-            part_of.get(number, "–") + (f" (open at {body.open_edges} edges)" if body.open_edges else ""),
+            part_of.get(number, "–") + _repair_text(body),
         )
     console.print(table)
+    for one in overlaps_of(bodies):
+        share = one.volume / min(bodies[number - 1].properties.volume for number in one[:2])
+        console.print(
+            f"bodies {one.first} and {one.second} overlap by about {_CUBIC_CM * one.volume:.2g} cm³"
+            f" ({100 * share:.2g} % of the smaller one): it counts in both"
+        )
     if len(bodies) < 2:
         console.print(
             "one body: its parts can only be the wall and layers (`wall = true`, `between_m` in the object "
@@ -102,6 +111,13 @@ def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | Non
     elif not part_of:
         console.print("label them in the object file, bodies of one material together:")
         console.print('  [[labels]]\n  name = "handle"\n  bodies = [1]', markup=False)
+
+
+def _repair_text(body: Body) -> str:
+    """Remark on a body that is not closed, or whose holes were closed; empty if there is none."""
+    if body.open_edges:
+        return f" (not closed: {body.open_edges} open edges; it cannot be a part)"
+    return f" (holes of {body.filled_edges} edges closed)" if body.filled_edges else ""
 
 
 def bodies_json(files: ObjectFiles, bodies: list[Body]) -> list[dict[str, object]]:

@@ -154,6 +154,7 @@ def main(tools: Path, draws: int, seed: int) -> None:
     table = tomllib.loads(TABLE.read_text(encoding="utf-8"))
     density = table.pop("density")
     console, left_out, summary = Console(width=150), list[str](), list[tuple[str, float, float, int]]()
+    held, alarms, off_file = list[NDArray[np.bool_]](), list[float](), list[tuple[float, float]]()
     shown = Table(
         title=f"Masses of parts, {draws} draws of 0.1 g, 0.5 mm and 1 % (seed {seed})", box=SIMPLE_HEAD
     )
@@ -194,7 +195,18 @@ def main(tools: Path, draws: int, seed: int) -> None:
             shown.add_row(*row)
         wrong = float(np.median([misplaced(one.masses, tool.masses) for one in found]))
         summary.append((name, wrong, misplaced(found[0].uniform, tool.masses), tool.open_edges))
+        intervals = np.array([one.intervals for one in found])
+        held.append((intervals[..., 0] <= tool.masses) & (tool.masses <= intervals[..., 1]))
+        alarms.append(float(np.mean([not one.explained for one in found])))
+        off_file.append((by_mass, by_com))
     console.print(shown)
+    console.print(
+        f"all tools: intervals hold {np.concatenate([each.ravel() for each in held]).mean():.1%}; mass in the"
+        f" wrong part {np.median([ours for _, ours, _, _ in summary]):.1%} (median; worst"
+        f" {max(ours for _, ours, _, _ in summary):.1%}); unexplained in {np.mean(alarms):.1%} of draws;"
+        f" file's mass within {max(by_mass for by_mass, _ in off_file):.1%}, its centre of mass within"
+        f" {max(by_com for _, by_com in off_file):.1%} of the size"
+    )
     for name, ours, uniform, open_edges in summary:
         seams = f" (mesh open at {open_edges} edges)" if open_edges else ""
         console.print(f"{name}: mass in the wrong part {ours:.1%}, of one density {uniform:.1%}{seams}")

@@ -149,6 +149,24 @@ def test_parts_that_cannot_explain_the_moments_misfit():
         np.random.default_rng(1),
     )
     assert found.misfit > 5
+    assert not found.explained
+    assert not any(found.observed)
+
+
+def test_parts_are_called_unexplained_by_chance_alone_in_one_session_in_a_hundred():
+    parts = [body.properties for body in bodies_of(spec(), hammer(), "hammer.stl")]
+    rng = np.random.default_rng(5)
+    unexplained = dict.fromkeys((1.0, 2.5), 0)
+    for times in unexplained:
+        for _ in range(8):
+            moments = moments_of(parts, [0.25, 0.05], rng)
+            # The stated errors are `times` too small.
+            stated = replace(moments, covariance=moments.covariance / times**2)
+            found = part_masses(stated, ["head", "handle"], parts, rng)
+            unexplained[times] += not found.explained
+    # 8 draws of probability 0.01: at most one in 99.7 %.
+    assert unexplained[1.0] <= 1
+    assert unexplained[2.5] >= 7
 
 
 def test_labels_name_bodies_and_the_rest():
