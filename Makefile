@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-batch bench-import protos lock clean
+.PHONY: help setup demo test test-slow lint docs notebook format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-honesty bench-batch bench-import protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -170,6 +170,10 @@ bench-tools: setup  ## masses of real tools' parts from their moments, beside th
 
 bench-checks: setup  ## how often the checks of the answer cry wolf, and whether they name a strike that is bad (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.checks
+
+HONESTY ?=
+bench-honesty: setup  ## the whole answer as users give it: coverage, the verdict's confusion (HONESTY="--bodies sharp") (an hour)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.honesty $(HONESTY)
 
 ARCHIVED ?= 200
 bench-batch: setup  ## a run over an archive of ARCHIVED=200 sessions and 20 broken files: workers, kills, S3, cost (fifteen minutes)

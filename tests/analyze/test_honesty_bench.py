@@ -1,0 +1,72 @@
+"""The trial of the whole answer (`make bench-honesty`) runs: sessions, scores, tables, and their limits."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from rich.console import Console
+
+from schemas.result import Result
+from tests.benchmarks.honesty.scores import Score, score_session
+from tests.benchmarks.honesty.session import run_session, specimen
+from tests.benchmarks.honesty.statics import true_tip
+from tests.benchmarks.honesty.struck import Bank
+from tests.benchmarks.honesty.tables import print_tables
+from tests.benchmarks.honesty.verdicts import false_doubts, statuses
+
+
+def test_session_is_scored_and_printed(tmp_path):
+    trial = run_session("sharp", "none", 1, Bank(tmp_path))
+    assert trial is not None
+    scored = score_session(trial, "sharp", "none", 1)
+    by_name = {score.name: score for score in scored.scores}
+    assert abs(by_name["cx"].value - by_name["cx"].truth) < 1  # mm
+    assert sum(score.quantity == "phi good (deg)" for score in scored.scores) >= 6
+    out = io.StringIO()
+    print_tables(Console(file=out, width=190), [scored])
+    assert "centre of mass" in out.getvalue()
+
+
+def test_bank_returns_the_motion_that_it_simulated(tmp_path):
+    made, pose = specimen("rounded", 0), np.eye(3)
+    first, again = Bank(tmp_path), Bank(tmp_path)
+    simulated = first.motion(made, pose, 0.1, np.zeros(2), "over0")
+    kept = again.motion(made, pose, 0.1, np.zeros(2), "over0")
+    assert (first.simulated, again.simulated) == (1, 0)
+    assert simulated is not None
+    assert kept is not None
+    np.testing.assert_array_equal(kept.position, simulated.position)
+    assert simulated.over
+
+
+def test_foot_balances_over_the_edge_that_lands_first():
+    made = specimen("foot", 0)
+    tip = true_tip(made, np.eye(3), np.zeros(2))
+    assert tip is not None
+    # The foot's edge lies 4 mm inside the chamfer's, which takes the tip over.
+    np.testing.assert_allclose(tip.line[0], 0.045 - 3e-4, atol=1e-4)
+
+
+def test_half_widths_off_count_from_the_middle_of_the_interval():
+    score = Score("c (mm)", "cx", "trust", truth=3.0, value=1.0, low=0.0, high=2.0)
+    assert not score.holds
+    assert score.half_widths_off == 2
+
+
+def test_verdict_is_read_by_quantity():
+    verdict = [
+        "trust the centre of mass, to 0.2 mm: 9 of 9 strikes move as predicted from the others",
+        "trust Ixx, Izz of the tensor: strikes measured them",
+        "doubt Iyy of the tensor: they come from the shape",
+        "doubt strike s1.1: its estimators differ",
+    ]
+    result = Result.model_construct(verdict=verdict)
+    found = statuses(result)
+    assert (found["c"], found["Ixx"], found["Iyy"], found["regions"]) == (
+        "trust",
+        "trust",
+        "doubt",
+        "not mentioned",
+    )
+    assert false_doubts(result) == verdict[3:]
