@@ -45,6 +45,12 @@ class EdgeRounding:
     reach: float
     """Distance [m] from the sharp edge up to which a point belongs to it."""
 
+    @property
+    def direction(self) -> Array:
+        """Unit direction (3,) of the virtual sharp edge, from its start to its end."""
+        along = self.end - self.start
+        return along / float(np.linalg.norm(along))
+
     def distance(self, point: Array) -> float:
         """Distance [m] of `point` (3,) [m] from the virtual sharp edge, ends included."""
         along = self.end - self.start
@@ -113,7 +119,9 @@ def _rounding(
     normals = np.stack([first.normal, second.normal, along])
     corner = np.linalg.solve(normals, np.array([first.offset, second.offset, 0.0]))
     place = points[beside] @ along
-    start, end = (corner + along * float(value) for value in (place.min() - room, place.max() + room))
+    # The points used end one room from the corners.
+    ends = place.min() - 2 * room, place.max() + 2 * room
+    start, end = (corner + along * float(value) for value in ends)
     near = depth[beside][:: max(1, int(beside.sum()) // MAX_EDGE_POINTS)]
     radius, spread = _radius(near, cosine, sd, np.linspace(0.0, largest, RADII))
     middle = ((start + end) / 2)[None]

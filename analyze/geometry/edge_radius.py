@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array, RadiusPrior, RadiusSource
 from schemas.object_spec import ObjectSpec
@@ -15,19 +13,23 @@ MAX_ASSUMED_RADIUS = 1.5e-3
 ASSUMED = RadiusPrior(
     MAX_ASSUMED_RADIUS / 2,
     MAX_ASSUMED_RADIUS / math.sqrt(24),
-    MAX_ASSUMED_RADIUS / math.sqrt(24),
+    MAX_ASSUMED_RADIUS / math.sqrt(12),
     RadiusSource.ASSUMED,
 )
-"""Radius where none is given: mean and variance of the uniform distribution.
+"""Radius where none is given: each edge's own, with mean and variance of the uniform distribution, as glued,
+cut and moulded edges of one object differ.
 
-Half the variance is common to all edges, as one tool or mould makes them; half is each edge's own, as glued,
-cut and moulded edges differ.
+A common part of half that variance is added, as one tool or mould may make all edges alike: many edges then
+do not average it out. Intervals of the centre of mass hold 94 % where all radii are independent, 98 % where
+they are equal, 88 to 92 % where half the edges have 0.3 mm and half 1.5 mm.
 """
 OWN_FRACTION = 0.3
 """1 sigma of one edge's radius about the stated one, over the stated 1 sigma."""
 STATED_SD, STATED_SD_FRACTION = 1e-4, 0.2
 """1 sigma [m] of a stated radius without one: the first, plus this fraction of the radius. A gauge in steps
 of 0.25 mm, or a photograph beside a ruler, is no better."""
+PARALLEL_COSINE = 0.99
+"""Cosine of the angle between two edges above which they are one."""
 CONTRADICTION_SDS = 3.0
 """Difference between a statement and the scan, in its 1 sigma, above which only the scan counts."""
 
@@ -50,7 +52,9 @@ def default_radius_sd(radius: float) -> float:
     return STATED_SD + STATED_SD_FRACTION * radius
 
 
-def edge_radius(spec: ObjectSpec, model: ObjectModel, axis_id: str, point: Array) -> RadiusPrior:
+def edge_radius(
+    spec: ObjectSpec, model: ObjectModel, axis_id: str, point: Array, direction: Array
+) -> RadiusPrior:
     """Radius [m] of one edge's rounding before any strike, with its standard deviations and origin.
 
     In this order: the entry that names the edge in the object file; the rounding that a point cloud shows
@@ -62,30 +66,36 @@ def edge_radius(spec: ObjectSpec, model: ObjectModel, axis_id: str, point: Array
         model: shape of the object.
         axis_id: name of the edge in the plan; in merged plans the recording's number may precede it.
         point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
+        direction: (3,) unit direction of the edge, of either sign.
     """
     own_id = axis_id.rpartition(":")[2]
     for entry in spec.edge or []:
         if entry.id == own_id:
             sd = entry.radius_sd_m or default_radius_sd(entry.radius_m)
             return RadiusPrior(entry.radius_m, 0.0, sd, RadiusSource.EDGE)
-    stated, seen = stated_radius(spec), scanned_radius(model, point)
-    if seen is None or seen.sd > ASSUMED.sd:
+    stated, seen = stated_radius(spec), scanned_radius(model, point, direction)
+    if seen is None or seen.sd > ASSUMED.own_sd:
         return stated
     agrees = abs(seen.mean - stated.mean) < CONTRADICTION_SDS * math.hypot(seen.sd, stated.sd)
     return stated if agrees and stated.sd < seen.sd else seen
 
 
-def scanned_radius(model: ObjectModel, point: Array) -> RadiusPrior | None:
+def scanned_radius(model: ObjectModel, point: Array, direction: Array) -> RadiusPrior | None:
     """Radius [m] of the rounding that the points of a cloud show at an edge; None if they show none.
 
     Args:
         model: shape of the object; only one made from a point cloud shows a rounding.
         point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
+        direction: (3,) unit direction of the edge, of either sign.
     """
     if model.cloud is None:
         return None
-    near = [each for each in model.cloud.roundings if each.distance(np.asarray(point)) < each.reach]
+    near = [
+        (each.distance(point), number)
+        for number, each in enumerate(model.cloud.roundings)
+        if each.distance(point) < each.reach and abs(float(each.direction @ direction)) > PARALLEL_COSINE
+    ]
     if not near:
         return None
-    best = min(near, key=lambda each: each.distance(np.asarray(point)))
+    best = model.cloud.roundings[min(near)[1]]
     return RadiusPrior(best.radius, 0.0, best.sd, RadiusSource.SCAN)

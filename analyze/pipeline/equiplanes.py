@@ -86,7 +86,7 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     leaning = lean or 0.0
     inset = (1 + np.sin(leaning)) / np.cos(leaning)
     corner = plane.point - plane.edge_radius * (plane.up - inset * forward)
-    radius = edge_radius(evidence.spec, model, plane.axis_id, corner)
+    radius = edge_radius(evidence.spec, model, plane.axis_id, corner, plane.direction)
     if lean is None and not np.isclose(radius.mean, plane.edge_radius, rtol=1e-6, atol=1e-9):
         own = float(np.hypot(SHAPE_RADIUS_SD * plane.edge_radius, evidence.spec.shape.surface_sd_m))
         return replace(plane, radius_prior=RadiusPrior(plane.edge_radius, 0.0, own, RadiusSource.SHAPE))

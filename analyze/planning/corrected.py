@@ -71,13 +71,13 @@ def corrected_pivot(
     tip, up = R_world_object[0], R_world_object[2]
     lean = wall_lean(model, tip, up, [np.array(pivot.point)], pivot.radius_m) or 0.0
     inwards = up - tip * (1 + math.sin(lean)) / math.cos(lean)
-    corner = np.array(pivot.point) - pivot.radius_m * inwards
-    planned = [edge_radius(before, model, axis_id, corner).mean, stated_radius(before).mean]
+    corner, direction = np.array(pivot.point) - pivot.radius_m * inwards, np.array(pivot.direction)
+    planned = [edge_radius(before, model, axis_id, corner, direction).mean, stated_radius(before).mean]
     # Older plans have sharp edges where the object file gave no radius.
     planned += [] if before.edge_radius_m else [0.0]
     if not any(math.isclose(pivot.radius_m, each, rel_tol=1e-6, abs_tol=1e-9) for each in planned):
         return pivot.model_copy(update={"sd_m": sd})
-    radius = edge_radius(corrected, model, axis_id, corner).mean
+    radius = edge_radius(corrected, model, axis_id, corner, direction).mean
     if math.isclose(pivot.radius_m, radius, rel_tol=1e-6, abs_tol=1e-9):
         return pivot.model_copy(update={"sd_m": sd})
     point = np.array(pivot.point) + (radius - pivot.radius_m) * inwards

@@ -253,7 +253,7 @@ def _axis(
     direction = np.cross(plane.up, tip)
     wall = wall_lean(model, tip, plane.up, edge)
     contact = edge[0] + direction * float(direction @ (beside - edge[0]))
-    radius = edge_radius(spec, model, name, contact).mean
+    radius = edge_radius(spec, model, name, contact, direction).mean
     lean = 0.0 if wall is None else wall
     inset = radius * (1 + np.sin(lean)) / np.cos(lean)
     level = float(contact @ plane.up)

@@ -1,0 +1,175 @@
+"""Edge radii: not given, wrongly stated, or stated per edge; and scan errors that edges of one face share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyze.estimation.centre_of_mass import centre_of_mass
+from analyze.estimation.edge_radii import check_stated_radii, estimated_radii, with_radius_not_given
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.inertia import shape_prior
+from analyze.estimation.joint import MomentModel, solve_joint
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.geometry.edge_radius import ASSUMED, OWN_FRACTION
+from analyze.types import EquiPlane, RadiusPrior, RadiusSource
+from tests.analyze.estimation.bodies import (
+    GRAVITY,
+    SIX_AXES,
+    box_body,
+    fit_of,
+    inertial_parameters,
+    planned_strike,
+    tip,
+)
+
+SIZE = (0.08, 0.06, 0.15)
+PLANNED, STATED_SD = 1e-3, 1e-4
+BODY = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01, edge_radius=PLANNED)
+PRIOR = ComPrior.from_bounds(-np.array(SIZE) / 2, np.array(SIZE) / 2)
+SCALE = Scale(BODY.mass, 1e-4, GRAVITY, 2e-3)
+SHAPE = shape_prior(BODY.cells)
+STATED = RadiusPrior(PLANNED, STATED_SD, OWN_FRACTION * STATED_SD, RadiusSource.STATED)
+LINE_SD, NOISE, TILT_SD = 5e-5, 5e-4, 3.5e-3
+UPRIGHT = ((2, -1, 1, 1), (2, -1, 1, -1), (2, -1, 0, 1), (2, -1, 0, -1))
+NINE = (*SIX_AXES, (0, -1, 1, -1), (1, -1, 2, -1), (2, -1, 0, -1))
+
+
+def session(
+    seed: int, radii: dict[str, float] | float, face_sd: float = 0.0, axes=SIX_AXES
+) -> tuple[list[EquiPlane], SystematicErrors]:
+    """Equi-planes of a session whose plan has `PLANNED` radii, on a box whose faces are displaced.
+
+    Faces lie off their place by `face_sd`, both where the box rests on them and where they rise from an edge.
+    """
+    rng = np.random.default_rng(seed)
+    errors = SystematicErrors(gravity_tilt_sd=TILT_SD, face_sd=face_sd)
+    tilt = rng.normal(0, TILT_SD)
+    gravity = rng.normal(0, SCALE.gravity_sd / GRAVITY)
+    moved: dict[str, float] = {}
+    found = []
+    for axis in axes:
+        strike = planned_strike(BODY, *axis)
+        rest, wall = strike.axis_id.split("/")
+        forward, up = np.array(strike.R_world_object)[[0, 2]]
+        below = moved.setdefault(rest, rng.normal(0, face_sd))
+        ahead = moved.setdefault(wall, rng.normal(0, face_sd)) + rng.normal(0, LINE_SD)
+        rho = radii if isinstance(radii, float) else radii[strike.axis_id]
+        shift = ahead * forward - below * up + (rho - PLANNED) * (up - forward)
+        phi, k = tip(BODY, strike, shift, rho)
+        phi += tilt + rng.normal(0, errors.axis_angle_sd)
+        k *= np.exp(gravity + rng.normal(0, SCALE.k_relative_sd))
+        for repeat in range(2):
+            seen = phi + rng.normal(0, np.hypot(NOISE, errors.strike_angle_sd))
+            fit = fit_of(seen, k * np.exp(rng.normal(0, 3e-3)), NOISE, 3e-3 * k)
+            plane = equiplane_from_fit(f"{strike.axis_id}.{repeat}", strike, fit)
+            edge_sd = float(np.hypot(face_sd, LINE_SD))
+            found.append(replace(plane, edge_sd=edge_sd, wall=wall, radius_prior=STATED))
+    return found, errors
+
+
+def deviations(sessions) -> np.ndarray:
+    """Errors (sessions, 3) of the centre of mass over their stated sd."""
+    found = []
+    for planes, errors in sessions:
+        com = inertial_parameters(planes, errors, PRIOR, SCALE, SHAPE).com
+        found.append((com.position - BODY.com) / np.sqrt(np.diag(com.covariance)))
+    return np.array(found)
+
+
+def not_given(planes: list[EquiPlane], errors: SystematicErrors) -> tuple[list[EquiPlane], SystematicErrors]:
+    return list(with_radius_not_given(planes)), errors
+
+
+@pytest.mark.parametrize("radius", [1e-4, 3e-4, 1.2e-3])
+def test_centre_of_mass_is_inside_where_the_radius_is_not_given(radius):
+    z = deviations(not_given(*session(seed, radius)) for seed in range(25))
+    assert np.mean(np.abs(z) < 1.96) >= 0.9
+    # With a radius of 0 +- 0, as where none was given before, c is up to 9 sd off.
+    sharp = [
+        [
+            replace(
+                plane,
+                point=plane.point - PLANNED * (plane.up - np.cross(plane.direction, plane.up)),
+                edge_radius=0.0,
+                radius_prior=replace(STATED, common_sd=0.0, own_sd=0.0),
+            )
+            for plane in session(0, 1.2e-3)[0]
+        ]
+    ]
+    worst = np.abs(deviations((planes, session(0, 1.2e-3)[1]) for planes in sharp)).max()
+    assert worst > 5
+
+
+def test_edges_of_unlike_radii_are_inside_where_none_is_given():
+    rng = np.random.default_rng(11)
+    axes = [planned_strike(BODY, *axis).axis_id for axis in SIX_AXES]
+    drawn = [dict(zip(axes, rng.uniform(0, 1.5e-3, len(axes)).tolist(), strict=True)) for _ in range(40)]
+    z = deviations(not_given(*session(seed, radii)) for seed, radii in enumerate(drawn))
+    assert np.mean(np.abs(z) < 1.96) >= 0.9
+
+
+def test_wrong_statement_is_refuted_and_a_right_one_stands():
+    wrong = [check_stated_radii(*session(seed, 3e-4), PRIOR) for seed in range(25)]
+    assert all(check.refuted for check in wrong)
+    measured = np.array([(check.measured - 3e-4) / check.measured_sd for check in wrong])
+    assert np.mean(np.abs(measured) < 1.96) >= 0.9
+    rng = np.random.default_rng(1)
+    drawn = [session(seed, PLANNED + float(rng.normal(0, STATED_SD)), axes=NINE) for seed in range(50)]
+    assert not any(check_stated_radii(*each, PRIOR).refuted for each in drawn)
+
+
+def test_statement_that_the_strikes_cannot_check_stands():
+    """Upright tips alone do not determine the radius."""
+    checks = [
+        check_stated_radii(*session(seed, 3e-4, face_sd=3e-4, axes=UPRIGHT), PRIOR) for seed in range(20)
+    ]
+    assert sum(check.refuted for check in checks) <= 1
+
+
+def test_single_edge_that_differs_is_named():
+    axes = [planned_strike(BODY, *axis).axis_id for axis in NINE]
+    radii = dict.fromkeys(axes, PLANNED) | {axes[0]: 3e-3}
+    check = check_stated_radii(*session(3, radii, axes=NINE), PRIOR)
+    assert axes[0] in check.axis_ids
+
+
+def test_no_stated_radius_means_no_check():
+    planes, errors = session(0, 3e-4)
+    assert check_stated_radii(with_radius_not_given(planes), errors, PRIOR) is None
+
+
+def test_estimated_radius_is_within_its_interval():
+    off = []
+    for seed in range(25):
+        planes, errors = not_given(*session(seed, 4e-4))
+        solution = solve_joint(planes, errors, PRIOR, MomentModel(SCALE, SHAPE))
+        radii = estimated_radii(solution)
+        assert [each.axis_id for each in radii] == list(dict.fromkeys(plane.axis_id for plane in planes))
+        assert all(each.sd < ASSUMED.sd for each in radii)
+        off += [(each.value - 4e-4) / each.sd for each in radii]
+    assert np.mean(np.abs(off) < 1.96) >= 0.9
+
+
+def test_scan_errors_that_edges_of_one_face_share_are_covered():
+    axes = tuple(
+        (face, sign, along, side)
+        for face, sign, along in ((2, -1, 1), (2, -1, 0), (0, -1, 1), (1, -1, 0))
+        for side in (1, -1)
+    )
+    sessions = [session(seed, PLANNED, face_sd=3e-4, axes=axes) for seed in range(60)]
+    shared = deviations(sessions)
+    alone = deviations(([replace(plane, wall="") for plane in planes], errors) for planes, errors in sessions)
+    assert 0.90 <= np.mean(np.abs(shared) < 1.96) <= 0.99
+    rms = np.sqrt(np.mean(shared**2, axis=0))
+    assert rms.max() < 1.25
+    assert np.sqrt(np.mean(alone**2, axis=0)).max() > 1.1 * rms.max()
+
+
+def test_strikes_on_leaning_walls_move_the_line_along_the_wall():
+    planes, errors = session(0, PLANNED)
+    leaning = [replace(plane, wall_lean=0.3) for plane in planes]
+    upright, tilted = (centre_of_mass(each, errors, PRIOR) for each in (planes, leaning))
+    assert not np.allclose(upright.covariance, tilted.covariance, rtol=1e-3)
