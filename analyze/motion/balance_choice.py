@@ -13,6 +13,7 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.motion.balance_fit import moment_balance
+from analyze.motion.creep_error import creep_error
 from analyze.motion.free_motion import (
     frame_noise,
     is_jump,
@@ -20,12 +21,13 @@ from analyze.motion.free_motion import (
     longest_clean_fit,
     settled_fit,
 )
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pivot_fit import MAX_LINEAR_PHI_SD, pivot_fit
 from analyze.motion.two_impact_fit import fit_two_impacts
 
 if TYPE_CHECKING:
     from analyze.motion.edge_motion import EdgeMotion
     from analyze.motion.settings import VerdictLimits
+    from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import MotionFit, TipAngle
     from schemas.strike_plan import PlannedStrike
 
@@ -38,6 +40,8 @@ _UNEXPLAINED_SHARE = 0.25
 """largest share of a jump's chi^2 that may remain if the moment balance is to explain the jump"""
 _SAME_PHI_SIGMAS = 4.0
 """number of sd within which two values of phi agree"""
+_CLEARLY_LESS_VARIANCE = 0.5
+"""largest ratio of the balance's variance of phi to that of a hinge whose edge crept, to be chosen for it"""
 _CREEP_SIGMAS, _MIN_CREEP_RAD = 3.0, math.radians(0.02)
 """least difference of phi between hinge and balance, in sd and in rad, that proves a creeping edge
 
@@ -58,7 +62,7 @@ def balance_instead_of_hinge(
     it) allows for the edge's measured motion. The hinge is kept
     if the moment balance fails, or if its own residuals still show a jump in angular speed. If the edge was
     not seen to move, the hinge is also kept where frames are noisier than 0.2 deg, or where the moment
-    balance explains the motion no better.
+    balance neither explains the motion better nor is clearly more certain.
 
     Args:
         edge: sliding and lifting of the edge.
@@ -103,7 +107,9 @@ def balance_instead_of_hinge(
     if moved or hinge is None:
         slid = f"the edge slid by {1e3 * edge.slide_range:.1f} mm and rose by {1e3 * edge.lift_range:.1f} mm"
         return settled_fit(fit, balance), slid
-    reason = _reason_for_balance(angle, window, hinge, fit, left, planned.pivot.radius_m, limits)
+    radius = planned.pivot.radius_m
+    reason = _reason_for_balance(angle, window, hinge, fit, left, radius, limits)
+    reason = reason or _reason_by_certainty(edge.motion, hinge, fit, radius)
     return (fit if reason else None), reason
 
 
@@ -142,6 +148,31 @@ def _reason_for_balance(
         off = f"{math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd"
         return f"a hinge would put phi {off}: the edge crept"
     return ""
+
+
+def _reason_by_certainty(motion: PlanarMotion, hinge: MotionFit, balanced: MotionFit, radius: float) -> str:
+    """Reason, in words, for a moment balance that is more certain than a hinge; empty if it is not.
+
+    A hinge is an edge that stays in place; its errors include those of the creep that the edge's measured
+    motion shows. The moment balance follows that motion instead. It must know the balance angle phi clearly
+    better, and the rate k no worse.
+
+    Args:
+        motion: the motion with slip and lift of the edge.
+        hinge: fit as a hinge.
+        balanced: fit by the moment balance.
+        radius: radius of the edge's rounding [m].
+    """
+    # Beyond that the interval of phi is not that of the linearised fit, which alone the balance knows.
+    if float(hinge.covariance[0, 0]) > MAX_LINEAR_PHI_SD**2:
+        return ""
+    creep = creep_error(hinge, motion, radius)
+    variance = np.diag(hinge.covariance + creep)
+    better = np.diag(balanced.covariance)
+    if not (better[0] < _CLEARLY_LESS_VARIANCE * variance[0] and better[1] < variance[1]):
+        return ""
+    off = math.degrees(math.sqrt(float(creep[0, 0])))
+    return f"the edge crept, by which a hinge's phi is uncertain by {off:.2f} deg"
 
 
 def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:

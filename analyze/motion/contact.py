@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.types import MotionFit
+from analyze.types import Array, MotionFit
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,9 @@ class ContactErrors:
     """relative sd of k, caused by a stated rounding that is 0.3 mm off, as is usual: 0.03 to 0.1 %"""
 
 
-def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:
+def with_contact_errors(
+    fit: MotionFit, rolls: bool, errors: ContactErrors, creep: Array | None = None
+) -> MotionFit:
     """Copy of a strike's fitted motion whose covariance includes the errors that the contact causes.
 
     Args:
@@ -45,6 +47,8 @@ def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> M
             tipping angle; k may be None.
         rolls: True if the edge is a round rim.
         errors: standard deviations of phi [rad] and k (relative) caused by the contact.
+        creep: (2, 2) covariance of (phi, k) by the creep that the edge's own motion shows (`creep_error`);
+            for phi the greater of this and the usual creep counts. None if the fit follows the edge's motion.
 
     Returns:
         The fit with the (2, 2) covariance of (phi, k) increased; the variance of k stays as it is if k is
@@ -52,4 +56,7 @@ def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> M
     """
     phi_sd = errors.rim_phi_sd if rolls else errors.edge_phi_sd
     added = np.diag([phi_sd**2, (errors.k_relative_sd * (fit.k or 0.0)) ** 2])
+    if creep is not None:
+        added = added + creep
+        added[0, 0] = max(phi_sd**2, float(creep[0, 0]))
     return replace(fit, covariance=fit.covariance + added)

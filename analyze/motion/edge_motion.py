@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.least_squares.robust import huber_weights, median_scale
+from analyze.motion.edge_offset import displacement_per_offset, fit_creeping
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
@@ -30,10 +31,12 @@ _LIFT_MODEL_SD = 3e-5
 """model error of a frame's lift [m]: neither the rounding's circle nor the lens model is perfect"""
 _CORRELATION_FACTOR = 3.0
 """factor on the sd for errors shared by neighbouring frames: ten of them count as one"""
-_NEIGHBOURS = 5
-"""width of the running median [frames]"""
 _OUTLIER_SIGMAS = 3.0
 """threshold of Huber's weights"""
+_NEIGHBOURS = 5
+"""width of the running median [frames]"""
+_MAX_CREEP = 3e-4
+"""largest lift [m] of an edge that hops or sinks but stays on the table"""
 _MIN_RISE = 3e-4
 """least lift [m], at the end of a window, of an edge that has left the table for good"""
 
@@ -82,15 +85,6 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     return found if misplaced is None else _corrected(motion, used, *misplaced, sd)
 
 
-def displacement_per_offset(theta: Array) -> Array:
-    """Displacement (n, 2, 2) of a point by rotations theta (n,) [rad], per metre of offset from the edge.
-
-    Rows: displacement along and off the table; columns: offset along and off the table.
-    """
-    sin, turned = np.sin(theta), np.cos(theta) - 1.0
-    return np.stack([np.stack([turned, sin], axis=-1), np.stack([-sin, turned], axis=-1)], axis=-2)
-
-
 def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
     """First frame of a window from which the edge only rises off the table; None if it stays on it.
 
@@ -103,7 +97,8 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
         window: frames [start, stop).
     """
     first, last = window
-    lift = motion.lift[first:last]
+    used = slice(first, last)
+    lift = _lift_above_most(motion.angle.theta[used], motion.lift[used], motion.position_sd[used])
     noise = 4.0 * np.maximum(motion.position_sd[first:last], _LIFT_MODEL_SD)
     if len(lift) < 2 * _NEIGHBOURS or float(np.median(lift[-3:])) < _MIN_RISE:
         return None
@@ -113,6 +108,29 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
     start = int(down[-1]) + 1
     rises = bool(np.all(np.diff(lift[start:]) > -noise[start + 1 :]))
     return first + start if rises else None
+
+
+def _lift_above_most(theta: Array, lift: Array, sd: Array) -> Array:
+    """Height (n,) [m] of the edge over where it is in most frames, once its assumed position is corrected.
+
+    The offset of the assumed edge is fitted so that most frames show no height, whatever the others show. The
+    edge's own creep counts as noise here. The lift itself is returned if the offset is 1.5 mm or more.
+
+    Args:
+        theta: (n,) tipping angle [rad].
+        lift: (n,) height of the assumed edge over its position at rest [m].
+        sd: (n,) standard deviation of the lift [m].
+    """
+    rows = displacement_per_offset(theta)[:, 1]
+    scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
+    weight, offset = np.ones_like(lift), np.zeros(2)
+    for _ in range(8):
+        weighted = rows * (weight / scale**2)[:, None]
+        offset = np.linalg.solve(weighted.T @ rows + np.eye(2) / _OFFSET_SD**2, weighted.T @ lift)
+        left = np.abs(lift - rows @ offset) / scale
+        weight = huber_weights(left, _OUTLIER_SIGMAS, max(1.0, median_scale(left)))
+    # An implausibly large offset is a lift.
+    return lift - rows @ offset if float(np.linalg.norm(offset)) < _MAX_OFFSET else lift
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
@@ -153,24 +171,14 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
         lift: (n,) height of the assumed edge over its position at rest [m].
         sd: (n,) standard deviation of the lift [m].
     """
-    A = displacement_per_offset(theta)[:, 1]
-    scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
-    weight = np.ones_like(lift)
-    offset: Array = np.zeros(2)
-    normal = np.eye(2) / _OFFSET_SD**2
-    for _ in range(8):
-        rows = A * (np.sqrt(weight) / scale)[:, None]
-        normal = rows.T @ rows + np.eye(2) / _OFFSET_SD**2
-        offset = np.asarray(
-            np.linalg.solve(normal, rows.T @ (lift * np.sqrt(weight) / scale)), dtype=np.float64
-        )
-        left = np.abs(lift - A @ offset) / scale
-        weight = huber_weights(left, _OUTLIER_SIGMAS, max(1.0, median_scale(left)))
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    on_table = np.abs(_lift_above_most(theta, lift, sd)) < _MAX_CREEP
+    kept = on_table if np.count_nonzero(on_table) >= _NEIGHBOURS else np.ones(len(theta), dtype=bool)
+    rows = displacement_per_offset(theta[kept])[None, :, 1]
+    found = fit_creeping(theta[kept], rows, lift[None, kept], sd[kept], np.full(2, _OFFSET_SD))
     # An implausibly large offset is a lift: then the prior's offset is kept.
     return (
-        (offset, covariance)
-        if float(np.linalg.norm(offset)) < _MAX_OFFSET
+        (found.parameters, found.covariance)
+        if float(np.linalg.norm(found.parameters)) < _MAX_OFFSET
         else (np.zeros(2), np.eye(2) * _OFFSET_SD**2)
     )
 
@@ -199,13 +207,16 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
     )
     rows = rows * weight[:, None]
     found = np.linalg.lstsq(rows, seen * weight, rcond=None)[0]
-    covariance = np.asarray(np.linalg.pinv(rows.T @ rows), dtype=np.float64)[:2, :2]
     left_lift, left_slip = np.split(seen - rows / weight[:, None] @ found, 2)
     held = (
         len(theta) >= 2 * _NEIGHBOURS
         and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _MAX_UNEXPLAINED
     )
-    return (np.asarray(found[:2], dtype=np.float64), covariance) if held else None
+    if not held:
+        return None
+    displaced = np.stack([along, off_table])
+    covariance = fit_creeping(theta, displaced, np.stack([slip, lift]), sd, np.full(3, np.inf)).covariance
+    return np.asarray(found[:2], dtype=np.float64), covariance[:2, :2]
 
 
 def smooth_range(values: Array, sd: Array) -> float:

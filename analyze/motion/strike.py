@@ -14,6 +14,7 @@ import numpy as np
 
 from analyze.errors import EstimationError, TrackingError
 from analyze.motion.contact import with_contact_errors
+from analyze.motion.creep_error import creep_error
 from analyze.motion.fit_choice import fit_strike
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
@@ -125,7 +126,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         contact = judge_contact(fits.motion, window, task.planned.rolls, settings.verdict)
         judgement = judgement or fits.second_impact or contact or _judge_unfitted(angle, course, fits.problem)
         return _result(task, judgement, angle, course, None, ())
-    fit, impact = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.second_impact
+    fit, impact = _with_contact(fits.chosen, fits.motion, task, settings), fits.second_impact
     top = float(np.max(angle.theta[course.released_frame : course.end_frame]))
     vague = judge_vague(fit, course, top, settings.verdict)
     until_balance = _window_to_balance(angle, course.released_frame, fit)
@@ -228,6 +229,23 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
             f"rocked back from {top:.1f} deg, too small a turn to be fitted: strike harder",
         )
     return Judgement(Verdict.UNREADABLE, reason)
+
+
+def _with_contact(
+    fit: MotionFit, motion: PlanarMotion, task: StrikeTask, settings: MotionSettings
+) -> MotionFit:
+    """Copy of a fit whose covariance of balance angle phi and rate k includes the errors of the contact.
+
+    Args:
+        fit: the chosen fit of the tipping angle.
+        motion: the motion with slip and lift of the pivot edge, from which the creep of a hinge follows.
+        task: the strike as planned and as carried out.
+        settings: errors of a usual contact.
+    """
+    planned = task.planned
+    hinge = fit.estimator == "pivot_fit"
+    creep = creep_error(fit, motion, planned.pivot.radius_m) if hinge else None
+    return with_contact_errors(fit, planned.rolls, settings.contact, creep)
 
 
 def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
