@@ -80,6 +80,11 @@ def planning_key(disturbance: Disturbance) -> Disturbance:
     return Disturbance(**{name: getattr(disturbance, name) for name in kept})
 
 
+def drawn(disturbance: Disturbance) -> bool:
+    """True if a description with this disturbance differs from draw to draw."""
+    return disturbance.scan != "none" or disturbance.edges == "own"
+
+
 def _stated(
     body: TrueBody, disturbance: Disturbance, rng: np.random.Generator
 ) -> tuple[ObjectSpec, bytes | None]:

@@ -45,7 +45,7 @@ class View:
 
 def draw_view(disturbance: Disturbance, rng: np.random.Generator) -> View:
     """Camera and tags of a session."""
-    noise = math.radians(rng.uniform(0.02, 0.08))
+    noise = math.radians(0.01 * 8 ** rng.random())
     tags: dict[tuple[int, ...], np.ndarray] = {}
     for axis in np.ndindex(3, 3, 3):
         place, turn = rng.normal(0, disturbance.tag_place, 3), rng.normal(0, disturbance.tag_turn, 3)

@@ -10,9 +10,11 @@ from tests.benchmarks.honesty.session import Trial, run_session
 from tests.benchmarks.honesty.struck import Bank
 
 
-def print_session(console: Console, body: str, disturbance: str, seed: int, bank: Bank) -> None:
-    """Run one session and print strikes, quantities and verdict."""
-    trial = run_session(body, disturbance, seed, bank)
+def print_session(console: Console, cell: str, bank: Bank, images: bool) -> None:
+    """Run the session BODY:DISTURBANCE:SEED, with images or not; print strikes, quantities and verdict."""
+    body, disturbance, number = cell.split(":")
+    seed = int(number)
+    trial = run_session(body, disturbance, seed, bank, images)
     if trial is None:
         console.print(f"{disturbance} does not apply to {body}")
         return

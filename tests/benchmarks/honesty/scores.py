@@ -76,6 +76,8 @@ class SessionScore:
     repeats: int = 0
     """number of strikes that the answer wants repeated"""
     seconds: float = 0.0
+    images: bool = False
+    """True if the session went through images"""
 
     @property
     def cell(self) -> str:

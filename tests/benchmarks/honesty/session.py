@@ -23,8 +23,9 @@ from schemas.result import Result
 from schemas.strike_plan import PlannedStrike
 from tests.analyze.simulated_session import manifest
 from tests.benchmarks.honesty.bodies import MAKERS, Specimen, draw_specimen
-from tests.benchmarks.honesty.described import DRAWS, Description, description, planning_key
+from tests.benchmarks.honesty.described import DRAWS, Description, description, drawn, planning_key
 from tests.benchmarks.honesty.disturbances import DISTURBANCES, Disturbance
+from tests.benchmarks.honesty.images import analyse_images
 from tests.benchmarks.honesty.observed import T0, draw_view, observe
 from tests.benchmarks.honesty.statics import TrueTip, true_tip
 from tests.benchmarks.honesty.struck import Bank, faces_of
@@ -101,7 +102,9 @@ def _stands_on(made: Specimen, normal: np.ndarray, edges: np.ndarray) -> bool:
     return True
 
 
-def run_session(body: str, disturbance_name: str, seed: int, bank: Bank) -> Trial | None:
+def run_session(
+    body: str, disturbance_name: str, seed: int, bank: Bank, images: bool = False
+) -> Trial | None:
     """Draw, strike, track and estimate one session; None if the disturbance does not apply to the body.
 
     Args:
@@ -109,18 +112,20 @@ def run_session(body: str, disturbance_name: str, seed: int, bank: Bank) -> Tria
         disturbance_name: name of the disturbance.
         seed: seed of the session; sessions with the same seed and body share the specimen.
         bank: struck motions.
+        images: True to draw images of every strike and track their tags.
     """
     disturbance = DISTURBANCES[disturbance_name]
     made = specimen(body, seed % SPECIMENS)
     try:
-        described = description(body, planning_key(disturbance), seed % DRAWS)
+        key = planning_key(disturbance)
+        described = description(body, key, seed % DRAWS if drawn(key) else 0)
     except AnalyzeError as error:
         return Trial(made, None, None, None, f"no plan: {error}", {})
     if described is None:
         return None
     order = (list(MAKERS).index(body), list(DISTURBANCES).index(disturbance_name))
     rng = np.random.default_rng((0x5E55, seed, *order))
-    described, motions, truths = _strikes(described, made, disturbance, bank, rng)
+    motions, truths = _strikes(described, made, (disturbance, images), bank, rng)
     evidence = _evidence(described, made, disturbance, motions, rng)
     try:
         estimate = estimate_evidence(evidence)
@@ -132,11 +137,15 @@ def run_session(body: str, disturbance_name: str, seed: int, bank: Bank) -> Tria
 def _strikes(
     described: Description,
     made: Specimen,
-    disturbance: Disturbance,
+    how: tuple[Disturbance, bool],
     bank: Bank,
     rng: np.random.Generator,
-) -> tuple[Description, list[TipMotion], dict[str, StrikeTruth]]:
-    """Analysed motions of the strikes that the session makes, and their truth by strike id."""
+) -> tuple[list[TipMotion], dict[str, StrikeTruth]]:
+    """Analysed motions of the strikes that the session makes, and their truth by strike id.
+
+    `how` is the disturbance, and whether images are drawn.
+    """
+    disturbance, images = how
     view = draw_view(disturbance, rng)
     tilt = disturbance.tilt * made.lean
     chosen = _chosen(described.plan.strikes, disturbance, rng)
@@ -162,9 +171,13 @@ def _strikes(
             rolling_outline(described.model, named),
             next_face_angle(described.model, named),
         )
-        motions.append(analyse_motion(tracked, task, MotionSettings()))
+        if images:
+            crumb, motion = 0.0, analyse_images(task, made.body, struck, view, disturbance, rng)
+        else:
+            motion = analyse_motion(tracked, task, MotionSettings())
+        motions.append(motion)
         truths[task.strike_id] = StrikeTruth(struck.tip, struck.tip.phi - crumb, struck.over)
-    return described, motions, truths
+    return motions, truths
 
 
 def _chosen(
