@@ -143,7 +143,7 @@ def _score(group: str, name: str, status: str, quantity: Quantity, truth: float,
 def _com(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
     assert trial.result is not None
     com = trial.result.centre_of_mass
-    group = "c (mm)" if com.observed else "c, open (mm)"
+    group = "c (mm)" if com.observed else "c open (mm)"
     values, ends = np.array(com.value), np.array(com.interval95)
     for i, axis in enumerate("xyz"):
         numbers = 1e3 * np.array([trial.specimen.com[i], values[i], *ends[i]])
@@ -191,9 +191,9 @@ def _regions(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
         parts = (specimen.in_shell, inside & above, inside & ~above)
         true = np.array([specimen.masses[part].sum() for part in parts])
     unit = 100 / float(specimen.masses.sum())
-    note = "" if regions.explained is not False else ", unexplained"
+    group = "regions (%)" if regions.explained is not False else "unexplained (%)"
     for region, mass in zip(regions.regions, true, strict=True):
-        yield _score(f"regions{note} (%)", region.name, said["regions"], region.mass, float(mass), unit)
+        yield _score(group, region.name, said["regions"], region.mass, float(mass), unit)
         if region.limits_kg is not None:
             low, high = unit * np.array(region.limits_kg)
             middle = 0.5 * (low + high)

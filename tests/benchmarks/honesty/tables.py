@@ -16,7 +16,7 @@ from tests.benchmarks.honesty.verdicts import STATUSES
 
 GROUPS = (
     "c (mm)",
-    "c, open (mm)",
+    "c open (mm)",
     "phi good (deg)",
     "phi back (deg)",
     "k good (%)",
@@ -27,7 +27,7 @@ GROUPS = (
     "I prod (%)",
     "I prior (%)",
     "regions (%)",
-    "regions, unexplained (%)",
+    "unexplained (%)",
     "limits (%)",
     "parts (%)",
 )
@@ -71,9 +71,9 @@ def _by(
             rows[key(session)][score.quantity].append(score)
     groups = [group for group in GROUPS if any(group in row for row in rows.values())]
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("")
+    table.add_column("", no_wrap=True)
     for group in groups:
-        table.add_column(group, justify="right")
+        table.add_column(group.replace(" (", "\n("), justify="right", no_wrap=True)
     for name, row in rows.items():
         table.add_row(name, *[cell(row[group]) if group in row else "" for group in groups])
     return table
@@ -98,7 +98,7 @@ def _subject(score: Score) -> str | None:
         return "centre of mass"
     if score.quantity.startswith(("I diag", "I prod", "I prior")):
         return "tensor"
-    if score.quantity.startswith("regions"):
+    if score.quantity.startswith(("regions", "unexplained")):
         return "regions"
     return "parts" if score.quantity.startswith("parts") else None
 
