@@ -41,6 +41,9 @@ LEVEL_TERMS = 2
 """Number of unknowns of one levelling: lean towards W's x and y."""
 OWN_RADIUS_FRACTION = 0.3
 """1 sigma of one edge's radius about the common one, as a fraction of the common one's sd."""
+WALL_SHARE = 0.9
+"""Error of a side face that all its edges share, as a fraction of a face's place error; the rest is each
+edge's own, as scanned faces are not quite flat."""
 MIN_DISTANCE = 1e-3
 """Lower bound of R [m], against division by zero."""
 
@@ -153,7 +156,7 @@ class JointModel:
             shift[:, first + OWN_RADIUS] = (
                 balance_direction(plane.direction, plane.up, plane.phi) * plane.radius_sd
             )
-        of_wall = min(systematic.face_sd, plane.edge_sd) if plane.wall else 0.0
+        of_wall = WALL_SHARE * min(systematic.face_sd, plane.edge_sd) if plane.wall else 0.0
         shift[:, first + FORWARD] = forward * np.sqrt(plane.edge_sd**2 - of_wall**2)
         # A face farther out moves the line along the other face that meets at the edge.
         rest, *wall = (first_face + faces.index(face) for face in _faces(plane))

@@ -3,8 +3,8 @@
 The planner plans the strikes; each is simulated in the plane with dry friction
 (tests/analyze/motion/sliding.py), which shares no code with the estimators. Masses are random points, not the
 estimator's cells. Calibration errors are drawn once per session (tilt, scale, mass, radius of the edges),
-scan errors for every face and edge. Does not model: a table's slope beyond its effect on the vertical, air, a
-third dimension of the tip, images.
+scan errors for every face: an edge lies where its two displaced faces meet. Does not model: a table's slope
+beyond its effect on the vertical, air, a third dimension of the tip, images.
 """
 
 from __future__ import annotations
@@ -45,6 +45,9 @@ OWN_RADIUS = 0.3
 """sd of one edge's radius against the others, as a fraction of RADIUS_SD"""
 TILT_SD = math.radians(0.2)
 SCAN_SD = 3e-4
+"""displacement of each face along its normal [m]"""
+LINE_SD = 5e-5
+"""displacement of each edge beyond that of its faces [m]"""
 SCALE_SD = 2e-3
 MASS_SD = 1e-4
 ANGLE_SD = 2e-4
@@ -210,18 +213,23 @@ def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator, analyse:
     tilt, radius = rng.normal(0, TILT_SD), RADIUS + rng.normal(0, RADIUS_SD)
     friction = rng.uniform(0.35, 0.8)
     noise = math.radians(rng.uniform(*NOISE))
-    faces: dict[str, float] = {}
+    faces: dict[tuple[float, ...], float] = {}
     edges: dict[str, tuple[float, float, float]] = {}
     found: list[TipMotion] = []
     for strike in body.plan.strikes:
-        risen = faces.setdefault(strike.plane_id, rng.normal(0, SCAN_SD))
-        drawn = (rng.normal(0, SCAN_SD), rng.normal(0, OWN_RADIUS * RADIUS_SD), rng.normal(0, ANGLE_SD))
-        ahead, rounder, turned = edges.setdefault(strike.axis_id, drawn)
+        rest, wall, lean = _faces_at(body.model, strike)
+        below = faces.setdefault(rest, rng.normal(0, SCAN_SD))
+        # A wall that is not known, as of a round rim, is one of its own.
+        outer = faces.setdefault(wall or (float(len(faces)),), rng.normal(0, SCAN_SD))
+        drawn = (rng.normal(0, LINE_SD), rng.normal(0, OWN_RADIUS * RADIUS_SD), rng.normal(0, ANGLE_SD))
+        own, rounder, turned = edges.setdefault(strike.axis_id, drawn)
+        ahead, risen = own + (outer + below * math.sin(lean)) / math.cos(lean), -below
         rho = max(radius + rounder, 1e-4)
+        inset = (rho - RADIUS) * (1 + math.sin(lean)) / math.cos(lean)
         # In the rest pose, along and off the table: true minus planned position of the rounding's centre
         # line.
         at = np.array(strike.R_world_object) @ (scale * np.array(strike.pivot.point))
-        off = np.array([at[0] + ahead - (rho - RADIUS), at[2] + risen + (rho - RADIUS)])
+        off = np.array([at[0] + ahead - inset, at[2] + risen + (rho - RADIUS)])
         arm = np.array(strike.R_world_object) @ (truth.com - np.array(strike.pivot.point))
         back, up = off[0] - arm[0], arm[2] - off[1]
         line = np.array(strike.pivot.direction)
@@ -236,6 +244,31 @@ def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator, analyse:
         )
         found.append(_strike(body, strike, planar, off, noise, rng, analyse))
     return found
+
+
+def _faces_at(
+    model: ObjectModel, strike: PlannedStrike
+) -> tuple[tuple[float, ...], tuple[float, ...] | None, float]:
+    """Resting face and side face at a pivot edge, as rounded plane equations, and the side face's lean [rad].
+
+    The centre line of the rounding lies one radius inside both. The side face is None, and its lean 0, if no
+    face of the hull passes there, as at a round rim.
+    """
+    forward, _, up = np.array(strike.R_world_object)
+    gaps = model.hull_planes @ np.append(strike.pivot.point, 1.0) + strike.pivot.radius_m
+    near = model.hull_planes[np.abs(gaps) < 5e-5]
+    near = near[np.abs(near[:, :3] @ strike.pivot.direction) < 1e-3]
+    rest = min(near.tolist(), key=lambda plane: float(np.dot(plane[:3], up)), default=[*-up, 0.0])
+    walls = [plane for plane in near.tolist() if np.dot(plane[:3], forward) > 0.5]
+    if not walls:
+        return _rounded_equation(rest), None, 0.0
+    wall = max(walls, key=lambda plane: float(np.dot(plane[:3], forward)))
+    lean = math.atan2(float(np.dot(wall[:3], up)), float(np.dot(wall[:3], forward)))
+    return _rounded_equation(rest), _rounded_equation(wall), lean
+
+
+def _rounded_equation(plane: list[float]) -> tuple[float, ...]:
+    return tuple(round(value, 3) + 0.0 for value in plane)
 
 
 def _strike(
