@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from schemas.document import Document, SparseDocument, Vector3
 from schemas.quantity import RENAMED, Quantity, RenamedDocument, json_entries
+from schemas.robustness import AlternativeResult
 from schemas.strike_result import StrikeResult
 
 RESULT_VERSION = "2.0"
@@ -311,6 +312,7 @@ class Result(SparseDocument):
     left_out: ClassVar[tuple[str, ...]] = (
         "table_tilt",
         "edge_radii",
+        "robustness",
         "parts",
         "verdict",
         "parameters_covariance",
@@ -367,6 +369,10 @@ class Result(SparseDocument):
     )
     frame_times: list[FrameTimes] | None = Field(
         default=None, description="recordings whose times come from a file's time stamps; else not written"
+    )
+
+    robustness: list[AlternativeResult] | None = Field(
+        default=None, description="changes under alternatives; not written where c is not observed"
     )
 
     @model_validator(mode="before")

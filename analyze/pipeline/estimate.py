@@ -34,6 +34,7 @@ from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
+from analyze.estimation.what_ifs import Alternative
 from analyze.geometry.voxels import voxelise
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.filling import estimate_filling, filling_label
@@ -55,6 +56,7 @@ from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.too_few import too_few_text
+from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.types import (
     CentreOfMass,
     EdgeRadius,
@@ -157,6 +159,8 @@ class Estimate:
     """density [kg/m³] by cell: of all that have the measured moments, the one of maximum entropy"""
     sensitivity: Sensitivity
     """influence of strikes and error sources on the centre of mass"""
+    alternatives: tuple[Alternative, ...]
+    """changes of centre of mass and moments under the what-ifs of the robustness table"""
     edge_radii: tuple[EdgeRadius, ...]
     """radii of the rounded pivot edges, as all strikes determine them"""
     radius_check: RadiusCheck | None
@@ -277,6 +281,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes)
     )
     inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
+    priors = (systematic, prior, moments)
     paper, struck_paper_planes = paper_estimate(evidence, used, cells, scale)
     return Estimate(
         evidence=evidence,
@@ -306,6 +311,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         frame_rates=tuple(rates),
         voxels=voxel_map(measured_moments(inertial), cells),
         sensitivity=sensitivity(solution, systematic, prior, struck, inertial),
+        alternatives=estimate_alternatives(evidence, used, planes, priors, solution, struck),
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,
     )

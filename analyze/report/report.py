@@ -19,7 +19,7 @@ from analyze.report.page import figure_element, manifest_time, number, page_envi
 from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.report.prediction_plot import prediction_figure
 from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
-from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows
+from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows, robustness_rows
 from analyze.report.truth import ShownTruth, shown_truth
 from analyze.report.voxel_map import voxel_figure, voxel_map_text
 from analyze.result.frame_times import frame_time_lines
@@ -116,6 +116,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             ],
             missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
+            robustness=robustness_rows(result.robustness or []),
             strikes=_strike_plots(answer),
             tilts=[
                 *tilt_lines(result),

@@ -18,7 +18,10 @@ from schemas.quantity import Quantity
 from schemas.result import Filling, Parts, Result
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from analyze.result.answer import Answer
+    from schemas.robustness import AlternativeResult
 
 DEGREES = 57.29577951308232
 """degrees per radian"""
@@ -64,6 +67,8 @@ def render_summary(answer: Answer, console: Console | None = None) -> None:
         console.print(_parts(result.parts))
     if result.filling is not None:
         console.print(_filling(result.filling))
+    if result.robustness:
+        console.print(_robustness(result.robustness))
     for sentence in result.verdict or []:
         console.print(escape(sentence))
     for warning in result.warnings:
@@ -163,6 +168,34 @@ def _parts(parts: Parts) -> Table:
             open_interval(part.density, 1e-3, 2),
             f"{1e3 * uniform:.1f}",
         )
+    return table
+
+
+def robustness_rows(rows: Sequence[AlternativeResult]) -> list[tuple[str, str, str, str]]:
+    """Rows of the robustness table: alternative, shift of the centre of mass [mm], moments [%], outcome."""
+    found: list[tuple[str, str, str, str]] = []
+    for row in rows:
+        name = row.what_if if row.strike is None else f"{row.what_if}: {row.strike} (the worst)"
+        shift = 1e3 * float(np.linalg.norm(row.com_shift_m))
+        changes = row.moment_changes
+        moments = "–" if changes is None else ", ".join(f"{100 * change:+.1f}" for change in changes)
+        broken = [
+            text
+            for text, holds in (("centre of mass", row.com_holds), ("moments", row.moments_hold))
+            if not holds
+        ]
+        found.append(
+            (name, f"{shift:.2f}", moments, "holds" if not broken else f"not the {' and '.join(broken)}")
+        )
+    return found
+
+
+def _robustness(rows: Sequence[AlternativeResult]) -> Table:
+    table = Table(title="What if: change of the answer", title_justify="left", box=SIMPLE_HEAD)
+    for name in ("what if", "centre of mass (mm)", "principal moments (%)", "answer"):
+        table.add_column(name, justify="left" if name in {"what if", "answer"} else "right")
+    for row in robustness_rows(rows):
+        table.add_row(*map(escape, row))
     return table
 
 

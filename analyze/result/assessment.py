@@ -10,15 +10,15 @@ from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.agreements import estimator_difference_text
 from analyze.result.frame_times import wrong_text
 from analyze.result.radius import refuted_radius_text
-from analyze.types import TENSOR_ENTRIES, tensor_entry_name
+from analyze.result.trust import quantity_sentences
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from analyze.estimation.checks import Checks
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.prediction import StrikePrediction
-    from analyze.types import Array, InertialParameters, MassDistribution
+    from analyze.types import Array, MassDistribution
     from schemas.result import FrameTimes
 
 MAX_OUTSIDE_SD = 2.0
@@ -26,15 +26,18 @@ MAX_OUTSIDE_SD = 2.0
 MAX_TRUSTED_SHARE, MAX_DETERMINED_SHARE = 0.1, 0.3
 """half width of the least certain region's 95 % interval over the object's mass: up to the first value, the
 masses of shell and interior parts are trusted; above the second, they are reported as not determined"""
+WHOLE_RANGE_SHARE = 0.8
+"""width of a region's range over the object's mass from which on the range says nothing"""
 
 
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
-    """Sentences on an estimate: first what to trust, then what to doubt, last which strikes to repeat.
+    """Sentences on an estimate: what to trust, to doubt, what is not determined, which strikes to repeat.
 
-    Each begins with the word trust, doubt or repeat. Nothing is to be trusted in two cases: the centre of
-    mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the strikes disagrees with
-    the stated one, or a moment of inertia is impossible for the shape, although no stated frame rate is wrong
-    (a wrong one would explain both).
+    Each begins with trust, doubt, not determined or repeat. Nothing is to be trusted in two cases: the centre
+    of mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the strikes disagrees
+    with the stated one, or a moment of inertia is impossible for the shape, although no stated frame rate is
+    wrong (a wrong one would explain both). If one axis alone makes gravity disagree, only moments are
+    doubted.
 
     Args:
         estimate: the estimate.
@@ -47,9 +50,15 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     # the estimate does not use it.
     gravity_doubted = not wrong_rates and not checks.gravity.agrees
     moments_doubted = not wrong_rates and bool(checks.impossible_axes)
-    sound = not (checks.sigmas_outside_hull > MAX_OUTSIDE_SD or moments_doubted or gravity_doubted)
-    regions = regions_text(estimate.distribution, estimate.inertial.mass)
-    found = list(_trust(estimate, regions)) if sound else []
+    one_axis = gravity_doubted and checks.gravity.single_axis is not None
+    outside = checks.sigmas_outside_hull > MAX_OUTSIDE_SD
+    by_quantity = quantity_sentences(
+        estimate,
+        regions_text(estimate.distribution, estimate.inertial.mass),
+        sound=not (outside or moments_doubted or (gravity_doubted and not one_axis)),
+        moments_sound=not one_axis,
+    )
+    found = [each for each in by_quantity if each.startswith("trust")]
     found += [
         f"doubt the frame rate: {wrong_text(each)}; this answer does not use it, and is less certain than"
         " it could be"
@@ -57,8 +66,8 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     ]
     if (radius := refuted_radius_text(estimate.radius_check)) is not None:
         found.append(radius)
-    found += _doubt_priors(estimate, regions)
-    if checks.sigmas_outside_hull > MAX_OUTSIDE_SD:
+    found += [each for each in by_quantity if not each.startswith("trust")]
+    if outside:
         found.append(
             "doubt everything: the centre of mass lies outside the shape's hull; check the shape's unit and"
             " how the object was placed"
@@ -70,7 +79,7 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
             " mass, unit and shape"
         )
     if gravity_doubted:
-        found.append(f"doubt everything: {gravity_text(checks)}")
+        found.append(f"doubt {'the moments' if one_axis else 'everything'}: {gravity_text(checks)}")
     found += [
         f"doubt strike {each.strike_id}: {estimator_difference_text(each)}; look at its motion"
         for each in estimate.agreements.estimators
@@ -80,56 +89,25 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     return found
 
 
-def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
-    """Yield sentences on what to trust: centre of mass, entries of the inertia tensor, region masses.
-
-    The centre of mass is trusted if the strikes determine all its coordinates; entries of the tensor if
-    strikes measured them; the masses of shell and interior parts if the centre of mass is trusted and the
-    sentence on them, `regions`, begins with trust.
-    """
-    com, predictions = estimate.com, estimate.predictions
-    if com.observed:
-        worst = 1e3 * SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
-        consistent = sum(each.consistent for each in predictions)
-        yield (
-            f"trust the centre of mass, to {worst:.1f} mm: {consistent} of {len(predictions)} strikes move as"
-            " predicted from the others"
-        )
-    if measured := _entries(estimate.inertial, measured=True):
-        yield f"trust {measured} of the tensor: strikes measured them"
-    if com.observed and regions.startswith("trust"):
-        yield regions
-
-
-def _doubt_priors(estimate: Estimate, regions: str) -> Iterator[str]:
-    """Yield sentences on what comes from the shape instead of strikes, and doubts of the region masses.
-
-    The masses of shell and interior parts are doubted if `regions`, the sentence on them, begins with doubt
-    (it is then yielded), or if the strikes leave a direction of the centre of mass open.
-    """
-    observed = estimate.com.observed
-    if not observed:
-        yield "doubt the centre of mass along the direction that is not observed: it comes from the shape"
-    if prior := _entries(estimate.inertial, measured=False):
-        yield f"doubt {prior} of the tensor: they come from the shape"
-    if regions.startswith("doubt"):
-        yield regions
-    elif not observed:
-        yield "doubt the region masses: they depend on the centre of mass, part of which comes from the shape"
-
-
 def regions_text(distribution: MassDistribution, mass: float) -> str:
     """Sentence on how far the masses of shell and interior parts can be trusted.
 
     It begins with trust if the half width of the least certain region's 95 % interval is at most
     `MAX_TRUSTED_SHARE` of the object's mass, otherwise with doubt; always with doubt if no body of uniform
-    parts explains the moments.
+    parts explains the moments. If every region's range is at least `WHOLE_RANGE_SHARE` of the mass, the
+    sentence says that nothing is determined.
 
     Args:
         distribution: masses of the shell and of the interior on either side of a plane, with intervals.
         mass: mass of the object [kg].
     """
+    nothing = (
+        "not determined are the region masses: strikes leave open whether a region holds none or nearly all"
+        " of the mass; label the parts, or strike about more axes"
+    )
     if not distribution.explained:
+        if _whole_range(distribution.limits, mass):
+            return nothing
         ends = _ranges(distribution.names, distribution.limits)
         return (
             "doubt the region masses: no uniform shell with two uniform parts has these moments; under any"
@@ -138,6 +116,8 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
     half = 0.5 * np.diff(distribution.intervals, axis=1)[:, 0]
     worst = int(np.argmax(half))
     share, name = float(half[worst]) / mass, distribution.names[worst]
+    if _whole_range(distribution.intervals, mass):
+        return nothing
     if share > MAX_DETERMINED_SHARE:
         return (
             "doubt the region masses: the moments do not determine them:"
@@ -147,6 +127,11 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
     if share > MAX_TRUSTED_SHARE:
         return f"doubt the region masses: they are known only roughly ({known}): strike about more axes"
     return f"trust the region masses, if the object is a uniform shell with two uniform parts: {known}"
+
+
+def _whole_range(ends: Array, mass: float) -> bool:
+    """True if the ranges (n, 2) [kg] of all regions' masses are nearly as wide as the `mass` [kg]."""
+    return bool(np.all(np.diff(ends, axis=1)[:, 0] >= WHOLE_RANGE_SHARE * mass))
 
 
 def _ranges(names: Sequence[str], ends: Array) -> str:
@@ -159,9 +144,16 @@ def _ranges(names: Sequence[str], ends: Array) -> str:
 def gravity_text(checks: Checks) -> str:
     """Clause on how much gravity by the strikes differs from the stated one [%], and on what to check.
 
-    The half width of the difference's 95 % interval is given too.
+    The half width of the difference's 95 % interval is given too. If the k of one axis alone makes the
+    difference, the axis is named.
     """
     gravity = checks.gravity
+    if gravity.single_axis is not None:
+        return (
+            f"k of the strikes about {gravity.single_axis} alone makes gravity differ by"
+            f" {100 * gravity.relative:+.0f} ± {100 * SIGMAS_95 * gravity.sd:.0f} % from the stated one;"
+            " without it gravity agrees: strike that edge again"
+        )
     return (
         f"gravity by the strikes differs by {100 * gravity.relative:+.0f} ±"
         f" {100 * SIGMAS_95 * gravity.sd:.0f} % from the stated one: check the shape's unit and the frame"
@@ -186,14 +178,4 @@ def prediction_text(prediction: StrikePrediction) -> str:
     return (
         f"{text}; θ leaves the predicted motion by {off:+.1f}° (± {band:.1f}°) within"
         f" {motion.time[worst]:.2f} s"
-    )
-
-
-def _entries(inertial: InertialParameters, measured: bool) -> str:
-    """Names, separated by commas, of the inertia tensor's entries that strikes measured.
-
-    With `measured` False, names of those that they did not measure. "" if there are none.
-    """
-    return ", ".join(
-        tensor_entry_name((i, j)) for i, j in TENSOR_ENTRIES if bool(inertial.measured[i, j]) == measured
     )

@@ -20,6 +20,7 @@ from analyze.result.radius import radius_documents
 from analyze.result.rounding import rounded
 from analyze.result.strike_rows import prediction_document, strike_result
 from analyze.result.tilt import table_tilts
+from analyze.result.trust import robustness_documents
 from analyze.result.warnings import result_warnings
 from schemas.document import sha256_text
 from schemas.quantity import Quantity
@@ -77,6 +78,7 @@ def result_document(estimate: Estimate) -> Result:
             parts=None if estimate.parts is None else parts_document(estimate.parts),
             filling=filling,
             frame_times=frame_times or None,
+            robustness=robustness_documents(estimate) or None,
         )
     )
 

@@ -18,6 +18,7 @@ from analyze.result.strike_warnings import (
     tracking_warnings,
 )
 from analyze.result.tilt import TILT_REMEDY, assumed_tilt
+from analyze.result.trust import singular_text
 from analyze.result.warning_text import names_text, warning
 from analyze.types import tensor_entry_name
 from schemas.result import FrameTimes, ResultWarning, WarningCode
@@ -124,8 +125,8 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
         x, y, z = direction
         yield warning(
             WarningCode.DIRECTION_UNOBSERVED,
-            f"the strikes do not determine the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}): strike about"
-            " another axis",
+            f"the strikes do not determine the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}):"
+            f" {singular_text(estimate)}",
         )
     if estimate.checks.sigmas_outside_hull > MAX_OUTSIDE_SD:
         yield warning(

@@ -28,11 +28,12 @@ def session(
     tilt: float = 0.0,
     slow: float = 1.0,
     time_source: TimeSource = TimeSource.DEVICE_MAPPED,
+    axes: tuple[tuple[int, int, int, int], ...] = SIX_AXES,
 ) -> Evidence:
-    """Strikes on six axes of `body`; phi and k drawn with these errors, tilt [rad] of the table added to all,
+    """Strikes on six axes of `body`, or on `axes`; phi and k drawn with these errors, tilt [rad] of the table added to all,
     times stretched by `slow`."""
     spec = object_spec(body)
-    strikes = [planned_strike(body, *axis, repeat) for axis in SIX_AXES for repeat in range(repeats)]
+    strikes = [planned_strike(body, *axis, repeat) for axis in axes for repeat in range(repeats)]
     motions = []
     for strike in strikes:
         phi, k = tip(body, strike)

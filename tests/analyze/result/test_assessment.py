@@ -57,3 +57,11 @@ def test_unexplained_moments_are_doubted_even_with_narrow_intervals():
     said = regions_text(masses(1.0, explained=False), 0.1)
     assert said.startswith("doubt the region masses: no uniform shell")
     assert said.endswith("shell 10 to 90 g, upper 0 to 40 g, lower 0 to 50 g")
+
+
+def test_ranges_that_span_the_whole_mass_are_said_to_determine_nothing():
+    whole = masses(40.0)
+    whole.intervals = whole.limits = 1e-3 * np.array([[0.0, 95.0], [0.0, 90.0], [2.0, 99.0]])
+    assert regions_text(whole, 0.1).startswith("not determined are the region masses")
+    whole.explained = False
+    assert regions_text(whole, 0.1).startswith("not determined are the region masses")

@@ -1,0 +1,77 @@
+"""Robustness of an estimate under what-ifs, with the motions' alternative estimators among them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from analyze.estimation.what_ifs import Alternative, alternatives
+from analyze.pipeline.equiplanes import equiplanes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.estimation.joint import JointSolution, MomentModel
+    from analyze.estimation.priors import ComPrior, SystematicErrors
+    from analyze.pipeline.evidence import Evidence
+    from analyze.types import EquiPlane, InertialParameters, MotionFit, TipMotion
+
+
+def estimate_alternatives(
+    evidence: Evidence,
+    motions: Sequence[TipMotion],
+    planes: Sequence[EquiPlane],
+    priors: tuple[SystematicErrors, ComPrior, MomentModel],
+    solution: JointSolution,
+    struck: InertialParameters,
+) -> tuple[Alternative, ...]:
+    """Changes of centre of mass and moments under each what-if, as the robustness table lists them.
+
+    Args:
+        evidence: recordings, object and plan.
+        motions: fitted motions of the strikes used, in the order of `planes`.
+        planes: equi-planes that the estimate was made from.
+        priors: errors that strikes share, prior of the centre of mass, and mass, gravity and prior of the
+            moments.
+        solution: solution of the joint problem.
+        struck: parameters of the body that tipped, stated from it.
+    """
+    return alternatives(planes, *priors, solution, struck, _by_other_estimators(evidence, motions, planes))
+
+
+def _by_other_estimators(
+    evidence: Evidence, motions: Sequence[TipMotion], planes: Sequence[EquiPlane]
+) -> tuple[EquiPlane, ...] | None:
+    """Equi-planes with balance angle and k by each motion's best other estimator; None if there is none.
+
+    An estimator whose assumptions the motion violates does not count. A contact that rolls keeps its fit.
+    """
+    others = [
+        _other_fit(motion) if plane.rounded else None for motion, plane in zip(motions, planes, strict=True)
+    ]
+    if all(other is None for other in others):
+        return None
+    changed = [
+        motion if other is None else replace(motion, fit=other)
+        for motion, other in zip(motions, others, strict=True)
+    ]
+    return tuple(
+        plane
+        if other is None
+        else replace(
+            plane,
+            phi=new.phi,
+            sd_phi=new.sd_phi,
+            normal=new.normal,
+            k=None if plane.k is None else new.k,
+            sd_k=None if plane.k is None else new.sd_k,
+            cov_phi_k=new.cov_phi_k,
+        )
+        for plane, other, new in zip(planes, others, equiplanes(evidence, changed), strict=True)
+    )
+
+
+def _other_fit(motion: TipMotion) -> MotionFit | None:
+    """Alternative fit of a motion with the smallest sd of the balance angle; None if there is none."""
+    fits = [fit for fit in motion.alternatives if not fit.violated and fit.rolling is None]
+    return min(fits, key=lambda fit: float(fit.covariance[0, 0]), default=None)

@@ -1,0 +1,162 @@
+"""Sentences on centre of mass, inertia tensor and region masses: to trust, to doubt, or not determined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.estimation.common_point import common_point
+from analyze.estimation.what_ifs import WhatIf
+from analyze.least_squares.intervals import SIGMAS_95
+from analyze.types import TENSOR_ENTRIES, tensor_entry_name
+from schemas.robustness import AlternativeResult
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from analyze.estimation.what_ifs import Alternative
+    from analyze.pipeline.estimate import Estimate
+    from analyze.types import Array
+
+MAX_TRUSTED_COM_SHARE = 0.05
+"""half width of the 95 % interval of the centre of mass in its least certain direction, over half the
+object's extent along it, up to which the centre of mass is trusted"""
+NEAR_POINT_SHARE = 0.2
+"""largest distance of the struck edges from one point, over half the object's largest extent, at which they
+are said to meet there nearly"""
+EXACT_POINT_M = 1e-3
+"""the same [m] at which they are said to meet"""
+WORD = ("trust", "doubt", "not determined")
+"""first words of a sentence, by class"""
+
+
+def quantity_sentences(estimate: Estimate, regions: str, *, sound: bool, moments_sound: bool) -> list[str]:
+    """Sentences on centre of mass, entries of the tensor and region masses, what to trust first.
+
+    The centre of mass, or an entry of the tensor, is trusted if its 95 % interval is small and it stays there
+    under all alternatives of the robustness table; the region masses if their own intervals are small and the
+    centre of mass is trusted.
+
+    Args:
+        estimate: the estimate.
+        regions: sentence on the region masses by their own intervals.
+        sound: False if a check failed that puts everything in doubt; nothing is then trusted.
+        moments_sound: False if a check failed that puts the moments of inertia in doubt.
+    """
+    com = _com_text(estimate)
+    found = [com, *_tensor_texts(estimate, moments_sound)]
+    if regions.startswith("trust") and not (com.startswith("trust") and moments_sound):
+        regions = (
+            "doubt the region masses: they depend on the centre of mass and the moments, which are not to be"
+            " trusted"
+        )
+    found.append(regions)
+    return [each for word in WORD for each in found if each.startswith(word) and (sound or word != "trust")]
+
+
+def robustness_documents(estimate: Estimate) -> list[AlternativeResult]:
+    """Changes of the answer under each alternative, in the Result's form; empty if none were computed."""
+    return [
+        AlternativeResult(
+            what_if=each.what_if.value,
+            strike=each.strike_id,
+            com_shift_m=each.com_shift.tolist(),
+            moment_changes=None if each.moment_changes is None else each.moment_changes.tolist(),
+            com_holds=each.com_holds,
+            moments_hold=each.moments_hold,
+        )
+        for each in estimate.alternatives
+    ]
+
+
+def singular_text(estimate: Estimate) -> str:
+    """Clause on why the strikes leave a direction of the centre of mass open, and what to do."""
+    shared = common_point(estimate.planes)
+    lower, upper = (np.asarray(end) for end in estimate.evidence.model.bounds)
+    if shared is None:
+        return "the struck edges are parallel: strike about an edge across them"
+    near = NEAR_POINT_SHARE * float((upper - lower).max()) / 2
+    if shared.edges < 3 or shared.miss > near:
+        return "strike about another edge"
+    miss = (
+        "meet at one point"
+        if shared.miss < EXACT_POINT_M
+        else (f"nearly meet at one point, {1e3 * shared.miss:.0f} mm from the farthest")
+    )
+    return f"the {shared.edges} struck edges {miss}: strike about an edge that does not lead there"
+
+
+def _com_text(estimate: Estimate) -> str:
+    """Sentence on the centre of mass."""
+    com = estimate.com
+    values, vectors = np.linalg.eigh(com.covariance)
+    half = SIGMAS_95 * float(np.sqrt(values[-1]))
+    if com.unobserved_direction is not None:
+        x, y, z = com.unobserved_direction
+        return (
+            f"not determined along ({x:.2f}, {y:.2f}, {z:.2f}) is the centre of mass: there it comes from the"
+            f" shape, to ± {1e3 * half:.0f} mm; {singular_text(estimate)}"
+        )
+    lower, upper = estimate.evidence.model.bounds
+    extent = float(np.abs(vectors[:, -1]) @ (np.asarray(upper) - lower)) / 2
+    if half > MAX_TRUSTED_COM_SHARE * extent:
+        return (
+            f"doubt the centre of mass: it is known only to {1e3 * half:.1f} mm along"
+            f" {_direction_text(vectors[:, -1])}; {singular_text(estimate)}"
+        )
+    broken = next((each for each in estimate.alternatives if not each.com_holds), None)
+    if broken is not None:
+        moved = 1e3 * float(np.linalg.norm(broken.com_shift))
+        return (
+            f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: with {what_if_text(broken)} it moves"
+            f" by {moved:.1f} mm"
+        )
+    consistent = f"{sum(each.consistent for each in estimate.predictions)} of {len(estimate.predictions)}"
+    return (
+        f"trust the centre of mass, to {1e3 * half:.1f} mm: {consistent} strikes move as predicted from the"
+        " others"
+    )
+
+
+def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
+    """Yield sentences on the entries of the inertia tensor, one for each class that has entries."""
+    inertial = estimate.inertial
+    measured, informed = inertial.measured, inertial.informed
+    trusted = [entry for entry in TENSOR_ENTRIES if measured[entry]]
+    rough = [entry for entry in TENSOR_ENTRIES if informed[entry] and not measured[entry]]
+    prior = [entry for entry in TENSOR_ENTRIES if not informed[entry] and not measured[entry]]
+    broken = next((each for each in estimate.alternatives if not each.moments_hold), None)
+    if trusted and broken is not None and broken.moment_changes is not None:
+        change = float(np.max(np.abs(broken.moment_changes)))
+        yield (
+            f"doubt {_names(trusted)} of the tensor: with {what_if_text(broken)} a principal moment changes"
+            f" by {100 * change:.0f} %, beyond its interval"
+        )
+    elif trusted and moments_sound:
+        yield f"trust {_names(trusted)} of the tensor: strikes measured them"
+    if rough:
+        size = np.sqrt(np.outer(np.diag(inertial.inertia), np.diag(inertial.inertia)))
+        worst = max(SIGMAS_95 * float(inertial.inertia_sd[entry] / size[entry]) for entry in rough)
+        yield f"doubt {_names(rough)} of the tensor: known only to {100 * worst:.0f} % of the moments"
+    if prior:
+        verb = "is" if len(prior) == 1 else "are"
+        yield f"not determined {verb} {_names(prior)} of the tensor: they come from the shape"
+
+
+def what_if_text(alternative: Alternative) -> str:
+    """Name of an alternative in words, with the strike that is left out."""
+    if alternative.what_if is WhatIf.STRIKE:
+        return f"strike {alternative.strike_id} left out"
+    return alternative.what_if.value
+
+
+def _names(entries: list[tuple[int, int]]) -> str:
+    """Names of entries of the tensor, separated by commas."""
+    return ", ".join(tensor_entry_name(entry) for entry in entries)
+
+
+def _direction_text(direction: Array) -> str:
+    """Text of a direction (3,) in the object frame O, its largest component positive."""
+    x, y, z = direction * np.sign(direction[np.argmax(np.abs(direction))])
+    return f"({x:.2f}, {y:.2f}, {z:.2f})"
