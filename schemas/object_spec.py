@@ -81,7 +81,7 @@ class Shape(Document):
     surface_sd_m: float = Field(
         default=0.0,
         ge=0,
-        description="1 sigma of a common offset of the whole surface, in metres: a scanner's bias, which "
+        description="1 sigma of the offset of each face of the surface, in metres: a scanner's bias, which "
         "more points do not reduce",
     )
     box: Box | None = None
