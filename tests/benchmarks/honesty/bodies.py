@@ -177,7 +177,7 @@ def _foot() -> TrueBody:
 def _ring() -> TrueBody:
     """Round jar on a foot ring of 30 mm whose belly of 34 mm lands after 17 degrees."""
     return _mesh_body(
-        "ring", _rings([(30, 0), (34, 1.2), (36, 30), (36, 90), (28, 112)], 48), 0.5, 0.15, wall_stated=False
+        "ring", _rings([(30, 0), (34, 1.2), (36, 30), (36, 90), (28, 112)], 36), 0.5, 0.15, wall_stated=False
     )
 
 

@@ -32,6 +32,8 @@ DRAWS = 4
 CLOUD_POINTS = 6000
 LARGE_PLANE = 0.1
 """area over the largest resting plane's, above which a user puts the object on it"""
+ROUND = 20
+"""number of faces above which a body is round"""
 MEETING = 3e-3
 """distance [m] up to which three rounded edges count as meeting at a vertex"""
 
@@ -145,7 +147,10 @@ def _moved_faces(
     points, index = np.unique(piece.reshape(-1, 3), axis=0, return_inverse=True)
     hull = ConvexHull(points)
     planes, label = np.unique(np.round(hull.equations, 6), axis=0, return_inverse=True)
-    own = rng.normal(0, disturbance.scan_sd, len(planes)) if disturbance.scan == "faces" else error
+    # A round body stays round: its facets share an error by height and slope.
+    kinds = np.round(planes[:, 2:], 3) if len(planes) > ROUND else planes
+    kind = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()
+    own = rng.normal(0, disturbance.scan_sd, len(planes))[kind] if disturbance.scan == "faces" else error
     planes = planes - np.column_stack([np.zeros((len(planes), 3)), 1e3 * np.broadcast_to(own, len(planes))])
     moved = points.copy()
     for vertex in range(len(points)):
