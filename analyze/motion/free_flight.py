@@ -23,10 +23,13 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from analyze.errors import EstimationError
+from analyze.least_squares.grouped_errors import group_freedom, jackknife_covariance
+from analyze.least_squares.intervals import student_sigmas_95
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.geometry.polyhedron import BoolArray
     from analyze.motion.body_motion import BodyMotion
     from analyze.types import Array
 
@@ -61,6 +64,8 @@ class FlightBody:
     """g [m/s^2], in the unit of length of the motion's positions"""
     covariance: Array
     """(4, 4) covariance of (c, g)"""
+    freedom: Array
+    """(4,) degrees of freedom of the variances of (c, g)"""
     flights: int
     """number of flights"""
     residual: float
@@ -75,6 +80,11 @@ class FlightBody:
     def gravity_sd(self) -> float:
         """Standard deviation of the fitted gravity g [m/s^2]."""
         return float(np.sqrt(self.covariance[3, 3]))
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths (4,) of the 95 % intervals of (c, g), by Student's t [m, m, m, m/s^2]."""
+        return student_sigmas_95(self.freedom) * np.sqrt(np.diag(self.covariance))
 
 
 def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
@@ -105,32 +115,78 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
     rights = np.array([matrix.T @ level for matrix, level in systems])
     squares = np.array([float(level @ level) for _, level in systems])
     counts = np.array([len(level) - 6 for _, level in systems], dtype=np.float64)
-    weight = np.ones(len(flights))
-    x: Array = np.zeros(4)
-    normal: Array = products.sum(axis=0)
-    left: Array = squares
-    for _ in range(_ROUNDS):
-        normal = np.einsum("f,frc->rc", weight, products)
+    equations = _Equations(products, rights, squares, counts)
+    x, weight, left = equations.solved(np.zeros(4))
+    names, member = np.unique(groups, return_inverse=True)
+    without = np.array([equations.part(member != g).solved(x)[0] for g in range(len(names))])
+    by_throw = np.zeros((len(names), 4, 4))
+    np.add.at(by_throw, member, weight[:, None, None] * products)
+    return FlightBody(
+        x[:3],
+        float(x[3]),
+        jackknife_covariance(without),
+        group_freedom(np.asarray(np.linalg.inv(by_throw.sum(axis=0)), dtype=np.float64), by_throw),
+        len(flights),
+        float(np.sqrt(np.median(left / counts))),
+    )
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations of each of f flights in (c, g), the centre of mass [m, in O] and gravity [m/s^2]."""
+
+    products: Array
+    """(f, 4, 4) normal matrix of each flight"""
+    rights: Array
+    """(f, 4) right side of the normal equations of each flight"""
+    squares: Array
+    """(f,) sum of squares of the right side of each flight's own equations [m^2]"""
+    counts: Array
+    """(f,) degrees of freedom of each flight's residuals"""
+
+    def part(self, kept: BoolArray) -> _Equations:
+        """The equations of the flights of the mask `kept` (f,)."""
+        return _Equations(self.products[kept], self.rights[kept], self.squares[kept], self.counts[kept])
+
+    def solved(self, start: Array) -> tuple[Array, Array, Array]:
+        """Solution (4,), weight (f,) of each flight, and sum of squares (f,) of its residuals [m^2].
+
+        Args:
+            start: (4,) (c, g) with which to begin; zeros to begin with equal weights.
+
+        Raises:
+            EstimationError: the flights do not determine c.
+        """
+        x, weight = start, np.ones(len(self.counts))
+        left = self._left(x)
+        if start.any():
+            weight = self._weights(left, weight)
+        normal = np.einsum("f,frc->rc", weight, self.products)
         size = np.sqrt(np.diag(normal))
         if np.linalg.cond(normal / np.outer(size, size)) > 1e8:
             raise EstimationError(
-                f"{len(flights)} flights do not determine the centre of mass:"
+                f"{len(self.counts)} flights do not determine the centre of mass:"
                 " throw so that the body turns in flight"
             )
-        before, x = x, np.asarray(np.linalg.solve(normal, weight @ rights), dtype=np.float64)
-        left = np.maximum(squares - 2 * rights @ x + np.einsum("r,frc,c->f", x, products, x), 0.0)
-        variance = float(weight @ left) / float(counts.sum())
-        weight = (_T_FREEDOM + counts) / (_T_FREEDOM + left / variance)
-        if np.max(np.abs(x - before)) < 1e-7:
-            break
-    inverse = np.linalg.inv(normal)
-    # Residuals of one throw share errors (its tracking, its air): Liang and Zeger 1986.
-    scores: Array = weight[:, None] * (rights - products @ x)
-    by_throw: Array = np.array([np.sum(scores[groups == name], axis=0) for name in np.unique(groups)])
-    meat = by_throw.T @ by_throw * len(by_throw) / (len(by_throw) - 1)
-    return FlightBody(
-        x[:3], float(x[3]), inverse @ meat @ inverse, len(flights), float(np.sqrt(np.median(left / counts)))
-    )
+        flat = self.products.reshape(-1, 16)
+        for _ in range(_ROUNDS):
+            normal = (weight @ flat).reshape(4, 4)
+            before, x = x, np.asarray(np.linalg.solve(normal, weight @ self.rights), dtype=np.float64)
+            left = self._left(x)
+            weight = self._weights(left, weight)
+            if np.max(np.abs(x - before)) < 1e-7:
+                break
+        return x, weight, left
+
+    def _left(self, x: Array) -> Array:
+        """Sum of squares (f,) [m^2] of each flight's residuals at `x` (4,)."""
+        quadratic = self.products @ x @ x
+        return np.maximum(self.squares - 2 * self.rights @ x + quadratic, 0.0)
+
+    def _weights(self, left: Array, weight: Array) -> Array:
+        """Weights (f,) of the flights for sums of squares `left` (f,), with the variance by `weight` (f,)."""
+        variance = float(weight @ left) / float(self.counts.sum())
+        return (_T_FREEDOM + self.counts) / (_T_FREEDOM + left / variance)
 
 
 def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:

@@ -30,6 +30,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from analyze.errors import EstimationError
+from analyze.least_squares.grouped_errors import group_freedom, grouped_covariance
+from analyze.least_squares.intervals import student_sigmas_95
 from analyze.least_squares.robust import huber_weights, median_scale
 from analyze.motion.body_motion import BodyMotion, trapezoid_weights
 
@@ -45,6 +47,12 @@ _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _UNITS = np.zeros((6, 3, 3))
 for _i, (_r, _c) in enumerate(_ENTRIES):
     _UNITS[_i, _r, _c] = _UNITS[_i, _c, _r] = 1.0
+MIN_THROWS = 10
+"""least number of throws: one for each unknown"""
+MIN_FREEDOM = 1.5
+"""least degrees of freedom of a variance; with fewer, one throw alone decides it"""
+_MAX_CONDITION = 1e12
+"""condition number of the normal matrix above which the contacts do not determine all parameters"""
 _HUBER_SIGMAS = 1.5
 """standard deviations above which a residual counts less (Huber 1964)"""
 
@@ -84,6 +92,8 @@ class BalancedBody:
     """radius of the edges' rounding [m]"""
     covariance: Array
     """(10, 10) covariance of (c, J_c as xx yy zz xy xz yz, rounding)"""
+    freedom: Array
+    """(10,) degrees of freedom of the variances of these ten"""
     contacts: int
     """number of contacts"""
     explained: float
@@ -106,6 +116,11 @@ class BalancedBody:
     def rounding_sd(self) -> float:
         """Standard deviation of the radius of the edges' rounding [m]."""
         return math.sqrt(float(self.covariance[9, 9]))
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths (10,) of the 95 % intervals, by Student's t, in the order of `covariance`."""
+        return student_sigmas_95(self.freedom) * np.sqrt(np.diag(self.covariance))
 
 
 def tensor(entries: Array) -> Array:
@@ -215,12 +230,14 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         entries as xx, yy, zz, xy, xz, yz.
 
     Raises:
-        EstimationError: there are fewer than 7 contacts, or they are too similar to determine the body.
+        EstimationError: there are contacts of fewer than `MIN_THROWS` throws, or they are too similar to
+            determine the body and its errors.
     """
-    if 3 * len(contacts) < 20:
+    throws = len({contact.group for contact in contacts})
+    if throws < MIN_THROWS:
         raise EstimationError(
-            f"{len(contacts)} contacts are too few for centre of mass and inertia:"
-            " 7 are the least, 50 a good number"
+            f"{len(contacts)} contacts of {throws} throws are too few for centre of mass and inertia:"
+            f" {MIN_THROWS} throws are the least, 50 a good number"
         )
     # The rows are quadratic in the radius: three radii determine them.
     nodes = np.array([0.0, 0.5, 1.0]) * max(2.0 * radius[0], 4.0 * radius[1], 1e-4)
@@ -293,7 +310,12 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         if abs(spread - before) < 0.01 * spread:
             break
     left, J = balance(x)
-    covariance = _clustered_covariance(J, left, groups, prior_row, spread)
+    covariance, freedom = _grouped_covariance(J, left, groups, prior_row, spread)
+    if freedom[:9].min() < MIN_FREEDOM:
+        raise EstimationError(
+            f"{len(contacts)} contacts determine centre of mass and inertia, but not their errors: a single"
+            " throw decides one of them: add throws that land on other edges"
+        )
     # From (c, J_O) to (c, J_c).
     to_com = np.eye(10)
     for i, (r, c) in enumerate(_ENTRIES):
@@ -305,15 +327,16 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         inertia=about_com(tensor(x[3:9]), x[:3]),
         rounding=float(x[9]),
         covariance=to_com @ covariance @ to_com.T,
+        freedom=freedom,
         contacts=len(contacts),
         explained=1.0 - float(np.sum(left**2) / np.sum(level**2)),
     )
 
 
-def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
-    """Covariance (p, p) of a robust fit of p parameters whose residuals share errors within groups.
-
-    The method is that of Liang and Zeger 1986, with Huber's weights as in White 1980.
+def _grouped_covariance(
+    J: Array, left: Array, groups: Array, prior: Array, spread: float
+) -> tuple[Array, Array]:
+    """Covariance (p, p) of a robust fit whose residuals share errors within groups, and degrees of freedom.
 
     Args:
         J: (n, p) derivatives of the residuals by the parameters.
@@ -322,25 +345,28 @@ def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, sp
         prior: (p,) derivatives by the parameters of one more residual, that of a prior.
         spread: robust standard deviation of the residuals.
 
+    Returns:
+        Covariance (p, p), and degrees of freedom (p,) of its diagonal.
+
     Raises:
         EstimationError: the residuals do not determine all parameters.
     """
     weight = huber_weights(left, _HUBER_SIGMAS, spread)
-    size = np.sqrt(np.sum(J**2, axis=0))
+    size = np.asarray(np.sqrt(np.sum(J**2, axis=0)), dtype=np.float64)
     scaled, own = J / size, prior / size
     # Huber's loss is quadratic only inside its threshold: that, not the weights, is its second derivative.
     bent = np.abs(left) < _HUBER_SIGMAS * spread
-    normal = (scaled * bent[:, None]).T @ scaled + np.outer(own, own)
-    if np.linalg.cond(normal) > 1e12:
+    member = np.unique(groups, return_inverse=True)[1]
+    normals, scores = np.zeros((member.max() + 1, 10, 10)), np.zeros((member.max() + 1, 10))
+    np.add.at(normals, member[bent], scaled[bent, :, None] * scaled[bent, None, :])
+    np.add.at(scores, member, scaled * (weight * left)[:, None])
+    normal = normals.sum(axis=0) + np.outer(own, own)
+    if np.linalg.cond(normal) > _MAX_CONDITION:
         raise EstimationError(
             "the contacts are too similar to determine centre of mass and inertia:"
             " use throws that land on other edges"
         )
-    meat = np.outer(own, own) * spread**2
-    names = np.unique(groups)
-    for name in names:
-        inside = groups == name
-        score = (scaled[inside] * weight[inside, None]).T @ left[inside]
-        meat += np.outer(score, score) * len(names) / max(len(names) - 1, 1)
-    inverse = np.linalg.inv(normal)
-    return np.asarray(inverse @ meat @ inverse / np.outer(size, size), dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    by_prior = inverse @ own * spread
+    covariance = grouped_covariance(normal, normals, scores) + np.outer(by_prior, by_prior)
+    return covariance / np.outer(size, size), group_freedom(inverse, normals)

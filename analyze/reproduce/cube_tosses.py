@@ -9,26 +9,26 @@ length.
 
 from __future__ import annotations
 
-import math
 import zipfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, TypeVar
 
 import numpy as np
 
-from analyze.errors import EstimationError, RecordingError
+from analyze.errors import RecordingError
 from analyze.geometry.rotations import matrix_from_wxyz
-from analyze.least_squares.intervals import SIGMAS_95
+from analyze.least_squares.intervals import pooled_freedom
 from analyze.motion.body_motion import BodyMotion
 from analyze.motion.free_flight import Flight, FlightBody, distance_from_parabola, fit_flights
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
 from analyze.progress import Progress, no_progress
 from analyze.types import Array
 
+Fitted = TypeVar("Fitted", FlightBody, BalancedBody)
 DEFAULT_DATA: Final = Path("../shared/data/contactnets_tosses.npz")
 _DOCS: Final = "docs/reference/reproduce.md"
 FRAME_RATE_HZ: Final = 148.0
@@ -88,6 +88,14 @@ class CubeAnswer:
     off_parabola: Array
     """(k,) rms deviation [m] from a parabola of the points at `heights`: median over the quarter of flights
     with the largest rotation."""
+
+    @property
+    def edge_minus_flight_freedom(self) -> Array:
+        """Degrees of freedom (3,) of the variances of `edge_minus_flight`."""
+        bodies = (self.edges, self.flight)
+        return pooled_freedom(
+            np.array([body.com_sd**2 for body in bodies]), np.array([body.freedom[:3] for body in bodies])
+        )
 
     @property
     def edge_minus_flight(self) -> tuple[Array, Array]:
@@ -162,7 +170,7 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
     flight = fit_flights(flown, AIR_DRAG)
     more_drag = fit_flights(flown, AIR_DRAG + AIR_DRAG_SD)
     by_drag = np.append(more_drag.com - flight.com, more_drag.gravity - flight.gravity)
-    flight = replace(flight, covariance=flight.covariance + np.outer(by_drag, by_drag))
+    flight = _with_shared_errors(flight, np.outer(by_drag, by_drag))
     scale = GRAVITY_M_S2 / flight.gravity
     to_true = np.diag([scale, scale, scale, 1.0])
     true_flight = replace(
@@ -187,7 +195,7 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
             _entries(body) * np.array([1.0] * 3 + [2.0] * 6 + [1.0]) * flight.gravity_sd / flight.gravity
         )
         shared = np.outer(by_width, by_width) + np.outer(by_metre, by_metre)
-        found.append(replace(body, covariance=body.covariance + shared))
+        found.append(_with_shared_errors(body, shared))
     slid = [
         float(np.linalg.norm(np.ptp(contact.motion.path_of(contact.corner)[:, :2], axis=0)))
         for contact in touching["edge contacts"]
@@ -205,6 +213,15 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
         heights=heights,
         off_parabola=scale * _off_parabola(flown, flight, heights / scale),
     )
+
+
+def _with_shared_errors(body: Fitted, shared: Array) -> Fitted:
+    """Copy of a fit with the covariance of errors that all tosses share, `shared`, which is known."""
+    own = np.diag(body.covariance)
+    freedom = pooled_freedom(
+        np.array([own, np.diag(shared)]), np.array([body.freedom, np.full(len(own), np.inf)])
+    )
+    return replace(body, covariance=body.covariance + shared, freedom=freedom)
 
 
 def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -> Array:
@@ -338,69 +355,3 @@ def _runs(true: Array) -> list[tuple[int, int]]:
     """Ranges [start, stop) of indices in which a mask (n,) is True without a gap."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]])))
     return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def answer_json(answer: CubeAnswer) -> dict[str, Any]:
-    """Centre of mass and inertia per mass by each method, as JSON values with units and 95 % intervals.
-
-    An interval is the value ± 1.96 sd. Lengths are in true metres, except for `gravity`, which is in the
-    file's unit of length. Flight does not determine the inertia: its entry is None.
-    """
-
-    def quantity(value: Array, sd: Array, unit: str) -> dict[str, Any]:
-        interval = [(value - SIGMAS_95 * sd).tolist(), (value + SIGMAS_95 * sd).tolist()]
-        return {"value": value.tolist(), "sd": sd.tolist(), "unit": unit, "interval95": interval}
-
-    def balanced(body: BalancedBody) -> dict[str, Any]:
-        return {
-            "contacts": body.contacts,
-            "centre_of_mass": quantity(body.com, body.com_sd, "m"),
-            "inertia_per_mass": quantity(body.inertia, body.inertia_sd, "m^2"),
-            "edge_rounding": quantity(np.array(body.rounding), np.array(body.rounding_sd), "m"),
-            "explained": body.explained,
-        }
-
-    difference, covariance = answer.edge_minus_flight
-    flight = answer.flight
-    return {
-        "tosses": answer.tosses,
-        "frames": answer.frames,
-        "flight": {
-            "flights": flight.flights,
-            "centre_of_mass": quantity(flight.com, flight.com_sd, "m"),
-            "gravity": {
-                **quantity(np.array(flight.gravity), np.array(flight.gravity_sd), "m/s^2"),
-                "true": GRAVITY_M_S2,
-            },
-            "residual_m": flight.residual,
-            "inertia_per_mass": None,
-        },
-        "metre_of_the_file": answer.scale,
-        "edge_contact": balanced(answer.edges),
-        "corner_contact": balanced(answer.corners),
-        "edge_minus_flight": {
-            **quantity(difference, np.sqrt(np.diag(covariance)), "m"),
-            "distance": float(np.linalg.norm(difference)),
-        },
-        "edge_slides_m": {"quartiles": list(answer.slides_m)},
-    }
-
-
-def distance_sd(difference: Array, covariance: Array) -> float:
-    """Standard deviation [m] of the length of a vector, from the vector's covariance along its direction.
-
-    Args:
-        difference: (3,) the vector, the difference of two centres of mass [m].
-        covariance: (3, 3) its covariance [m^2].
-
-    Raises:
-        EstimationError: the difference is exactly zero: its length has no direction to take the variance
-            along.
-    """
-    length = float(np.linalg.norm(difference))
-    if length == 0:
-        raise EstimationError(
-            "the difference of the two centres of mass is exactly zero: its standard deviation is undefined"
-        )
-    direction = difference / length
-    return math.sqrt(float(direction @ covariance @ direction))

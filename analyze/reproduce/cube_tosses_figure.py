@@ -10,10 +10,11 @@ from matplotlib.patches import Ellipse
 from rich.console import Console
 from rich.table import Table
 
-from analyze.least_squares.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95, student_sigmas_95
 from analyze.report.plots import SIGMAS_95_2D
 from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
-from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer, distance_sd
+from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer
+from analyze.reproduce.cube_tosses_document import distance_sd
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,28 +52,31 @@ def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
         end_section=True,
     )
     for axis, name in enumerate("xyz"):
-        bodies = [_interval(1e3 * body.com[axis], 1e3 * body.com_sd[axis]) for body in (flight, *touching)]
+        bodies = [
+            _interval(1e3 * body.com[axis], 1e3 * body.half_width[axis]) for body in (flight, *touching)
+        ]
         table.add_row(f"centre of mass, {name}, mm", *bodies, end_section=axis == 2)
     for axis, name in enumerate("xyz"):
         moments = [
-            _interval(1e3 * body.inertia[axis, axis], 1e3 * body.inertia_sd[axis, axis]) for body in touching
+            _interval(1e3 * body.inertia[axis, axis], 1e3 * body.half_width[3 + axis]) for body in touching
         ]
         table.add_row(f"I_c/m about {name}, 10⁻³ m²", "not observable", *moments, end_section=axis == 2)
     table.add_row(
         "radius of the edges, mm",
         "",
-        *(_interval(1e3 * body.rounding, 1e3 * body.rounding_sd, 1) for body in touching),
+        *(_interval(1e3 * body.rounding, 1e3 * body.half_width[9], 1) for body in touching),
     )
     console.print(table)
     difference, covariance = answer.edge_minus_flight
     distance = 1e3 * float(np.linalg.norm(difference))
-    half = SIGMAS_95 * 1e3 * distance_sd(difference, covariance)
+    factor = float(student_sigmas_95(answer.edge_minus_flight_freedom).max())
+    half = factor * 1e3 * distance_sd(difference, covariance)
     console.print(
         f"The centres of mass by edge contact and by flight are {distance:.2f} mm apart (95 %: ± {half:.2f} "
         "mm)."
     )
     console.print(
-        f"g by flight is {flight.gravity:.3f} ± {SIGMAS_95 * flight.gravity_sd:.3f} m/s² in the file's unit "
+        f"g by flight is {flight.gravity:.3f} ± {flight.half_width[3]:.3f} m/s² in the file's unit "
         f"of length; its true value is {GRAVITY_M_S2}. The file's metre is therefore {answer.scale:.4f} m "
         "long; all lengths above are corrected for it."
     )
@@ -104,9 +108,9 @@ def cube_figure(answer: CubeAnswer) -> Figure:
     return figure
 
 
-def _interval(value: float, sd: float, digits: int = 2) -> str:
-    """Text "value ± half-width" of a 95 % interval, from value and standard deviation."""
-    return f"{value:.{digits}f} ± {SIGMAS_95 * sd:.{digits}f}"
+def _interval(value: float, half: float, digits: int = 2) -> str:
+    """Text "value ± half-width" of a 95 % interval."""
+    return f"{value:.{digits}f} ± {half:.{digits}f}"
 
 
 def _methods(answer: CubeAnswer) -> tuple[tuple[str, str, FlightBody | BalancedBody], ...]:
@@ -126,7 +130,9 @@ def _centres(axes: Axes, answer: CubeAnswer, view: tuple[int, int, str, str]) ->
     for name, colour, body in _methods(answer):
         pair = np.ix_([across, up], [across, up])
         values, vectors = np.linalg.eigh(1e6 * body.covariance[pair])
-        width, height = 2 * SIGMAS_95_2D * np.sqrt(np.maximum(values, 0.0))
+        # The factor of a normal distribution in two dimensions, widened as in one.
+        wider = float(body.half_width[across] / (SIGMAS_95 * body.com_sd[across]))
+        width, height = 2 * wider * SIGMAS_95_2D * np.sqrt(np.maximum(values, 0.0))
         angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
         centre = (1e3 * float(body.com[across]), 1e3 * float(body.com[up]))
         axes.add_patch(
@@ -148,9 +154,9 @@ def _moments(axes: Axes, answer: CubeAnswer) -> None:
     for number, (name, colour, body) in enumerate(
         (("edges", BLUE, answer.edges), ("corners", GREEN, answer.corners))
     ):
-        values, sd = 1e3 * np.diag(body.inertia), 1e3 * np.diag(body.inertia_sd)
+        values, half = 1e3 * np.diag(body.inertia), 1e3 * body.half_width[3:6]
         at = np.arange(3) + (number - 0.5) * 0.24
-        axes.errorbar(at, values, SIGMAS_95 * sd, fmt="o", ms=4, color=colour, lw=1.3, label=name)
+        axes.errorbar(at, values, half, fmt="o", ms=4, color=colour, lw=1.3, label=name)
     solid, hollow = 1e3 * EDGE_M**2 / 6, 1e3 * EDGE_M**2 * 5 / 18
     for level, text in ((solid, "solid cube"), (hollow, "thin shell")):
         axes.axhline(level, color=MUTED, lw=0.8, ls=(0, (4, 3)))
@@ -171,7 +177,7 @@ def _flight(axes: Axes, answer: CubeAnswer) -> None:
     """
     axes.plot(1e3 * answer.heights, 1e3 * answer.off_parabola, color=ORANGE, lw=1.6)
     for name, colour, body in _methods(answer):
-        height, half = 1e3 * float(body.com[2]), SIGMAS_95 * 1e3 * float(body.com_sd[2])
+        height, half = 1e3 * float(body.com[2]), 1e3 * float(body.half_width[2])
         axes.axvspan(height - half, height + half, color=colour, alpha=0.16, lw=0)
         axes.axvline(height, color=colour, lw=1.0, label=name)
     axes.set_title("deviation from a parabola in flight [mm]")

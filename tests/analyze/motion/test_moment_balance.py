@@ -71,6 +71,19 @@ def test_flight_with_noisy_poses_errs_as_stated_though_one_throw_is_still_held()
     assert abs(found.gravity - G) < 4 * found.gravity_sd
 
 
+def test_sixteen_flights_err_as_stated():
+    held = []
+    for seed in range(3):
+        found = fit_flights(flights(tossed(CUBE, 16, 90 + seed, **POSE_NOISE)), 0.0)
+        held.append(np.abs(np.append(found.com - CUBE.com, found.gravity - G)) < found.half_width)
+    assert np.mean(held) >= 0.9
+
+
+def test_nine_throws_do_not_support_ten_unknowns():
+    with pytest.raises(EstimationError, match="of 9 throws are too few"):
+        balanced(CUBE, "edge", 9)
+
+
 def test_too_few_contacts_are_refused():
     with pytest.raises(EstimationError, match="too few"):
         balance_moments([], G, SHARP)
