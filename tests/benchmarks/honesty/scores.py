@@ -176,28 +176,34 @@ def _tensor(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
 
 
 def _regions(trial: Trial, said: dict[str, str]) -> Iterator[Score]:
-    """Yield region masses, with the true masses on either side of the estimated plane where it has none."""
+    """Yield region masses and their limits, and the wall's thickness where it was estimated.
+
+    Intervals hold for a wall with two uniform parts: they are compared with the true parts of such a body.
+    Limits hold for any filling, as do the masses of another body: they are compared with the masses on either
+    side of the estimated plane.
+    """
     assert trial.result is not None
     specimen, regions = trial.specimen, trial.result.regions
     if specimen.body.labels or regions.dividing_plane_normal is None:
         return
     normal, offset = np.array(regions.dividing_plane_normal), regions.dividing_plane_offset_m or 0.0
-    if specimen.regions is not None:
+    above, inside = specimen.points @ normal > offset, ~specimen.in_shell
+    parts = (specimen.in_shell, inside & above, inside & ~above)
+    divided = true = np.array([specimen.masses[part].sum() for part in parts])
+    explained = regions.explained is not False
+    if specimen.regions is not None and explained:
         same = normal @ specimen.plane_normal >= 0
         true = specimen.regions if same else specimen.regions[[0, 2, 1]]
-    else:
-        above = specimen.points @ normal > offset
-        inside = ~specimen.in_shell
-        parts = (specimen.in_shell, inside & above, inside & ~above)
-        true = np.array([specimen.masses[part].sum() for part in parts])
     unit = 100 / float(specimen.masses.sum())
-    group = "regions (%)" if regions.explained is not False else "unexplained (%)"
-    for region, mass in zip(regions.regions, true, strict=True):
+    group = "regions (%)" if explained else "unexplained (%)"
+    for region, mass, cut in zip(regions.regions, true, divided, strict=True):
         yield _score(group, region.name, said["regions"], region.mass, float(mass), unit)
         if region.limits_kg is not None:
-            low, high = unit * np.array(region.limits_kg)
-            middle = 0.5 * (low + high)
-            yield Score("limits (%)", region.name, "not mentioned", unit * mass, middle, low, high)
+            low, high = map(float, unit * np.array(region.limits_kg))
+            yield Score("limits (%)", region.name, "not mentioned", unit * cut, 0.5 * (low + high), low, high)
+    if regions.shell_thickness is not None:
+        wall = specimen.body.wall
+        yield _score("wall (mm)", "wall", "not mentioned", regions.shell_thickness, wall, 1e3)
 
 
 def _parts(trial: Trial, said: dict[str, str]) -> Iterator[Score]:

@@ -29,6 +29,7 @@ GROUPS = (
     "regions (%)",
     "unexplained (%)",
     "limits (%)",
+    "wall (mm)",
     "parts (%)",
 )
 FAR = 2.0
@@ -71,7 +72,7 @@ def _by(
             rows[key(session)][score.quantity].append(score)
     groups = [group for group in GROUPS if any(group in row for row in rows.values())]
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("", no_wrap=True)
+    table.add_column("", no_wrap=True, min_width=17)
     for group in groups:
         table.add_column(group.replace(" (", "\n("), justify="right", no_wrap=True)
     for name, row in rows.items():
@@ -85,7 +86,8 @@ def _coverage(scores: list[Score]) -> str:
     spread = 100 * math.sqrt(max(held * (1 - held), 0.25 / len(scores)) / len(scores))
     sds = np.array([max(score.half / SIGMAS, 1e-12) for score in scores])
     errors = np.array([score.value - score.truth for score in scores])
-    return f"{100 * held:.0f}±{spread:.0f} {min(float(np.sqrt(np.mean((errors / sds) ** 2))), 999):.2g}"
+    ratio = min(float(np.sqrt(np.mean((errors / sds) ** 2))), 99)
+    return f"{100 * held:.0f}±{spread:.0f} {ratio:.{1 if ratio < 9.95 else 0}f}"
 
 
 def _width(scores: list[Score]) -> str:
