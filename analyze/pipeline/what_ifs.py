@@ -72,6 +72,11 @@ def _by_other_estimators(
 
 
 def _other_fit(motion: TipMotion) -> MotionFit | None:
-    """Alternative fit of a motion with the smallest sd of the balance angle; None if there is none."""
-    fits = [fit for fit in motion.alternatives if not fit.violated and fit.rolling is None]
+    """Alternative fit of a motion with the smallest sd of the balance angle; None if there is none.
+
+    An estimator without k, as the paper's sign change, can be off by degrees after a hop and is not used.
+    """
+    fits = [
+        fit for fit in motion.alternatives if fit.k is not None and not fit.violated and fit.rolling is None
+    ]
     return min(fits, key=lambda fit: float(fit.covariance[0, 0]), default=None)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 MAX_TRUSTED_COM_SHARE = 0.05
 """half width of the 95 % interval of the centre of mass in its least certain direction, over half the
 object's extent along it, up to which the centre of mass is trusted"""
+MAX_ROUGH_SHARE = 0.3
+"""half width of the 95 % interval of a tensor entry over the geometric mean of the diagonal entries of its row
+and column, above which the entry is not determined"""
 NEAR_POINT_SHARE = 0.2
 """largest distance of the struck edges from one point, over half the object's largest extent, at which they
 are said to meet there nearly"""
@@ -124,8 +127,11 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
     inertial = estimate.inertial
     measured, informed = inertial.measured, inertial.informed
     trusted = [entry for entry in TENSOR_ENTRIES if measured[entry]]
-    rough = [entry for entry in TENSOR_ENTRIES if informed[entry] and not measured[entry]]
-    prior = [entry for entry in TENSOR_ENTRIES if not informed[entry] and not measured[entry]]
+    size = np.sqrt(np.outer(np.diag(inertial.inertia), np.diag(inertial.inertia)))
+    share = SIGMAS_95 * inertial.inertia_sd / size
+    known = informed & (share <= MAX_ROUGH_SHARE) & estimate.com.observed
+    rough = [entry for entry in TENSOR_ENTRIES if known[entry] and not measured[entry]]
+    prior = [entry for entry in TENSOR_ENTRIES if not known[entry] and not measured[entry]]
     broken = next((each for each in estimate.alternatives if not each.moments_hold), None)
     if trusted and broken is not None and broken.moment_changes is not None:
         change = float(np.max(np.abs(broken.moment_changes)))
@@ -136,8 +142,7 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
     elif trusted and moments_sound:
         yield f"trust {_names(trusted)} of the tensor: strikes measured them"
     if rough:
-        size = np.sqrt(np.outer(np.diag(inertial.inertia), np.diag(inertial.inertia)))
-        worst = max(SIGMAS_95 * float(inertial.inertia_sd[entry] / size[entry]) for entry in rough)
+        worst = max(float(share[entry]) for entry in rough)
         yield f"doubt {_names(rough)} of the tensor: known only to {100 * worst:.0f} % of the moments"
     if prior:
         verb = "is" if len(prior) == 1 else "are"
