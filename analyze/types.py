@@ -127,6 +127,8 @@ class TipAngle:
     zero_sd: float = 0.0
     """standard deviation [rad] of theta's zero; all frames share this error, so averaging frames does not
     reduce it"""
+    slow_sd: float = 0.0
+    """standard deviation [rad] of the error of theta that frames at nearly the same theta share"""
 
 
 @dataclass(frozen=True)
@@ -243,6 +245,9 @@ class TipMotion:
     frame_rate_ratio: float | None = None
     """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the
     stated rate, or at none of the ratios tried"""
+    pivot_ahead: tuple[float, float] | None = None
+    """horizontal distance [m] at balance of the line about which the object turned from the planned one, ahead
+    being positive, and its sd; None if not measured"""
 
 
 class RadiusSource(enum.Enum):

@@ -21,6 +21,7 @@ from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.rolling_choice import is_curved, relative_to_rolling
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import sign_change
+from analyze.motion.slow_error import with_slow_error
 from analyze.motion.strike_task import Judgement
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
 from analyze.motion.verdict import judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
@@ -234,7 +235,7 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 def _with_contact(
     fit: MotionFit, motion: PlanarMotion, task: StrikeTask, settings: MotionSettings
 ) -> MotionFit:
-    """Copy of a fit whose covariance of balance angle phi and rate k includes the errors of the contact.
+    """Copy of a fit whose covariance of phi and k includes the errors of contact and camera.
 
     Args:
         fit: the chosen fit of the tipping angle.
@@ -245,7 +246,8 @@ def _with_contact(
     planned = task.planned
     hinge = fit.estimator == "pivot_fit"
     creep = creep_error(fit, motion, planned.pivot.radius_m) if hinge else None
-    return with_contact_errors(fit, planned.rolls, settings.contact, creep)
+    fit = with_contact_errors(fit, planned.rolls, settings.contact, creep)
+    return with_slow_error(fit, motion, planned.rolls, planned.pivot.radius_m)
 
 
 def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:

@@ -36,11 +36,18 @@ _MAX_PLANAR_CHI2 = 3.0
 """chi^2 per degree of freedom above which the motion is not taken as planar"""
 _PRIOR_FRAMES = 5
 """weight of the corners' own sd in the estimate of the noise, as a number of resting frames"""
+_MARKER_PLACE_SD, _MARKER_TURN_SD = 3e-4, math.radians(0.3)
+"""standard deviations of a marker's stated place on the object [m] and of its turn there [rad]"""
 _YAW_SD = 0.02
 """prior standard deviation of the object's heading against the plan [rad]"""
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
 """prior standard deviation of theta, x, z (all free), yaw, roll and y [rad, m]; a face-on tag hardly shows
 the last three"""
+_SLOW_SHARE = 0.7
+"""share of theta's systematic error that changes as the object tips: half of its variance
+
+The rest is constant, an error of theta's zero.
+"""
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,9 @@ class PlanarMotion:
     """heading of the true pivot axis against W's y, about W's z [rad]"""
     covariance: Array
     """(n, 3, 3) covariance of theta, slip and lift in each frame [rad, m], random part only"""
+    place_sd: float | None = None
+    """standard deviation [m] of the pivot's place by those of the markers on the object; None if no marker's
+    place is known"""
 
 
 @dataclass(frozen=True)
@@ -159,13 +169,17 @@ def tip_angle(
     single = np.sqrt(chosen.covariance[:, 0, 0])
     random = single * _random_scale(chosen.x[at_rest, 0], single[at_rest])
     motion = chosen.x - np.mean(chosen.x[at_rest], axis=0)
+    systematic = _systematic_sd(
+        random[at_rest], single[at_rest], _scale(chosen), views.sd[at_rest].min(axis=1)
+    )
     angle = TipAngle(
         time_ns=views.time_ns,
         theta=motion[:, 0],
         sd=random * bad,
         off_axis=np.hypot(turned_aside[:, 0], turned_aside[:, 1]),
         slip=motion[:, 1] - placement.radius * motion[:, 0],
-        zero_sd=_zero_sd(random[at_rest], single[at_rest], _scale(chosen), views.sd[at_rest].min(axis=1)),
+        zero_sd=math.hypot(systematic, float(np.median(random[at_rest])) / math.sqrt(np.sum(at_rest))),
+        slow_sd=_SLOW_SHARE * systematic,
     )
     position_sd = (
         np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad
@@ -175,7 +189,27 @@ def tip_angle(
     covariance = (
         to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
     )
-    return PlanarMotion(angle, motion[:, 2], position_sd, off_axis_sd, yaw, covariance)
+    return PlanarMotion(
+        angle, motion[:, 2], position_sd, off_axis_sd, yaw, covariance, _place_sd(tracks, by_id, placement)
+    )
+
+
+def _place_sd(
+    tracks: Sequence[MarkerTrack], by_id: dict[int | str, Marker], placement: Placement
+) -> float | None:
+    """Standard deviation [m] of the pivot's place across its axis, as the markers on the object show it.
+
+    None if no tracked marker's place on the object is known. A marker turned on the object moves the pivot by
+    that angle times its distance. The errors of several markers count as one: they come from one scan.
+
+    Args:
+        tracks: tracks of the object's markers.
+        by_id: the object's markers by id.
+        placement: planned placement, with the pivot point.
+    """
+    known = [by_id[track.marker_id].T_object_marker for track in tracks if track.marker_id in by_id]
+    levers = [float(np.linalg.norm(placement.p_object_pivot - T[:3, 3])) for T in known if T is not None]
+    return math.hypot(_MARKER_PLACE_SD, _MARKER_TURN_SD * float(np.mean(levers))) if levers else None
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
@@ -197,13 +231,12 @@ def _random_scale(theta: Array, sd: Array) -> float:
     return math.sqrt(float(_PRIOR_FRAMES + np.sum(np.minimum(z2, 25.0))) / known)
 
 
-def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
-    """Standard deviation [rad] of the zero of the tipping angle theta, an error that all frames share.
+def _systematic_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
+    """Standard deviation [rad] of theta's error that frames of an object at rest share.
 
-    Its systematic part is the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each
-    corner, which need not show as a misfit: on 7 simulated cameras, whose lens blurs whole pixels and so
-    shifts edges along the pixel grid by up to 0.03 px, the zero was off by 0.0075 deg rms. The noise of the
-    mean of the resting frames is added.
+    It is the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each corner, which need
+    not show as a misfit: on 7 simulated cameras, whose lens blurs whole pixels and so shifts edges along the
+    pixel grid by up to 0.03 px, the zero of theta was off by 0.0075 deg rms.
 
     Args:
         random: (n,) noise of each resting frame [rad].
@@ -214,7 +247,7 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
     scatter = float(np.median(random))
     modelled = float(np.median(single)) * misfit
     by_px = float(np.median(single / corner_sd))
-    return math.sqrt(max(modelled**2 - scatter**2, 0.0) + (by_px * MODEL_PX) ** 2 + scatter**2 / len(random))
+    return math.sqrt(max(modelled**2 - scatter**2, 0.0) + (by_px * MODEL_PX) ** 2)
 
 
 def _scale(solution: _Solution) -> float:

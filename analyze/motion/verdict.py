@@ -108,7 +108,7 @@ def _not_moved(motion: PlanarMotion, peak: float, limits: VerdictLimits) -> Judg
         peak: largest tipping angle theta [rad], for the message.
         limits: largest sliding that does not count.
     """
-    slip = _smooth_peak(np.abs(motion.angle.slip), motion.position_sd)
+    slip = smooth_peak(np.abs(motion.angle.slip), motion.position_sd)
     turned = f"turned by {math.degrees(peak):.2f} deg at most"
     if slip > limits.slip:
         text = f"the object slid by {1e3 * slip:.1f} mm and {turned}: use a rougher table or strike higher"
@@ -132,16 +132,16 @@ def judge_contact(
     """
     used = slice(*window)
     sd = motion.position_sd[used]
-    lift = _smooth_peak(motion.lift[used], sd)
+    lift = smooth_peak(motion.lift[used], sd)
     if lift > limits.lift:
         text = f"the edge left the table by {1e3 * lift:.1f} mm: strike lower or less hard"
         return Judgement(Verdict.AIRBORNE, text)
-    twist = _smooth_peak(motion.angle.off_axis[used], motion.off_axis_sd[used])
+    twist = smooth_peak(motion.angle.off_axis[used], motion.off_axis_sd[used])
     if twist > limits.twist:
         code = Verdict.ROLLED if rolls else Verdict.TWISTED
         turned = f"{'rolled on its rim' if rolls else 'twisted'} by {math.degrees(twist):.1f} deg"
         return Judgement(code, f"the object {turned} about other axes: strike through its middle")
-    slip = _smooth_peak(np.abs(motion.angle.slip[used]), sd)
+    slip = smooth_peak(np.abs(motion.angle.slip[used]), sd)
     if slip > limits.slip:
         text = f"the edge slid by {1e3 * slip:.1f} mm: use a rougher table or strike higher"
         return Judgement(Verdict.SLID, text)
@@ -165,7 +165,7 @@ def judge_hard(
     if energy_ratio < limits.hard_energy_ratio or course.released_frame is None:
         return None
     free = slice(course.released_frame, course.end_frame)
-    lift = _smooth_peak(motion.lift[free], motion.position_sd[free])
+    lift = smooth_peak(motion.lift[free], motion.position_sd[free])
     if lift <= limits.lift:
         return None
     height = f"{1e3 * lift:.1f} mm after the balance point"
@@ -214,7 +214,7 @@ def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: fl
     return Judgement(Verdict.GOOD, f"tipped over at {phi:.2f} deg, energy ratio {energy_ratio:.2f}")
 
 
-def _smooth_peak(values: Array, sd: Array) -> float:
+def smooth_peak(values: Array, sd: Array) -> float:
     """Largest running median over five values, less twice the mean of their sd; at least 0.
 
     In the unit of the values; 0 if there are none.
