@@ -23,8 +23,8 @@ MAX_TRUSTED_COM_SHARE = 0.05
 """half width of the 95 % interval of the centre of mass in its least certain direction, over half the
 object's extent along it, up to which the centre of mass is trusted"""
 MAX_ROUGH_SHARE = 0.3
-"""half width of the 95 % interval of a tensor entry over the geometric mean of the diagonal entries of its row
-and column, above which the entry is not determined"""
+"""half width of the 95 % interval of a tensor entry over the geometric mean of the diagonal entries of its
+row and column, above which the entry is not determined"""
 NEAR_POINT_SHARE = 0.2
 """largest distance of the struck edges from one point, over half the object's largest extent, at which they
 are said to meet there nearly"""
