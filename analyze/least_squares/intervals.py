@@ -19,9 +19,10 @@ SIGMAS_95 = 1.96
 
 
 def student_sigmas_95(freedom: Array) -> Array:
-    """Half-widths of 95 % intervals, in standard deviations estimated with `freedom` degrees of freedom.
+    """Half-widths (k,) of 95 % intervals, in standard deviations that were estimated themselves.
 
-    They are the quantiles of Student's t distribution; 1.96 for infinite freedom.
+    `freedom` (k,) holds the degrees of freedom of the variances. The half-widths are the quantiles of
+    Student's t distribution; 1.96 for infinite freedom.
     """
     return np.asarray(stdtrit(np.minimum(freedom, 1e9), 0.975), dtype=np.float64)
 

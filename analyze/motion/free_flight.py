@@ -29,7 +29,8 @@ from analyze.least_squares.intervals import student_sigmas_95
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.geometry.polyhedron import BoolArray
+    from numpy.typing import NDArray
+
     from analyze.motion.body_motion import BodyMotion
     from analyze.types import Array
 
@@ -144,7 +145,7 @@ class _Equations:
     counts: Array
     """(f,) degrees of freedom of each flight's residuals"""
 
-    def part(self, kept: BoolArray) -> _Equations:
+    def part(self, kept: NDArray[np.bool_]) -> _Equations:
         """The equations of the flights of the mask `kept` (f,)."""
         return _Equations(self.products[kept], self.rights[kept], self.squares[kept], self.counts[kept])
 
