@@ -246,7 +246,7 @@ class TipMotion:
     """ratio of true to stated frame rate at which the motion would be a tip; None if it is a tip at the
     stated rate, or at none of the ratios tried"""
     pivot_ahead: tuple[float, float] | None = None
-    """horizontal distance [m] at balance of the line about which the object turned from the planned one, ahead
+    """horizontal distance [m] at balance from the planned line to that about which the object turned, ahead
     being positive, and its sd; None if not measured"""
 
 

@@ -28,6 +28,7 @@ class Verdict(enum.Enum):
     MARKER_LOST = "marker_lost"
     NOT_MOVED = "not_moved"
     WRONG_PLACEMENT = "wrong_placement"
+    WRONG_EDGE = "wrong_edge"
     EXCLUDED = "excluded"
     UNREADABLE = "unreadable"
 

@@ -8,6 +8,7 @@ distance of the centre of mass from the edge, I_edge the moment of inertia about
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from analyze.motion.creep_error import creep_error
 from analyze.motion.fit_choice import fit_strike
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
+from analyze.motion.pivot_place import judge_place, judge_support, measure_pivot
 from analyze.motion.rolling_choice import is_curved, relative_to_rolling
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import sign_change
@@ -129,16 +131,21 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         return _result(task, judgement, angle, course, None, ())
     fit, impact = _with_contact(fits.chosen, fits.motion, task, settings), fits.second_impact
     top = float(np.max(angle.theta[course.released_frame : course.end_frame]))
+    place = measure_pivot(motion, fit)
     vague = judge_vague(fit, course, top, settings.verdict)
     until_balance = _window_to_balance(angle, course.released_frame, fit)
     judgement = (
-        judgement or impact or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
+        judgement
+        or judge_support(motion, fit, place, task)
+        or impact
+        or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
+        or judge_place(place, fit)
     )
     if vague is not None:
         return _result(task, judgement or vague, angle, course, None, ())
     ratio = _energy_ratio(fit)
     judgement = judgement or judge_hard(fits.motion, course, ratio, settings.verdict)
-    return _result(
+    found = _result(
         task,
         judgement or judge_fit(fit, course, ratio, top),
         angle,
@@ -146,6 +153,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         fit,
         (*fits.others, *_alternatives(angle, course, fit, settings)),
     )
+    return replace(found, pivot_ahead=None if place is None else (place.ahead, place.sd))
 
 
 def verdict_of(motion: TipMotion) -> StrikeVerdict:

@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from analyze.motion.landing import landing_angle
 from analyze.motion.strike_task import StrikeTask
+from analyze.motion.support_function import support_of_outline
 from analyze.motion.supports import support_lines
 from analyze.motion.tip_angle import PlanarMotion
 from tests.analyze.motion.drawn_strikes import seen
@@ -60,6 +62,20 @@ class Prism:
         """(n, 2) corners without the rounding [m]."""
         middle = self.corners.mean(axis=0)
         return self.corners + self.rho * np.sign(self.corners - middle)
+
+
+def chamfered(rng: np.random.Generator) -> Prism:
+    """Prism with a chamfer of 1.5 to 7 mm beyond the planned edge, at 3 to 40 deg, that tips at 8 to 38."""
+    while True:
+        width, height = rng.uniform(0.05, 0.09), rng.uniform(0.09, 0.2)
+        slope, length = math.radians(rng.uniform(3, 40)), rng.uniform(0.0015, 0.007)
+        ahead, up = length * math.cos(slope), length * math.sin(slope)
+        corners = np.array([[0, 0], [ahead, up], [ahead, height], [-width, height], [-width, 0]])
+        com = np.array([-0.5 * width * rng.uniform(0.7, 1.2), height * rng.uniform(0.35, 0.6)])
+        inertia = (width**2 + height**2) / 12 * rng.uniform(0.9, 1.2)
+        prism = Prism(corners, float(rng.choice([3e-4, 1e-3])), com, inertia, rng.uniform(0.4, 0.8))
+        if math.radians(8) < prism.about(corners[0]).phi < math.radians(38):
+            return prism
 
 
 @dataclass(frozen=True)
@@ -130,7 +146,12 @@ def _carried(prism: Prism, reached: float) -> int | None:
 
 
 def filmed(
-    strike: Struck, rng: np.random.Generator, noise: float, offset_sd: float = 0.0, shape: bool = False
+    strike: Struck,
+    rng: np.random.Generator,
+    noise: float,
+    offset_sd: float = 0.0,
+    place_sd: float | None = None,
+    shape: bool = False,
 ) -> tuple[PlanarMotion, StrikeTask]:
     """Motion with noise [rad] of each frame, the followed point beside the edge by `offset_sd` [m]."""
     prism, course = strike.prism, strike.course
@@ -139,9 +160,12 @@ def filmed(
     off = rng.normal(0, offset_sd, 2) if offset_sd else np.zeros(2)
     cos, sin = np.cos(course.theta) - 1, np.sin(course.theta)
     angle = replace(motion.angle, slip=motion.angle.slip + cos * off[0] + sin * off[1])
-    motion = replace(motion, angle=angle, lift=motion.lift - sin * off[0] + cos * off[1])
+    lift = motion.lift - sin * off[0] + cos * off[1]
+    motion = replace(motion, angle=angle, lift=lift, place_sd=place_sd)
     if shape:
-        task = replace(task, supports=support_lines(prism.outline(), prism.rho, 1e-4))
+        section = support_of_outline(prism.outline(), np.zeros(2), prism.rho)
+        lines = support_lines(prism.outline(), prism.rho, 1e-4)
+        task = replace(task, supports=lines, landing_angle_rad=landing_angle(section, task.planned))
     return motion, task
 
 

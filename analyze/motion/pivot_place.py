@@ -1,0 +1,181 @@
+"""Place of the line about which a body turns as it balances, measured against the planned pivot line.
+
+The plan's edge is a hypothesis: on a body with a foot or a chamfer the neighbouring line may take over before
+balance, and balance angle phi and rate k then belong to that line. The followed point, where the planned line
+is assumed to be, rises off the table at d z / d theta = a, its horizontal distance behind the line about
+which the body turns. At balance the centre of mass stands above that line, so that a is what the equi-plane
+would be off. Only the height is used: sliding along the table does not change it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.motion.edge_offset import fit_creeping
+from analyze.motion.strike_task import Judgement
+from analyze.motion.supports import carrying_line
+from schemas.strike_result import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.motion.strike_task import StrikeTask
+    from analyze.motion.supports import SupportLine
+    from analyze.motion.tip_angle import PlanarMotion
+    from analyze.types import MotionFit
+
+_AROUND_RAD = math.radians(10.0)
+"""largest angle from balance [rad] of the frames from which the place is measured"""
+_MIN_FRAMES, _MIN_SPAN_RAD = 8, math.radians(4.0)
+"""least number of frames, and least range of their tipping angles [rad]"""
+_HEIGHT_SD = 5e-3
+"""standard deviation [m] of the line's height over the followed point, before the measurement"""
+_SIGMAS = 3.0
+"""number of standard deviations beyond which chance is excluded"""
+_SAME_SIGMAS = 2.0
+"""number of standard deviations within which the line may be the planned one, where another is possible"""
+_MIN_OFF_M = 1e-3
+"""least distance [m] from the planned line at which a measurement alone shows another line"""
+_MIN_SHIFT_M, _SHIFT_SIGMAS = 2e-4, 2.0
+"""least distance between two support lines [m], and in standard deviations of the edge's place, from which it
+matters which of them carries"""
+_ANGLE_MARGIN_RAD = math.radians(0.2)
+"""error of a take-over angle [rad] that every shape has: unequal rounding of the two edges"""
+
+
+@dataclass(frozen=True)
+class PivotPlace:
+    """Measured horizontal distance of the line about which a body turns at balance from the planned line [m].
+
+    It is positive if the line lies ahead, in the direction of the tip.
+    """
+
+    ahead: float
+    """the distance [m]"""
+    sd: float
+    """its standard deviation [m], with that of the markers' place on the object"""
+
+
+def measure_pivot(motion: PlanarMotion, fit: MotionFit) -> PivotPlace | None:
+    """Horizontal distance, at balance, of the line about which the body turns from the planned line.
+
+    Args:
+        motion: the motion with the lift of the followed point, uncorrected for an error of its place.
+        fit: fit with the balance angle and its window of frames.
+
+    Returns:
+        The distance; None if no marker's place on the object is known, or if fewer than eight frames or less
+        than 4 deg lie within 10 deg of balance.
+    """
+    if motion.place_sd is None:
+        return None
+    first, last = fit.window
+    away = motion.angle.theta[first:last] - fit.phi
+    near = np.abs(away) < _AROUND_RAD
+    away = away[near]
+    if len(away) < _MIN_FRAMES or float(np.ptp(away)) < _MIN_SPAN_RAD:
+        return None
+    rows = np.column_stack([np.sin(away), 1.0 - np.cos(away), np.ones(len(away))])[None]
+    sd = np.maximum(motion.position_sd[first:last][near], 1e-7)
+    prior = np.array([np.inf, _HEIGHT_SD, np.inf])
+    found = fit_creeping(away, rows, motion.lift[first:last][near][None], sd, prior)
+    return PivotPlace(
+        float(found.parameters[0]), math.hypot(math.sqrt(float(found.covariance[0, 0])), motion.place_sd)
+    )
+
+
+def judge_support(
+    motion: PlanarMotion, fit: MotionFit, place: PivotPlace | None, task: StrikeTask
+) -> Judgement | None:
+    """Verdict "wrong edge" if by the shape the body balanced over another line than planned, else None.
+
+    By the shape, a line carries that takes over before the measured balance angle. Where it takes over so
+    little after balance that the shape's errors leave it open, the measured place decides. A place that
+    contradicts the shape does not save a strike: where the line changes near balance it lies between the two.
+
+    Args:
+        motion: the motion, with the tipping angle.
+        fit: the chosen fit with the balance angle and its window.
+        place: measured place of the line at balance; None if it was not measured.
+        task: the strike as planned, with the support lines by the shape.
+    """
+    line = None if fit.rolling is not None else _line_by_shape(motion, fit, place, task)
+    if line is None:
+        return None
+    shift_mm, reached = 1e3 * math.hypot(line.along_m, line.up_m), math.degrees(line.takes_over_rad)
+    text = f"balanced over another edge, {shift_mm:.1f} mm from the planned one, reached at {reached:.0f} deg"
+    return Judgement(Verdict.WRONG_EDGE, f"{text}: make the plan anew, or leave this edge out")
+
+
+def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
+    """Verdict "wrong edge" if the line at balance was measured far off the planned one, else None.
+
+    Far is beyond chance and 1 mm. The shape need not have another line there.
+
+    Args:
+        place: measured place of the line at balance; None if it was not measured.
+        fit: the chosen fit; a contact that rolls on a curve has no line.
+    """
+    if place is None or fit.rolling is not None or abs(place.ahead) < max(_MIN_OFF_M, _SIGMAS * place.sd):
+        return None
+    side = "ahead of" if place.ahead > 0 else "behind"
+    off = f"{1e3 * abs(place.ahead):.1f} ± {2e3 * place.sd:.1f} mm {side} the planned one"
+    text = f"balanced over a line {off}: check the marker's place and the shape of this edge"
+    return Judgement(Verdict.WRONG_EDGE, text)
+
+
+def _line_by_shape(
+    motion: PlanarMotion, fit: MotionFit, place: PivotPlace | None, task: StrikeTask
+) -> SupportLine | None:
+    """Support line, other than the planned one, over which the body balanced; None if it was the planned one.
+
+    Args:
+        motion: the motion, with the tipping angle.
+        fit: the chosen fit.
+        place: measured place of the line at balance; None if it was not measured.
+        task: the strike with its support lines.
+    """
+    supports = task.supports
+    if not supports:
+        return None
+    planned = min(range(len(supports)), key=lambda i: math.hypot(supports[i].along_m, supports[i].up_m))
+    top = float(np.max(motion.angle.theta[slice(*fit.window)]))
+    candidates = [
+        line
+        for line in _near_balance(supports, min(fit.phi, top), math.sqrt(float(fit.covariance[0, 0])))
+        if line is not supports[planned] and _matters(line, supports[planned], task)
+    ]
+    if not candidates:
+        return None
+    carrying = supports[carrying_line(supports, min(fit.phi, top))]
+    if carrying in candidates or place is None:
+        return carrying if carrying in candidates else None
+    other = min(candidates, key=lambda line: abs(line.ahead_m(fit.phi) - place.ahead))
+    nearer = abs(other.ahead_m(fit.phi) - place.ahead) < abs(place.ahead)
+    return other if nearer and abs(place.ahead) > _SAME_SIGMAS * place.sd else None
+
+
+def _near_balance(supports: Sequence[SupportLine], phi: float, phi_sd: float) -> list[SupportLine]:
+    """Support lines that may carry at an angle phi [rad] of sd `phi_sd`, within the errors of the shape."""
+    found: list[SupportLine] = []
+    for i, line in enumerate(supports):
+        margin = _ANGLE_MARGIN_RAD + _SIGMAS * math.hypot(line.takes_over_sd_rad, phi_sd)
+        begins = line.takes_over_rad - margin if i else -math.inf
+        ends = math.inf
+        if i + 1 < len(supports):
+            after = supports[i + 1]
+            ends = after.takes_over_rad + _ANGLE_MARGIN_RAD
+            ends += _SIGMAS * math.hypot(after.takes_over_sd_rad, phi_sd)
+        if begins < phi < ends:
+            found.append(line)
+    return found
+
+
+def _matters(line: SupportLine, planned: SupportLine, task: StrikeTask) -> bool:
+    """True if a support line is so far from the planned one that a strike over it is another measurement."""
+    apart = math.hypot(line.along_m - planned.along_m, line.up_m - planned.up_m)
+    return apart > max(_MIN_SHIFT_M, _SHIFT_SIGMAS * task.planned.pivot.sd_m)
