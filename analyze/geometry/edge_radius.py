@@ -31,7 +31,9 @@ of 0.25 mm, or a photograph beside a ruler, is no better."""
 PARALLEL_COSINE = 0.99
 """Cosine of the angle between two edges above which they are one."""
 CONTRADICTION_SDS = 3.0
-"""Difference between a statement and the scan, in its 1 sigma, above which only the scan counts."""
+"""Radius on the scan above the stated one, in 1 sigma of the difference, from which only the scan counts."""
+LARGER_SDS = 1.0
+"""Stated radius above that on the scan, in 1 sigma of the difference, from which the statement stands."""
 
 
 def stated_radius(spec: ObjectSpec) -> RadiusPrior:
@@ -58,8 +60,9 @@ def edge_radius(
     """Radius [m] of one edge's rounding before any strike, with its standard deviations and origin.
 
     In this order: the entry that names the edge in the object file; the rounding that a point cloud shows
-    there, unless the object file's radius for all edges is surer and agrees with it; that radius; if none is
-    stated, `ASSUMED`.
+    there, unless the object file's radius for all edges is surer and agrees with it, or is larger; that
+    radius; if none is stated, `ASSUMED`. A statement of a larger radius stands, as clouds made from a drawing
+    show sharp edges; the strikes check it.
 
     Args:
         spec: object file.
@@ -76,8 +79,11 @@ def edge_radius(
     stated, seen = stated_radius(spec), scanned_radius(model, point, direction)
     if seen is None or seen.sd > ASSUMED.own_sd:
         return stated
-    agrees = abs(seen.mean - stated.mean) < CONTRADICTION_SDS * math.hypot(seen.sd, stated.sd)
-    return stated if agrees and stated.sd < seen.sd else seen
+    if stated.source is RadiusSource.ASSUMED:
+        return seen
+    apart = (seen.mean - stated.mean) / math.hypot(seen.sd, stated.sd)
+    surer = stated.sd < seen.sd and apart < CONTRADICTION_SDS
+    return stated if surer or apart < -LARGER_SDS else seen
 
 
 def scanned_radius(model: ObjectModel, point: Array, direction: Array) -> RadiusPrior | None:

@@ -76,9 +76,11 @@ def test_sparse_cloud_shows_no_radius():
         assert edge_radius(spec, model, axis.id, axis.edge[0], axis.direction).sd >= 3e-4
 
 
-def test_statement_that_the_cloud_contradicts_does_not_count(scanned):
+def test_statement_of_a_smaller_radius_than_the_cloud_shows_does_not_count(scanned):
     _, model = scanned
     wrong = spec_of({"file": "c.xyz", "unit": "mm"}, edge_radius_m=3e-4, edge_radius_sd_m=5e-5)
     right = spec_of({"file": "c.xyz", "unit": "mm"}, edge_radius_m=2e-3, edge_radius_sd_m=5e-5)
     assert edge_radius(wrong, model, "p0e0", BOTTOM, ALONG).source is RadiusSource.SCAN
+    larger = spec_of({"file": "c.xyz", "unit": "mm"}, edge_radius_m=4e-3, edge_radius_sd_m=5e-5)
     assert edge_radius(right, model, "p0e0", BOTTOM, ALONG).source is RadiusSource.STATED
+    assert edge_radius(larger, model, "p0e0", BOTTOM, ALONG).source is RadiusSource.STATED

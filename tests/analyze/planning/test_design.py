@@ -38,7 +38,7 @@ NOISE = np.diag([np.radians(0.1) ** 2, 0.01**2])
 
 
 def candidates(com=(0.0, 0.0, 0.0)):
-    spec = spec_of({"box": {"size_m": list(SIZE)}})
+    spec = spec_of({"box": {"size_m": list(SIZE)}}, edge_radius_m=0.0)
     model = load_object_model(spec, None, "")
     believed = hypothesis(model)
     planes = stable_planes(resting_planes(model), believed.region)

@@ -61,7 +61,7 @@ def faces_and_axes(mesh):
     model = model_of_mesh(mesh, mass=0.02)
     planes = resting_planes(model)
     believed = hypothesis(model)
-    spec = spec_of({"file": "m.stl", "unit": "mm"}, 0.02)
+    spec = spec_of({"file": "m.stl", "unit": "mm"}, 0.02, edge_radius_m=0.0)
     return model, planes, pivot_axes(model, spec, stable_planes(planes, believed.region), believed)
 
 

@@ -123,7 +123,7 @@ def test_papers_plan_lists_its_faults():
     assert any("singular" in warning for warning in plan.warnings)
     for strike in plan.strikes:
         R, p = np.array(strike.R_world_object), np.array(strike.p_world_object)
-        assert np.allclose(R @ strike.pivot.point + p, [0, 0, 0], atol=1e-9)
+        assert np.allclose(R @ strike.pivot.point + p, [0, 0, strike.pivot.radius_m], atol=1e-9)
         assert strike.energy_ratio > 1
     assert parse_strike_plan(plan.model_dump_json(), "plan.json") == plan
     with pytest.raises(PlanError, match="3 points"):

@@ -171,7 +171,9 @@ def test_only_parallel_axes_are_refused_with_a_remedy():
 
 def test_flat_slab_is_refused():
     spec = spec_of(
-        {"box": {"size_m": [0.2, 0.2, 0.012]}}, markers=side_markers(size=np.array([0.2, 0.2, 0.012]))
+        {"box": {"size_m": [0.2, 0.2, 0.012]}},
+        markers=side_markers(size=np.array([0.2, 0.2, 0.012])),
+        edge_radius_m=0.0,
     )
     model = load_object_model(spec, None, "")
     with pytest.raises(
