@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
+from analyze.estimation.checks import AXIS_K_FLOOR
 from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
@@ -315,7 +316,8 @@ def estimated_rate(
 
     It needs pivot axes at different distances from the centre of mass. The joint problem is solved with
     gravity as a free parameter: a factor on it acts on the strikes' rate constants k (theta'' = -k sin(phi -
-    theta), theta the tipping angle) as the square of a factor on the frame rate.
+    theta), theta the tipping angle) as the square of a factor on the frame rate. The k of each axis has the
+    further error `AXIS_K_FLOOR`, of hops after the impact.
 
     Args:
         planes: Equi-planes (plane through pivot line and centre of mass) of one recording's strikes, in the
@@ -334,7 +336,11 @@ def estimated_rate(
         shape = moments.prior(com)
         return UnitPrior(shape.mean, ANY_FILLING_FACTOR * shape.sd)
 
-    open_scale = replace(moments.scale, gravity_sd=OPEN_LOG_GRAVITY_SD * moments.scale.gravity)
+    open_scale = replace(
+        moments.scale,
+        gravity_sd=OPEN_LOG_GRAVITY_SD * moments.scale.gravity,
+        k_relative_sd=float(np.hypot(moments.scale.k_relative_sd, AXIS_K_FLOOR)),
+    )
     # Corrected by the approximate ratio, so that the problem starts near its solution.
     found = solve_joint(
         [with_scaled_k(plane, k_factor) for plane in planes], systematic, prior, MomentModel(open_scale, wide)
