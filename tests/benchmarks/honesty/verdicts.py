@@ -13,8 +13,10 @@ EXPECTED_DOUBTS = (
     re.compile(r"of the tensor.*from the shape"),
     re.compile(r"region masses|the parts|the masses of|the filling"),
     re.compile(r"not observed"),
+    re.compile(r"known only"),
 )
-"""doubts that are right in a session without disturbance: entries from the shape, regions, open directions"""
+"""doubts that are right in a session without disturbance: entries from the shape, regions, open
+directions, and what is said to be known only roughly"""
 
 
 def statuses(result: Result) -> dict[str, str]:
