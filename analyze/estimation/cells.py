@@ -13,6 +13,8 @@ from schemas.object_spec import ObjectSpec
 
 MIN_CELL_FRACTION = 1e-3
 """Fraction of a voxel below which its part in the shell, or in the interior, makes no cell."""
+MIN_HALF_HEIGHT = 1e-3
+"""Smallest half height of a cell, over the pitch, that is used where a plane cuts it."""
 MIN_SHELL_FRACTION, MAX_SHELL_FRACTION = 0.004, 0.12
 """Range of a shell thickness that is not given, over the cube root of the volume."""
 SHELL_THICKNESS_COUNT = 5
@@ -40,6 +42,9 @@ class Cells:
     (VISAPP 2013, eq. 7)."""
     pitch: float
     """Edge d [m] of the cubes (voxels) that the cells were cut from."""
+    corner: Array | None = None
+    """(3,) corner of one of these cubes [m], in O, whose axes their edges follow; None if all cells are whole
+    cubes."""
 
     @property
     def volumes(self) -> Array:
@@ -50,6 +55,24 @@ class Cells:
     def centroid(self) -> Array:
         """Centroid (3,) [m] of the body as a uniform solid, in the object frame O."""
         return self.volumes @ self.points / self.volumes.sum()
+
+    def share_below(self, along: Array, level: float) -> Array:
+        """Fraction (n,) of each of the n cells (pieces of the body) below the plane x.along = level.
+
+        Volume is taken to be uniform over a cell's height along the direction. The height of a whole cube is
+        the pitch; a cell that is part of a cube reaches from its centroid as far as the nearer end of the
+        cube. This is exact for slabs, so that a plane at the body's end leaves nothing beyond it.
+
+        Args:
+            along: (3,) unit vector in the object frame O.
+            level: Place of the plane along it [m], from O's origin.
+        """
+        height, half = self.points @ along, np.full(len(self.points), self.pitch / 2)
+        if self.corner is not None:
+            cubes = np.floor((self.points - self.corner) / self.pitch) + 0.5
+            off = np.abs(height - (self.corner + cubes * self.pitch) @ along)
+            half = np.maximum(half - off, MIN_HALF_HEIGHT * self.pitch)
+        return np.clip((level - height) / (2 * half) + 0.5, 0.0, 1.0)
 
     def principal_directions(self) -> Array:
         """Principal directions (3, 3) of the body as a uniform solid, as unit rows in the object frame O.
@@ -94,6 +117,7 @@ def cells_from_voxels(voxels: Voxels) -> Cells:
         # Moment of a slab of thickness f*d, mean over its orientations; d^2/6 for a whole cube.
         own_inertia=voxels.pitch**2 * (2 + filled**2) / 18,
         pitch=voxels.pitch,
+        corner=voxels.corner,
     )
 
 

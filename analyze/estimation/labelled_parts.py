@@ -21,6 +21,9 @@ REST = "rest"
 """Name of the part that holds everything without a label."""
 MIN_VOLUME_FRACTION = 1e-3
 """Fraction of the object's volume below which a part, or the rest, is neglected."""
+MIN_REST_LAYER = 0.1
+"""Thickness of the rest, over that of a layer of cells, below which it is neglected: cells do not resolve
+it."""
 
 
 def parts_of_bodies(
@@ -75,7 +78,8 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
 
     Returns:
         Name and uniform solid (volume, centroid and inertia per kilogram, in the object frame O) of each
-        label, then of the remainder as `rest` if it holds more than `MIN_VOLUME_FRACTION` of the volume.
+        label, then of the remainder as `rest` if it holds more than `MIN_VOLUME_FRACTION` of the volume, and
+        more than a layer of a tenth of a cell (`MIN_REST_LAYER`) across a cube of the object's volume.
 
     Raises:
         ShapeError: a part holds at most 0.1 % (`MIN_VOLUME_FRACTION`) of the volume, or two layers overlap.
@@ -97,7 +101,8 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
     if left_inside.min() < -1e-6 * cells.volumes.max():
         raise ShapeError(f"{name}: two layers overlap: let one begin where the other ends")
     left = left_wall + np.maximum(left_inside, 0.0)
-    if left.sum() > MIN_VOLUME_FRACTION * cells.volumes.sum():
+    volume = float(cells.volumes.sum())
+    if left.sum() > max(MIN_VOLUME_FRACTION * volume, MIN_REST_LAYER * cells.pitch * volume ** (2 / 3)):
         parts.append((REST, _solid(cells, left)))
     return parts
 
@@ -122,17 +127,14 @@ def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Fraction (n,) of the height of each of n cells that lies between the two ends of a labelled layer.
-
-    Cells are small cubes of the body; their height is measured along the layer's direction.
+    """Fraction (n,) of each of n cells (small pieces of the body) between the two ends of a labelled layer.
 
     The ends are in metres from the origin of the object frame O along the layer's direction; the fraction is
     0 for a label without ends.
     """
     low, high = label.between_m or (0.0, 0.0)
-    height = cells.points @ (np.array(label.along) / np.linalg.norm(label.along))
-    above, below = (np.clip((height - end) / cells.pitch + 0.5, 0.0, 1.0) for end in (low, high))
-    return np.asarray(above - below, dtype=np.float64)
+    along = np.array(label.along) / np.linalg.norm(label.along)
+    return cells.share_below(along, high) - cells.share_below(along, low)
 
 
 def _solid(cells: Cells, volumes: Array) -> MassProperties:

@@ -24,6 +24,8 @@ class Voxels:
 
     pitch: float
     """Edge of the cubes [m]."""
+    corner: Array
+    """(3,) corner of one of the cubes [m], in the object frame O; their edges are parallel to O's axes."""
     centres: Array
     """(n, 3) centroid of the part of each cube inside the body [m], in the object frame O."""
     volumes: Array
@@ -84,6 +86,7 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
     centres = body_moment / body[:, None]
     return Voxels(
         pitch=pitch,
+        corner=lower,
         centres=centres,
         volumes=body * (model.volume / body.sum()),
         shell=wall / body,
