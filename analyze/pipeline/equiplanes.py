@@ -29,6 +29,12 @@ SAME_FACE_FRACTION = 5e-4
 face"""
 SAME_FACE_COSINE = float(np.cos(np.radians(1.0)))
 """cosine of the angle up to which two normals are those of one face"""
+MAX_SKEW, MIN_FACET_SLOPE = 0.05, 0.17
+"""facets of a rounding: largest cosine of the angle between normal and edge, and smallest cosine of that
+between normal and each of the directions down and forward"""
+MIN_CUT_OFF = 0.2
+"""height of a sharp corner over a facet of its rounding, over the radius (0.41 for a quarter circle), from
+which on the rounding is part of the shape"""
 SHAPE_RADIUS_SD = 0.05
 """relative standard deviation of a rounding's radius that is taken from the shape itself"""
 
@@ -87,7 +93,7 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     inset = (1 + np.sin(leaning)) / np.cos(leaning)
     corner = plane.point - plane.edge_radius * (plane.up - inset * forward)
     radius = edge_radius(evidence.spec, model, plane.axis_id, corner, plane.direction)
-    if lean is None and not np.isclose(radius.mean, plane.edge_radius, rtol=1e-6, atol=1e-9):
+    if _is_rounded_in_shape(model, plane, corner):
         own = float(np.hypot(SHAPE_RADIUS_SD * plane.edge_radius, evidence.spec.shape.surface_sd_m))
         return replace(plane, radius_prior=RadiusPrior(plane.edge_radius, 0.0, own, RadiusSource.SHAPE))
     rest = _face_at(model, corner, -plane.up)
@@ -99,6 +105,22 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
         wall_lean=leaning,
         radius_prior=replace(radius, mean=plane.edge_radius),
     )
+
+
+def _is_rounded_in_shape(model: ObjectModel, plane: EquiPlane, corner: Array) -> bool:
+    """True if the shape itself is rounded at a pivot edge: a facet cuts off the sharp corner of its faces.
+
+    Args:
+        model: shape of the object.
+        plane: equi-plane of a strike over the edge.
+        corner: (3,) point [m] in which the faces that meet at the edge would do so if it were sharp.
+    """
+    normals, forward = model.hull_planes[:, :3], np.cross(plane.direction, plane.up)
+    between = (np.abs(normals @ plane.direction) < MAX_SKEW) & (
+        np.minimum(normals @ forward, -(normals @ plane.up)) > MIN_FACET_SLOPE
+    )
+    heights = (normals @ corner + model.hull_planes[:, 3])[between]
+    return bool(np.any(heights > MIN_CUT_OFF * plane.edge_radius)) if plane.edge_radius > 0 else False
 
 
 def _face_at(model: ObjectModel, corner: Array, outward: Array) -> str:
