@@ -12,24 +12,28 @@ from analyze.estimation.joint import (
     TWO_ERRORS_AS_ONE,
     JointSolution,
     MomentModel,
+    MomentPrior,
     UnitPrior,
     solve_joint,
     whitened,
 )
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
 from analyze.estimation.priors import ComPrior, SystematicErrors
+from analyze.estimation.refit import Refit, refit_without
 from analyze.types import Array, EquiPlane
 
 OPEN_GRAVITY_RELATIVE_SD = 0.2
 """Relative 1 sigma of g where g is estimated."""
-GRAVITY_FILLING_FACTOR = 3.0
-"""Factor on the shape's prior sd of the moments where g is estimated: with the prior as it is, a lump inside
-a box passes for a gravity 2 to 6 % too strong."""
+FILLING_FACTOR = 3.0
+"""Factor on the shape's prior sd of the moments in checks: with the prior as it is, a lump inside a box
+passes for a gravity 2 to 6 % too strong."""
 AXIS_K_FLOOR = 3e-3
 """Relative 1 sigma of an axis's k beside the stated errors where g is estimated. Struck edges hop by 0.2 to
 0.4 mm in contact simulations; there k of a box has 2.3 times its stated sd of 0.18 %, 0.41 % in all."""
 SIGMAS = 3.0
 """Standardised error above which a check fails."""
+MAX_PREDICTED_PHI_SD = math.radians(1.5)
+"""1 sigma [rad] of a predicted balance angle above which the prediction checks nothing."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,8 @@ class LeaveOneOut:
     """(2, 2) covariance of the predicted (phi, ln k), phi in rad."""
     own: Array
     """(2, 2) covariance of the strike's own (phi, ln k), phi in rad; 0 for a k that is not used."""
+    checkable: bool = True
+    """False if the other strikes leave phi open, or predict it only by a model that is far from linear."""
 
     @property
     def agrees(self) -> bool:
@@ -149,6 +155,77 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
     return tuple(found)
 
 
+def checked_left_out(
+    solution: JointSolution, prior: ComPrior, moments: MomentModel
+) -> tuple[LeaveOneOut, ...]:
+    """Leave-one-out predictions in which no strike fails by an error of the linear model.
+
+    A strike that fails its linear prediction is judged again by the likelihood ratio (refit.py), with the
+    shape's prior of the moments `FILLING_FACTOR` times wider, as a lump inside needs. It fails only if that
+    is as unlikely, and then the prediction is that of the problem solved without it. If it passes there, or
+    if the others leave its balance angle open (`MAX_PREDICTED_PHI_SD`), it cannot be checked.
+
+    Args:
+        solution: Joint solution of all strikes.
+        prior: Prior of the centre of mass, as in the solution.
+        moments: Mass, gravity, and the shape's prior of the moments, as in the solution.
+
+    Returns:
+        One prediction per strike, in the order of `solution.model.planes`.
+    """
+    wide = replace(moments, prior=_widened(moments.prior))
+    found: list[LeaveOneOut] = []
+    for i, linear in enumerate(leave_one_out(solution)):
+        if not linear.agrees:
+            found.append(_judged_again(solution, linear, i, refit_without(solution, prior, wide, i)))
+        else:
+            phi_is_open = math.sqrt(float(linear.by_others[0, 0])) > MAX_PREDICTED_PHI_SD
+            found.append(replace(linear, checkable=not phi_is_open))
+    return tuple(found)
+
+
+def _widened(prior: MomentPrior) -> MomentPrior:
+    """Prior of the moments by the shape with `FILLING_FACTOR` times its standard deviations."""
+
+    def wide(com: Array) -> UnitPrior:
+        shape = prior(com)
+        return UnitPrior(shape.mean, FILLING_FACTOR * shape.sd)
+
+    return wide
+
+
+def _judged_again(solution: JointSolution, linear: LeaveOneOut, index: int, refit: Refit) -> LeaveOneOut:
+    """Prediction of a strike by the problem solved without it; the linear one, not checkable, if it passes.
+
+    Args:
+        solution: Joint solution of all strikes.
+        linear: Linear prediction, which the strike fails.
+        index: Number of the strike.
+        refit: Solution without the strike.
+    """
+    uses_k = linear.k_off is not None
+    sigmas = math.sqrt(refit.rise) * (TWO_ERRORS_AS_ONE if uses_k else 1.0)
+    if sigmas <= SIGMAS:
+        return replace(linear, sigmas=sigmas, checkable=False)
+    model, x = solution.model, refit.x
+    log_k, by_log_k = model.log_k(x)
+    both = np.stack([model.design(x)[index], by_log_k[index]])
+    by_others = np.asarray(both @ refit.covariance @ both.T, dtype=np.float64)
+    sd = np.sqrt(np.diag(by_others + linear.own))
+    off = float(model.residual(x)[index])
+    return replace(
+        linear,
+        phi=model.planes[index].phi + off,
+        phi_off=-off,
+        phi_sd=float(sd[0]),
+        k_off=float(solution.data.log_k[index] - log_k[index]) if uses_k else None,
+        k_sd=float(sd[1]) if uses_k else None,
+        sigmas=sigmas,
+        k=math.exp(float(log_k[index])),
+        by_others=by_others,
+    )
+
+
 def estimated_gravity(
     planes: Sequence[EquiPlane],
     systematic: SystematicErrors,
@@ -159,7 +236,7 @@ def estimated_gravity(
     """Gravity estimated from phi and k of all strikes, as a relative difference from the stated one.
 
     The joint problem is solved again with `OPEN_GRAVITY_RELATIVE_SD` as gravity's relative sd, a wider prior
-    of the moments (`GRAVITY_FILLING_FACTOR`) and a larger error of each axis's k (`AXIS_K_FLOOR`). If gravity
+    of the moments (`FILLING_FACTOR`) and a larger error of each axis's k (`AXIS_K_FLOOR`). If gravity
     differs by more than `SIGMAS` sd, it is solved once more without the k of each axis. An axis is named as
     the cause if the others agree with the stated gravity, and by themselves exclude the difference found; of
     several such axes it is the one without which all strikes fit best. None is named if gravity differs by
@@ -176,11 +253,7 @@ def estimated_gravity(
     Returns:
         Ratio of estimated to stated gravity, less 1, with its sd: 0 if they are equal.
     """
-
-    def wide(com: Array) -> UnitPrior:
-        shape = moments.prior(com)
-        return UnitPrior(shape.mean, GRAVITY_FILLING_FACTOR * shape.sd)
-
+    wide = _widened(moments.prior)
     scale = replace(
         moments.scale,
         gravity_sd=OPEN_GRAVITY_RELATIVE_SD * moments.scale.gravity,
@@ -317,7 +390,7 @@ def check_solution(
         standard deviations (0 inside). Nothing is raised where one fails.
     """
     return Checks(
-        leave_one_out(solution),
+        checked_left_out(solution, prior, moments),
         estimated_gravity(planes, systematic, prior, moments, solution),
         tuple(impossible_moments(solution, hull[0])),
         sigmas_outside_hull(solution.x[COM], solution.covariance[COM, COM], hull[1]),

@@ -31,7 +31,8 @@ from analyze.estimation.joint import (
 from analyze.estimation.joint_model import COM, SECOND, JointModel
 from analyze.estimation.posterior import Posterior, derived, linear_posterior, mixture_posterior
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.estimation.second_moments import log_cholesky, symmetric_entries, unit_inertia
+from analyze.estimation.refit import moved
+from analyze.estimation.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array, EquiPlane
 
 MAX_CURVATURE = 0.1
@@ -110,13 +111,13 @@ class _Problem:
             inner = free.T @ normal @ free
             damped = inner + damping * np.diag(np.diag(inner))
             step = -free @ np.linalg.solve(damped, free.T @ gradient)
-            moved = _moved(x, step)
-            there = self._expansion(moved)
+            tried = moved(x, step)
+            there = self._expansion(tried)
             if there[0] > misfit:
                 damping = max(10 * damping, FIRST_DAMPING)
                 continue
             decrease = misfit - there[0]
-            x, damping = moved, (damping / 5 if damping > FIRST_DAMPING else 0.0)
+            x, damping = tried, (damping / 5 if damping > FIRST_DAMPING else 0.0)
             misfit, gradient, normal, shape = there
             if decrease < CONVERGED_DECREASE:
                 break
@@ -296,18 +297,6 @@ def _mixture(model: JointModel, directions: Array, points: list[tuple[_Point, Ar
         np.array(covariances),
         np.array(steps),
     )
-
-
-def _moved(x: Array, step: Array) -> Array:
-    """Unknowns (count,) after a step, taken straight in the entries of the tensor and in all other unknowns.
-
-    ln k is nearly linear in these entries, but not in the numbers that stand for them. An impossible tensor
-    is replaced by the nearest possible one.
-    """
-    J, by = unit_inertia(x[SECOND])
-    moved = x + step
-    moved[SECOND] = log_cholesky(J + np.einsum("n,nij->ij", step[SECOND], by))
-    return moved
 
 
 def _free_basis(directions: Array, count: int) -> Array:

@@ -60,17 +60,18 @@ def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tupl
 
     Args:
         evidence: measured motions.
-        left_out: predictions of phi and k, one per strike, by `checks.leave_one_out`.
+        left_out: predictions of phi and k, one per strike, by `checks.checked_left_out`.
 
     Returns:
         Comparisons of measured and predicted motion, in the order of `left_out`, without strikes that have no
-        theta(t) or no fit. k is scaled from gravity of the first recording to that of the strike's own.
+        theta(t) or no fit, or that the others cannot check. k is scaled from gravity of the first recording
+        to that of the strike's own.
     """
     motions = {motion.strike_id: motion for motion in evidence.motions}
     found: list[StrikePrediction] = []
     for each in left_out:
         motion = motions[each.strike_id]
-        if motion.angle is None or motion.fit is None:
+        if motion.angle is None or motion.fit is None or not each.checkable:
             continue
         gravity_ratio = evidence.recording_of(each.strike_id).manifest.g_m_s2 / evidence.manifest.g_m_s2
         expected = PredictedValues(each.phi, each.k * gravity_ratio, each.by_others, each.own)

@@ -11,6 +11,7 @@ from analyze.result.agreements import estimator_difference_text
 from analyze.result.frame_times import wrong_text
 from analyze.result.radius import refuted_radius_text
 from analyze.result.trust import quantity_sentences
+from analyze.result.unchecked import unchecked_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,11 +34,11 @@ WHOLE_RANGE_SHARE = 0.8
 def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> list[str]:
     """Sentences on an estimate: what to trust, to doubt, what is not determined, which strikes to repeat.
 
-    Each begins with trust, doubt, not determined or repeat. Nothing is to be trusted in two cases: the centre
-    of mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the strikes disagrees
-    with the stated one, or a moment of inertia is impossible for the shape, although no stated frame rate is
-    wrong (a wrong one would explain both). If one axis alone makes gravity disagree, only moments are
-    doubted.
+    Each begins with trust, doubt, not determined, not checked or repeat. Nothing is to be trusted in two
+    cases: the centre of mass lies more than `MAX_OUTSIDE_SD` sd outside the shape's hull; or gravity by the
+    strikes disagrees with the stated one, or a moment of inertia is impossible for the shape, although no
+    stated frame rate is wrong (a wrong one would explain both). If one axis alone makes gravity disagree,
+    only moments are doubted.
 
     Args:
         estimate: the estimate.
@@ -86,7 +87,8 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     ]
     missed = [each for each in estimate.predictions if not each.consistent]
     found += [f"repeat strike {each.left_out.strike_id}: {prediction_text(each)}" for each in missed]
-    return found
+    unchecked = unchecked_text(checks.left_out)
+    return found if unchecked is None else [*found, unchecked]
 
 
 def regions_text(distribution: MassDistribution, mass: float) -> str:

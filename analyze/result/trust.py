@@ -115,10 +115,10 @@ def _com_text(estimate: Estimate) -> str:
             f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: with {what_if_text(broken)} it moves"
             f" by {moved:.1f} mm"
         )
-    consistent = f"{sum(each.consistent for each in estimate.predictions)} of {len(estimate.predictions)}"
-    return (
-        f"trust the centre of mass, to {1e3 * half:.1f} mm: {consistent} strikes move as predicted from the"
-        " others"
+    predicted = len(estimate.predictions)
+    consistent = f"{sum(each.consistent for each in estimate.predictions)} of {predicted} strikes move as"
+    return f"trust the centre of mass, to {1e3 * half:.1f} mm: " + (
+        f"{consistent} predicted from the others" if predicted else "no strike can be checked by the others"
     )
 
 

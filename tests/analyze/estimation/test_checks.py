@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from analyze.estimation.checks import (
+    checked_left_out,
     estimated_gravity,
     impossible_moments,
     leave_one_out,
@@ -22,6 +23,8 @@ PRIOR = ComPrior.from_bounds(-SIZE / 2, SIZE / 2)
 ERRORS = SystematicErrors(gravity_tilt_sd=1e-3, edge_radius_sd=2e-4)
 MOMENTS = MomentModel(Scale(BODY.mass, 1e-4, GRAVITY, 1e-3), shape_prior(BODY.cells))
 CORNERS = np.stack(np.meshgrid(*[(-s / 2, s / 2) for s in SIZE]), axis=-1).reshape(-1, 3)
+LUMP = drawn_sessions.lump_body((0.005, -0.005, 0.01))
+VERTEX = drawn_sessions.VERTEX_AXES
 
 
 def planes(rng, faster=1.0):
@@ -55,6 +58,30 @@ def test_outlying_strike_fails_its_prediction():
     assert found[3].phi_off == pytest.approx(0.02, abs=3e-3)
 
 
+def test_strikes_that_the_others_leave_open_are_not_accused():
+    """Three edges that meet at a vertex, a lump inside: 1 strike in 3 failed linearly, one by 205 sd."""
+    moments = drawn_sessions.model(LUMP)
+    failed, nonsense = 0, 0
+    for seed in range(12):
+        some = drawn_sessions.session(np.random.default_rng(seed), VERTEX, LUMP, repeats=1)
+        solution = solve_joint(some, drawn_sessions.ERRORS, PRIOR, moments)
+        nonsense += sum(not each.agrees for each in leave_one_out(solution))
+        found = checked_left_out(solution, PRIOR, moments)
+        failed += sum(not each.agrees for each in found)
+        assert not any(each.checkable for each in found if abs(each.k_off or 0.0) > 1)
+    assert nonsense >= 4
+    assert failed == 0
+
+
+def test_outlying_strike_fails_the_likelihood_ratio_too():
+    some = planes(np.random.default_rng(1))
+    some[3] = replace(some[3], phi=some[3].phi + 0.02)
+    found = checked_left_out(solve_joint(some, ERRORS, PRIOR, MOMENTS), PRIOR, MOMENTS)
+    assert [each.strike_id for each in found if not each.agrees] == [some[3].strike_id]
+    assert all(each.checkable for each in found)
+    assert found[3].phi_off == pytest.approx(0.02, abs=3e-3)
+
+
 def test_wrong_time_base_changes_the_estimated_gravity():
     for faster in (1.0, 1.4):
         some = planes(np.random.default_rng(2), faster)
@@ -72,7 +99,6 @@ def gravity(seed, axes, body=BODY, k_off=None, faster=1.0):
     return estimated_gravity(some, drawn_sessions.ERRORS, PRIOR, moments, solution)
 
 
-LUMP = drawn_sessions.lump_body((0.005, -0.005, 0.01))
 NINE_AXES = (*SIX_AXES, (2, -1, 0, -1), (0, -1, 1, -1), (1, -1, 2, -1))
 
 

@@ -51,7 +51,7 @@ def scores(with_error):
             if with_error:
                 fit = with_slow_error(fit, motion, rolls=False, radius=0.0)
             sd = np.sqrt(np.diag(fit.covariance))
-            found.append([(fit.phi - body.phi) / sd[0], (fit.k - body.k) / sd[1]])
+            found.append([(fit.phi - body.phi) / sd[0], ((fit.k or 0.0) - body.k) / sd[1]])
     return np.array(found)
 
 
