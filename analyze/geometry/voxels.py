@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.types import Array
+from analyze.types import Array, IntArray
 
 SUBCELLS = 3
 """Subcells per edge of a cube that the surface or the shell's inner side cuts."""
@@ -69,12 +70,13 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
     lower = model.bounds.mean(axis=0) - counts * pitch / 2
     index = np.argwhere(np.ones(counts))
     corners = lower + index * pitch
-    depth = model.depth(corners + pitch / 2)
+    depths = model.cached(("subcell depths", pitch), lambda model: _SubcellDepths(model, corners, pitch))
+    depth = depths.of_cubes
     reach = pitch * np.sqrt(3) / 2
     cut = (np.abs(depth) < reach) | (np.abs(depth - shell_thickness) < reach)
     whole = (depth >= reach) & ~cut
     in_wall = whole & (depth < shell_thickness)
-    body, wall, body_moment, wall_moment = _cut(model, corners[cut], pitch, shell_thickness)
+    body, wall, body_moment, wall_moment = _cut(depths, cut, pitch, shell_thickness)
     plain = corners[whole] + pitch / 2
     body = np.concatenate([body, np.ones(len(plain))])
     wall = np.concatenate([wall, in_wall[whole].astype(float)])
@@ -95,16 +97,62 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
     )
 
 
+class _SubcellDepths:
+    """Depths of cubes' centres and of their subcells below the surface of a model, each computed only once.
+
+    Shells of several thicknesses cut mostly the same cubes, and depths take most of a division's time.
+
+    Args:
+        model: Shape of the object.
+        corners: (n, 3) lowest corner of each cube [m], in the object frame O.
+        pitch: Edge of the cubes [m].
+
+    Attributes:
+        of_cubes: (n,) depths of the cubes' centres [m].
+    """
+
+    def __init__(self, model: ObjectModel, corners: Array, pitch: float) -> None:
+        self._model, self._corners = model, corners
+        self._offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * (pitch / SUBCELLS)
+        self.of_cubes = model.depth(corners + pitch / 2)
+        # Place of a cube's subcells in the arrays below; -1 if they are not yet computed.
+        self._place: IntArray = np.full(len(corners), -1)
+        self._value, self._gradient = np.zeros((0, len(self._offsets))), np.zeros((0, len(self._offsets), 3))
+
+    def of_subcells(self, cubes: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+        """Centres (m, 3) [m, in O], depths (m,) [m] and their gradients (m, 3) of all subcells of some cubes.
+
+        `cubes` (n,) is True for these cubes; the subcells of each are consecutive.
+        """
+        new = np.flatnonzero(cubes & (self._place < 0))
+        if len(new):
+            found = self._model.depth_and_gradient(self._centres(new))
+            shape = (len(new), len(self._offsets))
+            self._place[new] = len(self._value) + np.arange(len(new))
+            self._value = np.concatenate([self._value, found.value.reshape(shape)])
+            self._gradient = np.concatenate([self._gradient, found.gradient.reshape(*shape, 3)])
+        place = self._place[cubes]
+        return (
+            self._centres(np.flatnonzero(cubes)),
+            self._value[place].ravel(),
+            self._gradient[place].reshape(-1, 3),
+        )
+
+    def _centres(self, cubes: IntArray) -> Array:
+        """Centres (m, 3) [m] of the subcells of the cubes with these indices, in the object frame O."""
+        return (self._corners[cubes, None] + self._offsets).reshape(-1, 3)
+
+
 def _cut(
-    model: ObjectModel, corners: Array, pitch: float, shell_thickness: float
+    depths: _SubcellDepths, cubes: NDArray[np.bool_], pitch: float, shell_thickness: float
 ) -> tuple[Array, Array, Array, Array]:
     """Fraction of each cube in the body and in its shell (outer wall), with first moments.
 
     It is meant for cubes that the surface or the shell's inner side cuts. Each is divided into subcells.
 
     Args:
-        model: Shape of the object.
-        corners: (n, 3) lowest corner of each cube [m], in the object frame.
+        depths: Depths of all cubes and their subcells.
+        cubes: True for each of the n cubes to be divided.
         pitch: Edge of the cubes [m].
         shell_thickness: Thickness of the shell [m].
 
@@ -114,19 +162,17 @@ def _cut(
         (n, 3) [m].
     """
     step = pitch / SUBCELLS
-    offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * step
-    points = (corners[:, None] + offsets).reshape(-1, 3)
-    found = model.depth_and_gradient(points)
+    points, value, gradient = depths.of_subcells(cubes)
     # Width of a subcell along the surface's normal: exact for a plane normal to an axis, unbiased for an
     # oblique one.
-    width = step * np.abs(found.gradient).sum(axis=1)
-    body = np.clip(found.value / width + 0.5, 0, 1)
-    core = np.clip((found.value - shell_thickness) / width + 0.5, 0, 1)
+    width = step * np.abs(gradient).sum(axis=1)
+    body = np.clip(value / width + 0.5, 0, 1)
+    core = np.clip((value - shell_thickness) / width + 0.5, 0, 1)
     # The part of a subcell on one side of a plane has its centroid off the subcell's centre.
-    lean = (step**2 / 12 * 6 / width)[:, None] * found.gradient
+    lean = (step**2 / 12 * 6 / width)[:, None] * gradient
     body_point = points + lean * (body * (1 - body))[:, None] / np.where(body > 0, body, 1)[:, None]
     core_point = points + lean * (core * (1 - core))[:, None] / np.where(core > 0, core, 1)[:, None]
-    shape = (len(corners), SUBCELLS**3)
+    shape = (int(cubes.sum()), SUBCELLS**3)
     body_moment = (body_point * body[:, None]).reshape(*shape, 3).mean(axis=1)
     core_moment = (core_point * core[:, None]).reshape(*shape, 3).mean(axis=1)
     body, core = body.reshape(shape).mean(axis=1), core.reshape(shape).mean(axis=1)
