@@ -10,6 +10,7 @@ Gaussian process over theta, whose size is averaged over what the measured motio
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,12 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _CREEP_SIZES = 1e-6 * np.array([7.5, 15.0, 30.0, 60.0, 120.0, 240.0, 480.0])
-"""(7,) standard deviations [m] of the line's own motion that are tried, all equally likely before"""
+"""(7,) standard deviations [m] of the line's own motion that are tried
+
+All are equally likely before the measurement where an offset is to be distinguished from it: a soft contact must not
+pass for one. For its own size each is a quarter as likely as one of half the size, so that 17 um (a hard
+table) are expected where the camera shows nothing.
+"""
 _CREEP_ANGLE = 0.25
 """tipping angle [rad] over which the line's own motion changes, as the load on the contact does"""
 _ROUGH_SHARE, _ROUGH_ANGLE = 0.1, 0.3
@@ -53,7 +59,7 @@ class CreepFit:
     covariance: Array
     """(p, p) their covariance"""
     size: float
-    """root mean square [m] of the line's own motion, as far as the measurement shows it"""
+    """expected root mean square [m] of the line's own motion"""
 
 
 def fit_creeping(theta: Array, rows: Array, seen: Array, sd: Array, prior_sd: Array) -> CreepFit:
@@ -115,7 +121,8 @@ def _averaged(theta: Array, rows: Array, seen: Array, sd: Array, weight: Array, 
     found = np.asarray(sum(p * x for p, (x, _, _) in zip(likely, solved, strict=True)))
     spread = [cov + np.outer(x - found, x - found) for x, cov, _ in solved]
     covariance = np.asarray(sum(p * each for p, each in zip(likely, spread, strict=True)))
-    return CreepFit(found, covariance, float(np.sqrt(likely @ _CREEP_SIZES**2)))
+    expected = likely / _CREEP_SIZES**2
+    return CreepFit(found, covariance, math.sqrt(float(np.sum(likely) / np.sum(expected))))
 
 
 def _solve(A: Array, y: Array, total: Array, creep: Array, prior: Array) -> tuple[Array, Array, float]:
