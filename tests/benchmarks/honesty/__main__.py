@@ -117,7 +117,11 @@ def _names(known: dict, chosen: str) -> list[str]:
 @click.option("--only", help="BODY:DISTURBANCE:SEED of one session, printed with its truth.")
 def main(**options: Any) -> None:
     """Run sessions of bodies and disturbances, and print the tables."""
-    console, bank, images = Console(width=215, highlight=False), options["bank"], options["images"]
+    console, bank, images = (
+        Console(width=215, highlight=False, emoji=False),
+        options["bank"],
+        options["images"],
+    )
     if options["only"]:
         print_session(console, options["only"], Bank(bank), images > 0)
         return

@@ -18,8 +18,8 @@ from tests.benchmarks.honesty.session import StrikeTruth, Trial
 from tests.benchmarks.honesty.verdicts import false_doubts, statuses
 
 WRONG_LINE = 2e-3
-"""distance [m] of the line that a strike counts for from the line that carried it, above which it is wrong;
-errors of radius and scan are smaller"""
+"""distance [m] of the line that a strike counts for from the line that carried it, above which it is wrong,
+besides the effect of a wrong radius; errors of the scan are smaller"""
 
 
 @dataclass(frozen=True)
@@ -110,16 +110,18 @@ def _lines(trial: Trial, evidence: Evidence, found: SessionScore) -> None:
     for motion in evidence.motions:
         truth = trial.truths[motion.strike_id]
         pivot = by_plan[motion.plan_strike_id].pivot
-        found.wrong_lines += _is_off(np.array(pivot.point), np.array(pivot.direction), truth)
+        found.wrong_lines += _is_off(np.array(pivot.point), np.array(pivot.direction), pivot.radius_m, truth)
         plane = planes.get(motion.strike_id)
         if plane is not None and motion.verdict is Verdict.GOOD:
-            found.wrong_lines_good += _is_off(plane.point, plane.direction, truth)
+            found.wrong_lines_good += _is_off(plane.point, plane.direction, plane.edge_radius, truth)
 
 
-def _is_off(point: np.ndarray, direction: np.ndarray, truth: StrikeTruth) -> bool:
+def _is_off(point: np.ndarray, direction: np.ndarray, radius: float, truth: StrikeTruth) -> bool:
+    """True if a line is not the one that carried the strike; an error of the radius moves it too."""
+    limit = WRONG_LINE + math.sqrt(2) * abs(radius - truth.tip.radius)
     off = point - truth.tip.line
     off = off - truth.tip.direction * (off @ truth.tip.direction)
-    return bool(np.linalg.norm(off) > WRONG_LINE or direction @ truth.tip.direction < math.cos(0.2))
+    return bool(np.linalg.norm(off) > limit or direction @ truth.tip.direction < math.cos(0.2))
 
 
 def _strikes(trial: Trial) -> Iterator[Score]:
