@@ -20,6 +20,7 @@ from analyze.motion.fit_choice import fit_strike
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.pivot_place import judge_place, judge_support, measure_pivot
+from analyze.motion.placement import judge_placement
 from analyze.motion.rolling_choice import is_curved, relative_to_rolling
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import sign_change
@@ -90,10 +91,14 @@ def analyse_strike(
     if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
     rest_end_ns = end_of_rest_ns(tracks, task.contact_time_ns)
+    if (misplaced := judge_placement(tracks, markers, camera, task, rest_end_ns)) is not None:
+        return _without_motion(task, misplaced)
     try:
         motion = tip_angle(tracks, markers, camera, placement_of(task.planned), rest_end_ns)
     except TrackingError as error:
         return _without_motion(task, Judgement(Verdict.MARKER_LOST, str(error)))
+    except EstimationError as error:
+        return _without_motion(task, Judgement(Verdict.UNREADABLE, str(error)))
     return analyse_motion(motion, task, settings)
 
 

@@ -39,6 +39,8 @@ class StrikeTask:
     supports: tuple[SupportLine, ...] | None = None
     """lines over which the object turns in succession, by the shape, ordered by the angle at which each takes
     over, the line at rest first; None if unknown, or if the contact rolls on a curve"""
+    plan_strikes: tuple[PlannedStrike, ...] = ()
+    """all strikes of the plan, one of which an object that was not placed as planned may fit"""
 
 
 @dataclass(frozen=True)

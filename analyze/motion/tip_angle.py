@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analyze.errors import TrackingError
+from analyze.errors import EstimationError, TrackingError
 from analyze.motion.rest_pose import MODEL_PX, rest_pose
 from analyze.tracking.camera_model import project_ideal, project_jacobian, undistort, world_to_camera
 from analyze.tracking.pose import marker_corners
@@ -43,6 +43,10 @@ _YAW_SD = 0.02
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
 """prior standard deviation of theta, x, z (all free), yaw, roll and y [rad, m]; a face-on tag hardly shows
 the last three"""
+_MAX_TURN, _MAX_PATH = 2 * math.pi, 2.0
+"""largest tipping angle [rad] and path of the pivot [m] of an object on a table"""
+_MAX_WILD_SHARE = 0.1
+"""largest share of frames that may be left out because no tip explains them"""
 _SLOW_SHARE = 0.7
 """share of theta's systematic error that changes as the object tips: half of its variance
 
@@ -139,6 +143,7 @@ def tip_angle(
 
     Raises:
         TrackingError: there is no track, or no marker is seen at rest in three frames before the strike.
+        EstimationError: the markers do not move like an object that tips over the planned edge.
     """
     if not tracks:
         raise TrackingError(
@@ -153,6 +158,7 @@ def tip_angle(
     if curvature > 0:
         yaw = float(np.clip(0.5 * (costs[0] - costs[2]) / curvature, -3.0, 3.0)) * _YAW_SD
         best = _solve(views, pivot, yaw, camera)
+    views, best = _without_wild_frames(views, best)
     at_rest = views.time_ns < rest_end_ns
     full = _solve_full(views, pivot, yaw, camera, best.x)
     chi2 = best.chi2 / np.maximum(best.freedom, 1)
@@ -210,6 +216,36 @@ def _place_sd(
     known = [by_id[track.marker_id].T_object_marker for track in tracks if track.marker_id in by_id]
     levers = [float(np.linalg.norm(placement.p_object_pivot - T[:3, 3])) for T in known if T is not None]
     return math.hypot(_MARKER_PLACE_SD, _MARKER_TURN_SD * float(np.mean(levers))) if levers else None
+
+
+def _without_wild_frames(views: _Views, solution: _Solution) -> tuple[_Views, _Solution]:
+    """Views and planar motion without frames that no tip on a table explains, such as misread ones.
+
+    Their angle or displacement is not finite, or larger than a tip can be.
+
+    Args:
+        views: corners of all markers in all frames.
+        solution: planar motion of all frames.
+
+    Raises:
+        EstimationError: more than a tenth of the frames are such.
+    """
+    x = solution.x
+    sound = np.all(np.isfinite(x), axis=1) & (np.abs(x[:, 0]) < _MAX_TURN)
+    sound &= np.all(np.abs(x[:, 1:]) < _MAX_PATH, axis=1)
+    if np.mean(sound) < 1.0 - _MAX_WILD_SHARE:
+        raise EstimationError(
+            "the markers do not move as on an object that tips over the planned edge: check that this is the"
+            " planned strike, the markers' places in the object file, and the camera's calibration"
+        )
+    if np.all(sound):
+        return views, solution
+    return (
+        _Views(
+            views.time_ns[sound], views.ideal[sound], views.sd[sound], views.corners_world, views.theta[sound]
+        ),
+        _Solution(x[sound], solution.covariance[sound], solution.chi2[sound], solution.freedom[sound]),
+    )
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
@@ -281,6 +317,7 @@ def _collect(
 
     Raises:
         TrackingError: no marker is at rest in view, in three frames, before the strike.
+        EstimationError: a marker at rest fits no pose near the planned one.
     """
     rested = [
         track
@@ -311,6 +348,11 @@ def _collect(
         R_world_marker = R_world_camera @ R
         p_world_marker = R_world_camera @ p + p_world_camera
         corners_world[j] = marker_corners(marker.size) @ R_world_marker.T + p_world_marker
+        if not (np.all(np.isfinite(R)) and np.all(np.isfinite(p))):
+            raise EstimationError(
+                f"marker {track.marker_id} at rest fits no pose near the planned one: check that this is the"
+                " planned strike, and the marker's place in the object file"
+            )
         turned = Rotation.from_matrix(R_world_camera @ track.R_camera_marker @ R_world_marker.T).as_rotvec()
         theta[index, j] = turned[:, 1]
         if marker.T_object_marker is not None:

@@ -323,6 +323,7 @@ def _strike(
         next_face_angle(struck.model, planned),
         report.unmarked_ns,
         strike_supports(struck.model, planned),
+        tuple(struck.plan.strikes),
     )
     motion = analyse_strike(report.tracks, markers, camera, task)
     manifest = recording.manifest
