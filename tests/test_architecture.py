@@ -74,11 +74,12 @@ PURE = {
     "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,
     "analyze/planning": (
         FOUNDATION
-        | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model", "analyze.motion.moulded"}
+        | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model"}
+        | {f"analyze.motion.{name}" for name in ("moulded", "rolling_choice", "support_function", "supports")}
     ),
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
     "analyze/calibration": FOUNDATION | {"analyze.calibration", "analyze.tracking", "analyze.tags", "cv2"},
-    "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},
+    "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking", "analyze.geometry"},
     "analyze/registration": (
         FOUNDATION | {"analyze.registration", "analyze.motion", "analyze.tracking", "analyze.geometry"}
     ),

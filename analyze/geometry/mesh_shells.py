@@ -137,7 +137,7 @@ def separated(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray, Boo
     pairs = np.concatenate(wedges)
     shell = _components(owner[pairs], count)
     # At an edge where angles decide nothing, faces that are connected elsewhere are neighbours.
-    more = [run[pair] for run in ambiguous for pair in _by_shell(shell[owner[run]], forward[run])]
+    more = [run[pair][None] for run in ambiguous for pair in _by_shell(shell[owner[run]], forward[run])]
     matched = np.bincount(owner[np.concatenate([pairs, *more]).ravel()], minlength=count)
     is_open = np.bincount(shell, matched < 3, minlength=int(shell.max(initial=-1)) + 1) > 0
     return faces, shell, ~is_open[shell]

@@ -32,6 +32,10 @@ its own sd if that is larger)."""
 MARGIN_RAD = math.radians(1.0)
 """Angle [rad] before the take-over by which balance must come, for unequal rounding and for a few frames
 past balance."""
+CARRYING_SHARE = 0.35
+"""Scale of Q, the region believed to hold the centre of mass, for which the planned edge must carry at
+balance. For all of Q, a bottle or carton with cut corners would lose edges that its balance angle needs; a
+strike that balances over the neighbour after all is recognised (verdict wrong_edge) and costs only itself."""
 
 
 def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> PivotAxis:
@@ -148,11 +152,10 @@ def doubtful_note(used: Sequence[PivotAxis]) -> str:
     if not listed:
         return ""
     return (
-        "the edges that surely carry the object up to balance do not suffice to determine the centre of "
-        "mass; the plan also uses edges that carry it if its centre of mass is near its expected place, but "
-        f"whose neighbour may touch the table before: {listed}. Strike these last; leave out a strike that "
-        "balances over the neighbour, or plan again with --given RECORDING, from which the centre of mass "
-        "is known better"
+        "the plan uses edges that carry the object up to balance if its centre of mass is near its expected "
+        f"place, but whose neighbour may touch the table before: {listed}. A strike that balances over the "
+        "neighbour gets the verdict wrong_edge and is left out; to replace it, plan again with --given "
+        "RECORDING, from which the centre of mass is known better"
     )
 
 

@@ -15,7 +15,7 @@ from analyze.planning.examine import Bench, UsableAxis, examine
 from analyze.planning.footing import Q_SCALES, STRIP_AREA_FRACTION, footing
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
 from analyze.planning.information import Belief, Information, SharedErrors
-from analyze.planning.next_edge import next_edge_rejection, with_next_edge
+from analyze.planning.next_edge import CARRYING_SHARE, next_edge_rejection, with_next_edge
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
@@ -121,8 +121,9 @@ def prepare_object(
         scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
         axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
         waiting += [with_next_edge(model, axis, believed.region) for axis in axes]
-        carrying = [axis for axis in waiting if axis.carries_for(share)]
-        waiting = [axis for axis in waiting if not axis.carries_for(share)]
+        carried = min(share, CARRYING_SHARE)
+        carrying = [axis for axis in waiting if axis.carries_for(carried)]
+        waiting = [axis for axis in waiting if not axis.carries_for(carried)]
         passed, failed = examine(model, spec, carrying, believed, bench)
         stable += scanned
         usable += passed

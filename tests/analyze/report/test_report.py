@@ -27,9 +27,9 @@ def estimate():
 
 @pytest.fixture(scope="module")
 def short():
-    """Answer from three strikes: half as many plots to draw."""
+    """Answer from four strikes: fewer plots to draw, and enough to check each by the others."""
     evidence = session(carton(), np.random.default_rng(3), repeats=1)
-    return answer_evidence(replace(evidence, motions=evidence.motions[:3]))
+    return answer_evidence(replace(evidence, motions=evidence.motions[:4]))
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_page_is_complete_and_self_contained(html):
     parser.feed(html)
     assert parser.open == []
     assert (
-        parser.tags.count("svg") == 9 + 3
+        parser.tags.count("svg") == 9 + 4
     )  # three views, sources, influences, regions, voxels, moments, predictions; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
@@ -156,7 +156,7 @@ def test_ground_truth_is_shown_with_the_estimates(short, score, undrawn):
         for axis in short.estimate.inertial.axes
     ]
     masses = [number(1e3 * v, 1) for v in score["region_mass_true_kg"]]
-    assert len(shown) == 3 + 2 * 3 + 3 + 2 * 3
+    assert len(shown) == 3 + 2 * 4 + 3 + 2 * 4
     assert sorted(shown) == sorted([*com, *phi, *edge, *masses, *edge, *about_c])
     for wrong in score["phi_error_rad"]:
         assert f">{signed(np.degrees(wrong), 3)}</td>" in page
