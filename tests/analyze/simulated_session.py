@@ -23,15 +23,15 @@ def session(
     body: Body,
     rng: np.random.Generator,
     repeats: int = 2,
-    sd_phi: float = 4e-4,
-    sd_k: float = 2e-3,
+    sd: tuple[float, float] = (4e-4, 2e-3),
     tilt: float = 0.0,
     slow: float = 1.0,
     time_source: TimeSource = TimeSource.DEVICE_MAPPED,
     axes: tuple[tuple[int, int, int, int], ...] = SIX_AXES,
 ) -> Evidence:
-    """Strikes on six axes of `body`, or on `axes`; phi and k drawn with these errors, tilt [rad] of the table added to all,
-    times stretched by `slow`."""
+    """Strikes on six axes of `body`, or on `axes`; phi [rad] and k (relative) drawn with errors of `sd`, tilt
+    [rad] of the table added to all, times stretched by `slow`."""
+    sd_phi, sd_k = sd
     spec = object_spec(body)
     strikes = [planned_strike(body, *axis, repeat) for axis in axes for repeat in range(repeats)]
     motions = []
