@@ -122,7 +122,7 @@ def judge_contact(
     """Verdict on a contact that lifted, twisted or slid within a window; None if it held.
 
     The verdict is "airborne", "twisted" ("rolled" on a round rim) or "slid"; the first that applies is
-    returned.
+    returned. On a rim "rolled" comes first: rolling along the rim lifts the planned point off the table.
 
     Args:
         motion: motion with slip and lift of the edge, and rotation about other axes (twist).
@@ -133,10 +133,11 @@ def judge_contact(
     used = slice(*window)
     sd = motion.position_sd[used]
     lift = smooth_peak(motion.lift[used], sd)
-    if lift > limits.lift:
+    twist = smooth_peak(motion.angle.off_axis[used], motion.off_axis_sd[used])
+    rolled = rolls and twist > limits.twist
+    if lift > limits.lift and not rolled:
         text = f"the edge left the table by {1e3 * lift:.1f} mm: strike lower or less hard"
         return Judgement(Verdict.AIRBORNE, text)
-    twist = smooth_peak(motion.angle.off_axis[used], motion.off_axis_sd[used])
     if twist > limits.twist:
         code = Verdict.ROLLED if rolls else Verdict.TWISTED
         turned = f"{'rolled on its rim' if rolls else 'twisted'} by {math.degrees(twist):.1f} deg"

@@ -54,6 +54,7 @@ from analyze.pipeline.merge import (
 )
 from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.read_evidence import read_evidence, read_head
+from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.too_few import too_few_text
 from analyze.pipeline.what_ifs import estimate_alternatives
@@ -266,6 +267,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     stated_planes, radius_check = without_refuted_radii(
         equiplanes(evidence, used, options.estimator), recording_of, systematic, prior
     )
+    stated_planes = with_heading_errors(stated_planes, evidence, systematic, prior)
     scale = stated_scale(evidence)
     cells = cells_from_voxels(
         voxelise(model, (model.volume / CELLS) ** (1 / 3), shell_thickness(spec, model))

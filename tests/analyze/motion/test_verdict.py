@@ -118,3 +118,14 @@ def test_a_clean_motion_tipped_or_rocked_back():
     assert judge_fit(fit(), COURSE, 1.1, 1.2).code is Verdict.GOOD
     assert judge_fit(fit(), replace(COURSE, came_back=True), 0.9, 0.4).code is Verdict.ROCKED_BACK
     assert judge_fit(fit(), COURSE, 0.9, 0.4).code is Verdict.ROCKED_BACK
+
+
+def test_a_rim_that_rolled_is_not_said_to_have_left_the_table():
+    """Rolling along a rim lifts the planned point; by a place known to 30 mm it rose by 3 to 10 mm."""
+    rolled = motion(lift=0.01, off_axis=0.15)
+    found = judge_contact(rolled, (13, N), rolls=True, limits=LIMITS)
+    assert found is not None
+    assert found.code is Verdict.ROLLED
+    found = judge_contact(rolled, (13, N), rolls=False, limits=LIMITS)
+    assert found is not None
+    assert found.code is Verdict.AIRBORNE

@@ -1,0 +1,81 @@
+"""Error of a round rim's strikes from the heading in which the object was put down on the table.
+
+A straight edge turns with the object. A round rim touches the table wherever the striker pushes it, so that
+an object put down turned by delta about the vertical tips over another point of the rim than planned. With c
+the centre of mass, p the planned point, l the planned pivot direction, R the distance of c from the pivot
+line and h its height over it at rest, the balance angle is then off by
+
+    delta l.(c - p) h / R^2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.estimation.joint import solve_joint
+from analyze.estimation.joint_model import COM
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.estimation.priors import ComPrior, SystematicErrors
+    from analyze.pipeline.evidence import Evidence
+    from analyze.types import Array, EquiPlane
+
+CHECKED_HEADING_SD = math.radians(2.0)
+"""standard deviation of the heading [rad] where markers with known places show the placement"""
+HAND_HEADING_SD = math.radians(6.0)
+"""the same where no marker's place on the object is known: the hand alone decides"""
+
+
+def with_heading_errors(
+    planes: Sequence[EquiPlane], evidence: Evidence, systematic: SystematicErrors, prior: ComPrior
+) -> tuple[EquiPlane, ...]:
+    """Equi-planes whose sd of the balance angle includes the unknown heading on round rims.
+
+    The error is each strike's own. How far c lies off the rim's middle follows from a first estimate by the
+    balance angles; without strikes over rims nothing is estimated and the planes are returned as given.
+
+    Args:
+        planes: equi-planes of all strikes, in the object frame O.
+        evidence: strikes with plan and object file.
+        systematic: standard deviations of errors that strikes share.
+        prior: prior of the centre of mass.
+    """
+    rims = {motion.strike_id for motion in evidence.motions if evidence.planned(motion).rolls} & {
+        plane.strike_id for plane in planes if plane.rounded
+    }
+    if not rims:
+        return tuple(planes)
+    placed = any(marker.T_object_marker is not None for marker in evidence.spec.marker)
+    heading_sd = CHECKED_HEADING_SD if placed else HAND_HEADING_SD
+    first = solve_joint(planes, systematic, prior)
+    com, covariance = first.x[COM], first.covariance[COM, COM]
+    return tuple(
+        replace(plane, sd_phi=math.hypot(plane.sd_phi, _phi_sd(plane, com, covariance, heading_sd)))
+        if plane.strike_id in rims
+        else plane
+        for plane in planes
+    )
+
+
+def _phi_sd(plane: EquiPlane, com: Array, covariance: Array, heading_sd: float) -> float:
+    """Standard deviation of the balance angle [rad] by that of the heading, for a strike over a round rim.
+
+    Args:
+        plane: equi-plane of the strike.
+        com: (3,) centre of mass [m], in the object frame O.
+        covariance: (3, 3) its covariance [m^2].
+        heading_sd: standard deviation of the heading [rad].
+    """
+    arm = com - plane.point
+    aside = math.hypot(
+        float(arm @ plane.direction), math.sqrt(float(plane.direction @ covariance @ plane.direction))
+    )
+    up = float(arm @ plane.up)
+    across = float(np.linalg.norm(np.cross(arm, plane.direction)))
+    return heading_sd * aside * abs(up) / max(across, 1e-3) ** 2
