@@ -1,4 +1,7 @@
-"""Serial port and packet handler of dynamixel_sdk that sleep while waiting and reject late answers."""
+"""Serial port and packet handler of dynamixel_sdk that sleep while waiting and reject late answers.
+
+dynamixel_sdk builds the packets; the protocol is written out in acquire/virtual/dynamixel_protocol.py.
+"""
 
 from __future__ import annotations
 

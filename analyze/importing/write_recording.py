@@ -25,9 +25,9 @@ from analyze.importing.writer import RecordingWriter
 from analyze.progress import Progress, no_progress
 from analyze.reading.time_range import index_range
 from analyze.sources import image_messages
-from analyze.sources.coded_pictures import number_pictures
 from analyze.sources.frame_timing import MissingFrames
 from analyze.sources.image_messages import VideoMessages
+from analyze.sources.picture_numbers import number_pictures
 from analyze.sources.source import FrameSource
 from analyze.sources.video import VideoSource
 from schemas import topics

@@ -21,7 +21,7 @@ from analyze.motion.free_motion import (
     longest_clean_fit,
     settled_fit,
 )
-from analyze.motion.pivot_fit import MAX_LINEAR_PHI_SD, pivot_fit
+from analyze.motion.pendulum_fit import MAX_LINEAR_PHI_SD, pivot_fit
 from analyze.motion.two_impact_fit import fit_two_impacts
 
 if TYPE_CHECKING:

@@ -33,8 +33,8 @@ import numpy as np
 from analyze.least_squares.levenberg_marquardt import with_differences
 from analyze.least_squares.robust import correlation_factor, median_scale
 from analyze.motion.edge_offset import displacement_per_offset
-from analyze.motion.pendulum import G
-from analyze.motion.pivot_fit import Sample, cut_sample, fit_model, motion_fit
+from analyze.motion.pendulum_fit import Sample, cut_sample, fit_model, motion_fit
+from analyze.motion.pendulum_motion import G
 from analyze.motion.runge_kutta import runge_kutta_state
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 
 from analyze.motion.balance_fit import driven_theta
 from analyze.motion.edge_offset import creep_covariance, displacement_per_offset, fit_creeping
-from analyze.motion.pendulum import trajectory
+from analyze.motion.pendulum_motion import trajectory
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion

@@ -24,8 +24,8 @@ from analyze.motion.free_motion import (
     longest_clean_fit,
     settled_fit,
 )
+from analyze.motion.pendulum_fit import MIN_FRAMES, pivot_fit
 from analyze.motion.phases import Course, free_window
-from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.motion.rolling_choice import rolling_curve
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.motion.strike_task import Judgement

@@ -15,9 +15,9 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.least_squares.robust import median_scale
-from analyze.motion.pendulum import trajectory
+from analyze.motion.pendulum_fit import MIN_FRAMES, pivot_fit
+from analyze.motion.pendulum_motion import trajectory
 from analyze.motion.phases import speed_jump
-from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.motion.settings import VerdictLimits
 from analyze.types import Array, MotionFit, TipAngle
 

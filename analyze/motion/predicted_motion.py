@@ -18,7 +18,7 @@ import numpy as np
 
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.least_squares.robust import lag_one_correlation
-from analyze.motion.pendulum import trajectory
+from analyze.motion.pendulum_motion import trajectory
 
 if TYPE_CHECKING:
     from analyze.types import Array, MotionFit, TipAngle

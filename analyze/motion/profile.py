@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.motion.pendulum import trajectory
+from analyze.motion.pendulum_motion import trajectory
 
 if TYPE_CHECKING:
     from analyze.types import Array

@@ -24,8 +24,7 @@ from analyze.least_squares.levenberg_marquardt import (
     unit_covariance,
     with_differences,
 )
-from analyze.motion.pendulum import G
-from analyze.motion.pivot_fit import (
+from analyze.motion.pendulum_fit import (
     MAX_LINEAR_PHI_SD,
     FittedModel,
     Sample,
@@ -34,6 +33,7 @@ from analyze.motion.pivot_fit import (
     hinge_model,
     motion_fit,
 )
+from analyze.motion.pendulum_motion import G
 from analyze.motion.rolling_guess import ComPrior, first_rolling_guess
 from analyze.motion.rolling_motion import balance_angle, balance_parameters, energy_ratio, rolling_theta
 from analyze.types import RollingContact

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from analyze.motion.pendulum import G
+from analyze.motion.pendulum_motion import G
 from analyze.motion.rolling_motion import columns
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.motion.pendulum import G
+from analyze.motion.pendulum_motion import G
 from analyze.motion.runge_kutta import runge_kutta_state
 
 if TYPE_CHECKING:

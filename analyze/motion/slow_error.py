@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.motion.balance_fit import ESTIMATOR
-from analyze.motion.pendulum import trajectory
+from analyze.motion.pendulum_motion import trajectory
 from analyze.motion.verdict import smooth_peak
 
 if TYPE_CHECKING:

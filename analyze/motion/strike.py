@@ -17,7 +17,7 @@ from analyze.errors import EstimationError, TrackingError
 from analyze.motion.contact import with_contact_errors
 from analyze.motion.creep_error import creep_error
 from analyze.motion.fit_choice import fit_strike
-from analyze.motion.pendulum import energy_ratio
+from analyze.motion.pendulum_motion import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.pivot_place import judge_place, judge_support, measure_pivot
 from analyze.motion.placement import judge_placement

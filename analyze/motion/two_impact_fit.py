@@ -1,4 +1,7 @@
-"""Fit of a tip with a second impact: the pendulum with a jump in speed at one fitted frame."""
+"""Fit of a tip with a second impact: the pendulum with a jump in speed at one fitted frame.
+
+Whether a strike counts as struck twice is decided in fit_choice.py.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,8 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.least_squares.levenberg_marquardt import with_differences
 from analyze.motion.balance_fit import driven_theta
-from analyze.motion.pendulum import first_guess_with_jump
-from analyze.motion.pivot_fit import cut_sample, fit_model, motion_fit
+from analyze.motion.pendulum_fit import cut_sample, fit_model, motion_fit
+from analyze.motion.pendulum_motion import first_guess_with_jump
 
 if TYPE_CHECKING:
     from analyze.types import Array, MotionFit, TipAngle

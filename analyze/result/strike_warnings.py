@@ -1,4 +1,7 @@
-"""Warnings on the strikes of an estimate: their fits, contacts that roll, and the tracking of markers."""
+"""Warnings on single strikes of an estimate: their fits, contacts that roll, and the tracking of markers.
+
+Warnings on their number and choice are in warnings.py.
+"""
 
 from __future__ import annotations
 

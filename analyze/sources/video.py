@@ -24,9 +24,9 @@ from analyze.errors import ImportRefused
 from analyze.reading.annex_b import VideoFormat
 from analyze.reading.compressed_video import grey_image
 from analyze.sources.access_units import AccessUnits, has_lengths
-from analyze.sources.coded_pictures import CodedPictures
 from analyze.sources.frame_timing import FrameTiming, frame_timing, interval_range
 from analyze.sources.image_file import image_file
+from analyze.sources.picture_numbers import CodedPictures
 from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.video_container import (
     MP4_SUFFIXES,

@@ -22,7 +22,7 @@ from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.types import CameraModel, EquiPlane
 from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
 from tests.analyze.estimation.bodies import Body, box_body, planned_strike

@@ -21,8 +21,8 @@ from analyze.errors import EstimationError
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
-from analyze.motion.pendulum import trajectory
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
+from analyze.motion.pendulum_motion import trajectory
 from analyze.motion.sign_change import sign_change
 from analyze.types import MotionFit
 from schemas.strike_result import Verdict

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from analyze.errors import EstimationError
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.types import MotionFit
 from tests.analyze.motion.rolling import SeenRoll, draw_rolling, section_of_body, seen_roll

@@ -8,7 +8,7 @@ import pytest
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.priors import ComPrior, SystematicErrors, TiltPrior
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from tests.analyze.estimation.bodies import box_body, fit_of, planned_strike
 from tests.analyze.estimation.tilted_table import (
     ErrorSds,

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
 from schemas.strike_result import Verdict

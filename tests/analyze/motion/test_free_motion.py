@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from analyze.motion.free_motion import largest_jump, longest_clean_fit, settled_fit
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.types import TipAngle
 
 PHI, K, RATE = np.radians(30.0), 85.0, 120.0

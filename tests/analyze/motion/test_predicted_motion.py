@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.predicted_motion import PredictedValues, predicted_motion
 from analyze.types import TipAngle
 

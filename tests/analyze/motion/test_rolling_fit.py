@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.sign_change import sign_change
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import free_part

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
 from analyze.motion.slow_error import RIM_SD, slow_error_sd, with_slow_error
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.types import TipAngle

@@ -1,6 +1,7 @@
-"""Numbers a video's coded pictures, which come in decoding order, by their place in time order.
+"""Numbers a video file's coded pictures, which come in decoding order, by their place in time order.
 
-Pictures are handled in groups, since a video may have 100 000.
+Video that is in a recording is decoded in reading/compressed_video.py. Pictures are handled in groups, since
+a video may have 100 000.
 """
 
 from __future__ import annotations

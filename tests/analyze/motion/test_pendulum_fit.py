@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.motion.pendulum import trajectory
-from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.pendulum_fit import pivot_fit
+from analyze.motion.pendulum_motion import trajectory
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import free_part
 

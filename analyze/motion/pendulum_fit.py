@@ -25,7 +25,7 @@ from analyze.least_squares.levenberg_marquardt import (
     residual_variance,
     unit_covariance,
 )
-from analyze.motion.pendulum import first_guess, trajectory
+from analyze.motion.pendulum_motion import first_guess, trajectory
 from analyze.motion.profile import FittedTip, profile_sd
 from analyze.types import MotionFit
 

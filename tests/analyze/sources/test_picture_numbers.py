@@ -18,10 +18,10 @@ from analyze.importing.write_recording import write_recording
 from analyze.reading.annex_b import VideoFormat, write_start_codes
 from analyze.reading.recording import open_recording
 from analyze.reading.verify import refuse_changed_content
-from analyze.sources.coded_pictures import CodedPictures, number_pictures
 from analyze.sources.frame_timing import MissingFrames
 from analyze.sources.image_messages import VideoMessages, put_video_heads, video_room
 from analyze.sources.jpeg import jpeg_file
+from analyze.sources.picture_numbers import CodedPictures, number_pictures
 from analyze.sources.video import VideoSource
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk

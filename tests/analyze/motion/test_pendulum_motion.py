@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from analyze.motion.pendulum import (
+from analyze.motion.pendulum_motion import (
     energy_ratio,
     first_guess,
     first_guess_with_jump,
