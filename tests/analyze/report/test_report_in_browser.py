@@ -15,7 +15,7 @@ from analyze.result.answer import answer_evidence
 from tests.analyze.simulated_session import carton, session
 from tests.analyze.watched_page import A4_PX, DESKTOP, PHONE, watched
 
-PLOTS = 9 + 3 + 2
+PLOTS = 9 + 4 + 2
 """views, sources, influences, regions, voxels, moments, predictions; a plot per strike; stills"""
 
 
@@ -29,7 +29,7 @@ def still(name: str) -> Still:
 def report(tmp_path_factory) -> Path:
     evidence = session(carton(), np.random.default_rng(3), repeats=1)
     page = render_report(
-        answer_evidence(replace(evidence, motions=evidence.motions[:3])), [still("a"), still("b")]
+        answer_evidence(replace(evidence, motions=evidence.motions[:4])), [still("a"), still("b")]
     )
     path = tmp_path_factory.mktemp("report") / "r.html"
     path.write_text(page, encoding="utf-8")
