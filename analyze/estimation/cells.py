@@ -17,7 +17,7 @@ MIN_HALF_HEIGHT = 1e-3
 """Smallest half height of a cell, over the pitch, that is used where a plane cuts it."""
 MIN_SHELL_FRACTION, MAX_SHELL_FRACTION = 0.004, 0.12
 """Range of a shell thickness that is not given, over the cube root of the volume."""
-SHELL_THICKNESS_COUNT = 5
+SHELL_THICKNESS_COUNT = 13
 """Number of thicknesses tried in that range."""
 ASSUMED_SHELL_FRACTION = 0.025
 """Shell thickness where none is given, over the cube root of the volume."""
@@ -135,7 +135,7 @@ def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
 
 
 def candidate_shell_thicknesses(model: ObjectModel) -> Array:
-    """Five thicknesses (5,) [m] to try for a shell (outer wall) whose thickness is not given.
+    """Thicknesses (13,) [m] to try for a shell (outer wall) whose thickness is not given.
 
     They have a constant ratio, from 0.004 to 0.12 of the cube root of the body's volume, thinnest first.
     """

@@ -8,36 +8,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analyze.estimation.cells import Cells, ShellCells
-from analyze.estimation.region_limits import region_limits
-from analyze.estimation.region_problem import DividingPlanes, RegionProblem
+from analyze.estimation.plane_chains import PlaneChains, oriented, plane_posterior
+from analyze.estimation.region_limits import RegionBounds
+from analyze.estimation.region_problem import RegionProblem
 from analyze.estimation.truncated_normal import shortest_intervals
-from analyze.types import Array, InertialParameters, IntArray, MassDistribution, ShellThickness
+from analyze.least_squares.intervals import SIGMAS_95
+from analyze.types import Array, InertialParameters, MassDistribution, ShellThickness
 
 REGION_NAMES = ("shell", "upper", "lower")
 """Names of the regions in results: shell, interior above and below the dividing plane."""
-RANDOM_PLANES = 3000
-"""Number of random positions of the dividing plane from which the chains start."""
-CHAINS = 200
-"""Number of Metropolis chains."""
-COOLING_STEPS, KEPT_STEPS = 12, 10
-"""Steps of each chain while it cools, and afterwards, when every position is kept."""
-MAX_TEMPERATURE = 10.0
-"""Initial temperature of the posterior, so that the chains find all its modes."""
-DIFFERENCE_MOVES = 0.5
-"""Share of the moves along the difference of two other chains, which scales with the mode's width (ter Braak
-2006)."""
-MOVE_SIZES = (0.02, 0.1, 0.3)
-"""Sizes [rad] of the other moves."""
 MIN_PROBABILITY = 0.02
 """Probability of the smallest chi^2 below which the body is not a shell with two uniform parts inside."""
 MIN_THICKNESS_PROBABILITY = 0.005
 """Smallest probability of a shell thickness that is taken into account."""
+THICKNESS_STRIDE, EXAMINED_LOG_EVIDENCE = 3, 7.0
+"""Stride of the thicknesses that are examined first, and the log evidence below the largest one down to which
+their neighbours are examined too."""
 THICKNESS_DRAWS = 4000
 """Number of draws of the thickness."""
 
 
 def mass_distribution(
-    parameters: InertialParameters, cells: Cells, rng: np.random.Generator
+    parameters: InertialParameters, cells: Cells, rng: np.random.Generator, walls: Sequence[ShellCells] = ()
 ) -> MassDistribution:
     """Masses of three uniform regions: shell (R1), interior where n.x > offset (R2) and elsewhere (R3).
 
@@ -54,15 +46,22 @@ def mass_distribution(
         parameters: Mass, centre of mass and moments with their joint covariance.
         cells: Cells (small pieces) of the body, in shell and interior.
         rng: Random generator of the chains; the same seed gives the same result.
+        walls: Cells for the other thicknesses that the shell may have, over which the bounds for any filling
+            extend; empty if the thickness is known.
 
     Returns:
         Masses (3,) of R1, R2, R3 [kg] with covariance and 95 % intervals, and the dividing plane in O.
     """
-    return _distribution([_shell_posterior(parameters, cells, rng)], np.ones(1), parameters, rng)
+    posterior = _shell_posterior(parameters, cells, rng)
+    bounds = RegionBounds.over_walls(parameters, [(0.0, posterior.problem)] if not walls else [], walls)
+    return _distribution([posterior], np.ones(1), parameters, bounds, rng)
 
 
 def mass_distribution_over(
-    parameters: InertialParameters, shells: Sequence[ShellCells], rng: np.random.Generator
+    parameters: InertialParameters,
+    shells: Sequence[ShellCells],
+    rng: np.random.Generator,
+    walls: Sequence[ShellCells] = (),
 ) -> MassDistribution:
     """Masses of three uniform regions, averaged over an unknown shell thickness.
 
@@ -75,15 +74,21 @@ def mass_distribution_over(
             thicknesses in a geometric series; each thickness stands for an equal range of the logarithm, over
             which the prior is uniform.
         rng: Random generator of the chains; the same seed gives the same result.
+        walls: Cells for thicknesses beyond that series, to which the bounds for any filling extend.
 
     Returns:
         Masses [kg] with covariance and intervals, the dividing plane, and the estimated thickness.
     """
-    posteriors = [_shell_posterior(parameters, shell.cells, rng) for shell in shells]
-    evidence = np.array([each.log_evidence for each in posteriors])
+    by_shell = _likely_posteriors(parameters, shells, rng)
+    posteriors = list(by_shell.values())
+    evidence = np.full(len(shells), -np.inf)
+    evidence[list(by_shell)] = [each.log_evidence for each in posteriors]
     weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    found = _distribution(posteriors, weight, parameters, rng)
+    problems = [(shells[i].thickness, each.problem) for i, each in by_shell.items()]
+    others = [shell for i, shell in enumerate(shells) if i not in by_shell]
+    bounds = RegionBounds.over_walls(parameters, problems, [*others, *walls])
+    found = _distribution(posteriors, weight[list(by_shell)], parameters, bounds, rng)
     logs = np.log([shell.thickness for shell in shells])
     step = float(logs[1] - logs[0])
     drawn = np.exp(
@@ -103,7 +108,7 @@ class _ShellPosterior:
 
     problem: RegionProblem
     """Moments of the regions as functions of the dividing plane, and the measured ones."""
-    chains: _Chains
+    chains: PlaneChains
     """Dividing planes drawn from their posterior."""
     log_evidence: float
     """Log evidence of the thickness, up to a constant that all thicknesses share."""
@@ -123,16 +128,34 @@ def _shell_posterior(
     with this thickness, up to a constant. `cells` are the small pieces of the body divided for it.
     """
     problem = RegionProblem(parameters, cells)
-    chains, log_evidence = _posterior(problem, rng)
+    chains, log_evidence = plane_posterior(problem, rng)
     shares = chains.planes.shares.draw(rng)
     masses = shares * rng.normal(parameters.mass, parameters.mass_sd, len(shares))[:, None]
     return _ShellPosterior(problem, chains, log_evidence, masses, float(chains.planes.misfit(shares).min()))
+
+
+def _likely_posteriors(
+    parameters: InertialParameters, shells: Sequence[ShellCells], rng: np.random.Generator
+) -> dict[int, _ShellPosterior]:
+    """Posteriors for some shell thicknesses, by index in ascending order; all others are improbable.
+
+    Every third thickness is examined, and each neighbour of one whose evidence is not far below the largest.
+    """
+    found: dict[int, _ShellPosterior] = {}
+    wanted = set(range(0, len(shells), THICKNESS_STRIDE))
+    while wanted:
+        found |= {i: _shell_posterior(parameters, shells[i].cells, rng) for i in sorted(wanted)}
+        best = max(each.log_evidence for each in found.values())
+        likely = [i for i, each in found.items() if each.log_evidence > best - EXAMINED_LOG_EVIDENCE]
+        wanted = {i + side for i in likely for side in (-1, 1)} & set(range(len(shells))) - set(found)
+    return dict(sorted(found.items()))
 
 
 def _distribution(
     posteriors: Sequence[_ShellPosterior],
     weight: Array,
     parameters: InertialParameters,
+    bounds: RegionBounds,
     rng: np.random.Generator,
 ) -> MassDistribution:
     """Masses of shell, upper and lower interior averaged over shell thicknesses, and the dividing plane.
@@ -143,11 +166,12 @@ def _distribution(
         posteriors: Posterior of masses and dividing plane for each of w thicknesses.
         weight: (w,) probabilities of the thicknesses; those below `MIN_THICKNESS_PROBABILITY` are left out.
         parameters: Mass of the object.
+        bounds: Bounds of the masses for any filling.
         rng: Random generator that selects draws.
 
     Returns:
         Masses [kg] in the order shell, upper, lower, with the best plane (in the object frame O) of the
-        likeliest thickness. If no plane explains the moments: the middles of the bounds for any filling,
+        likeliest thickness. If no plane explains the moments at this thickness: the middles of the bounds,
         moved so that their sum is the object's mass, with the plane through the body's middle; `explained` is
         then False.
     """
@@ -165,23 +189,15 @@ def _distribution(
         for parts in zip(*(_weighted_draws(each, w, normal, rng) for each, w in counted), strict=True)
     ]
     low, high = np.quantile(places, [0.025, 0.975])
-    ends = np.array(
-        [
-            region_limits(each.problem, normal, middle + height - float(normal @ each.problem.middle))
-            for each, _ in counted
-        ]
-    )
-    limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
-    misfit = min(each.misfit for each, _ in counted)
-    if problem.probability(misfit) < MIN_PROBABILITY:
-        return _unexplained_distribution(problem, [each.problem for each, _ in counted], parameters, misfit)
+    if problem.probability(first.misfit, thickness_fitted=len(posteriors) > 1) < MIN_PROBABILITY:
+        return _unexplained_distribution(problem, bounds, parameters, first.misfit)
     return MassDistribution(
         names=REGION_NAMES,
         masses=masses.mean(axis=0),
         covariance=np.cov(masses.T),
-        intervals=np.stack(shortest_intervals(masses, 0.0), axis=1),
-        limits=limits,
-        misfit=misfit,
+        intervals=_intervals(masses, parameters.mass * _share_sd(planes.precision[best], swapped=side < 0)),
+        limits=bounds.at_plane(normal, middle + height),
+        misfit=first.misfit,
         explained=True,
         dividing_plane_normal=normal,
         dividing_plane_offset=middle + height,
@@ -190,8 +206,33 @@ def _distribution(
     )
 
 
+def _intervals(masses: Array, sd: Array) -> Array:
+    """Shortest 95 % intervals (3, 2) [kg] of the regions' masses.
+
+    Half of the prior expects an empty part, so that nearly all draws of a part can be zero. An interval that
+    begins at zero therefore ends no lower than it would without this prior: at 1.96 sd.
+
+    Args:
+        masses: (n, 3) draws [kg].
+        sd: (3,) standard deviations of the masses [kg] for the best plane, before truncation at zero.
+    """
+    low, high = shortest_intervals(masses, 0.0)
+    return np.stack([low, np.where(low > 0, high, np.maximum(high, SIGMAS_95 * sd))], axis=1)
+
+
+def _share_sd(precision: Array, *, swapped: bool) -> Array:
+    """Standard deviations (3,) of the shares of shell, upper and lower part, from `precision` (2, 2).
+
+    It is the inverse covariance of the shares of shell and upper part; all three add up to 1. Upper and lower
+    part change places if `swapped`.
+    """
+    covariance = np.linalg.inv(precision)
+    sd = np.sqrt(np.append(np.diag(covariance), covariance.sum()))
+    return sd[[0, 2, 1]] if swapped else sd
+
+
 def _unexplained_distribution(
-    problem: RegionProblem, counted: Sequence[RegionProblem], parameters: InertialParameters, misfit: float
+    problem: RegionProblem, bounds: RegionBounds, parameters: InertialParameters, misfit: float
 ) -> MassDistribution:
     """Region masses of a body whose moments no dividing plane explains; their `explained` is False.
 
@@ -201,19 +242,18 @@ def _unexplained_distribution(
 
     Args:
         problem: Problem of the mass shares for the likeliest shell thickness.
-        counted: Problems of all thicknesses that are not too improbable.
+        bounds: Bounds of the masses for any filling.
         parameters: Mass of the object and its sd.
         misfit: Smallest chi^2 of the moments at any plane, to be reported.
     """
-    ends = np.array([region_limits(each, problem.longest, 0.0) for each in counted])
-    limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
+    across = float(problem.longest @ problem.middle)
+    limits = bounds.at_plane(problem.longest, across)
     width, middle = np.ptp(limits, axis=1), limits.mean(axis=1)
     masses = middle + (parameters.mass - middle.sum()) * width / max(float(width.sum()), 1e-12)
     # The sd of a uniform distribution between the bounds; the masses are anticorrelated by their fixed sum.
     sd = np.maximum(width, 1e-9 * parameters.mass) / np.sqrt(12)
     share = sd**2 / np.sum(sd**2)
     covariance = np.diag(sd**2) - np.sum(sd**2) * np.outer(share, share)
-    across = float(problem.longest @ problem.middle)
     return MassDistribution(
         names=REGION_NAMES,
         masses=masses,
@@ -247,140 +287,10 @@ def _weighted_draws(
     """
     planes = posterior.chains.planes
     # The upper part is the one on the side of the best plane's normal, for every plane.
-    normals, heights = _oriented(planes.normals, planes.heights, normal)
+    normals, heights = oriented(planes.normals, planes.heights, normal)
     masses = np.where((planes.normals @ normal < 0)[:, None], posterior.draws[:, [0, 2, 1]], posterior.draws)
     places = heights / np.maximum(normals @ normal, 0.2)
     if weight == 1.0:
         return masses, places
     chosen = rng.choice(len(masses), size=max(1, round(weight * len(masses))), replace=False)
     return masses[chosen], places[chosen]
-
-
-@dataclass(frozen=True)
-class _Chains:
-    """Present states of b Metropolis chains (random walks), with the log posterior of each.
-
-    The state of a chain is a plane that divides the body's interior in two.
-    """
-
-    planes: DividingPlanes
-    """Position of each chain, with the mass shares that fit it."""
-    log_posterior: Array
-    """(b,) log posterior, the mass shares integrated out."""
-
-    @classmethod
-    def of_planes(cls, planes: DividingPlanes) -> _Chains:
-        """Chains (random walks over dividing planes) at b start planes, with the planes' log posteriors (b,).
-
-        Each plane divides the body's interior in two. A log posterior is the logarithm, up to a constant, of
-        the plane's probability given the measurements; -1e300 for a plane with next to nothing of the
-        interior on one side.
-        """
-        possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
-        return cls(planes, possible)
-
-
-def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chains, float]:
-    """Draws of the plane that divides the interior in two, and the log evidence of the shell's thickness.
-
-    The evidence, a likelihood of the thickness, is the mean of prior times likelihood over random planes
-    everywhere. Metropolis chains start at some of these planes; their temperature falls from
-    `MAX_TEMPERATURE` to 1, so that they find all modes of the plane's posterior.
-
-    Args:
-        problem: Measured moments and the body, from which the masses follow, for one shell thickness.
-        rng: Random generator.
-
-    Returns:
-        Dividing planes with their log posterior: one per chain (`CHAINS`) and step (`KEPT_STEPS`), 2000 in
-        all; and the log evidence, up to a constant that all thicknesses share.
-    """
-    normals = _unit(rng.standard_normal((RANDOM_PLANES, 3)))
-    heights = rng.uniform(-0.5, 0.5, RANDOM_PLANES) * problem.reach
-    look = _Chains.of_planes(problem.solve(normals, heights, coarsely=True))
-    # n and -n are one plane: all normals on one side, so that differences of two chains are meaningful.
-    near = normals[int(np.argmax(look.log_posterior))]
-
-    def solved(normals: Array, heights: Array, *, coarsely: bool = False) -> _Chains:
-        return _Chains.of_planes(problem.solve(*_oriented(normals, heights, near), coarsely=coarsely))
-
-    chosen = _resampled(look.log_posterior / MAX_TEMPERATURE, CHAINS, rng)
-    chains = solved(normals[chosen], heights[chosen], coarsely=True)
-    for step in range(COOLING_STEPS):
-        there = solved(*_proposals(chains.planes, problem.reach, rng), coarsely=True)
-        chains = _metropolis_step(chains, there, MAX_TEMPERATURE ** (1 - step / COOLING_STEPS), rng)
-    chains = solved(chains.planes.normals, chains.planes.heights)
-    kept: list[_Chains] = []
-    for _ in range(KEPT_STEPS):
-        chains = _metropolis_step(chains, solved(*_proposals(chains.planes, problem.reach, rng)), 1.0, rng)
-        kept.append(chains)
-    most = float(look.log_posterior.max())
-    log_evidence = most + float(np.log(np.mean(np.exp(look.log_posterior - most))))
-    chains = _Chains(
-        DividingPlanes.concatenate([each.planes for each in kept]),
-        np.concatenate([each.log_posterior for each in kept]),
-    )
-    return chains, log_evidence
-
-
-def _metropolis_step(
-    chains: _Chains, there: _Chains, temperature: float, rng: np.random.Generator
-) -> _Chains:
-    """Metropolis chains after one step: each keeps its dividing plane, or takes the one proposed to it.
-
-    Args:
-        chains: planes of the b chains, with their log posterior.
-        there: the b proposed planes, with their log posterior.
-        temperature: 1 samples the posterior; above 1 moves to a lower posterior are accepted more often.
-        rng: random generator.
-    """
-    raised = there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior))
-    accept = raised > chains.log_posterior
-    return _Chains(
-        chains.planes.replaced_where(accept, there.planes),
-        np.where(accept, there.log_posterior, chains.log_posterior),
-    )
-
-
-def _proposals(planes: DividingPlanes, reach: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Proposed planes for b Metropolis chains: normals (b, 3) and heights (b,) [m] over the body's middle.
-
-    Each plane is turned and shifted at random; a proposal and its reverse are equally likely. A share
-    `DIFFERENCE_MOVES` of them moves by the difference of two other chains' planes.
-
-    Args:
-        planes: Present positions of the chains.
-        reach: Extent of the body along its longest direction [m], which scales the shifts.
-        rng: Random generator.
-    """
-    many = len(planes.heights)
-    size = rng.choice(MOVE_SIZES, size=many)
-    turn = size[:, None] * rng.standard_normal((many, 3))
-    shift = 0.3 * size * reach * rng.standard_normal(many)
-    first, second = rng.integers(many, size=(2, many))
-    along = rng.uniform(size=many) < DIFFERENCE_MOVES
-    turn = np.where(along[:, None], planes.normals[first] - planes.normals[second] + 0.05 * turn, turn)
-    shift = np.where(along, planes.heights[first] - planes.heights[second] + 0.05 * shift, shift)
-    return _unit(planes.normals + turn), planes.heights + shift
-
-
-def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntArray:
-    """Indices (count,) of `log_weight`, drawn in proportion to exp(`log_weight`) by systematic resampling."""
-    weight = np.exp(log_weight - log_weight.max())
-    edges = np.cumsum(weight) / weight.sum()
-    return np.minimum(np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count), len(weight) - 1)
-
-
-def _oriented(normals: Array, heights: Array, towards: Array) -> tuple[Array, Array]:
-    """Normals (b, 3) and heights (b,) [m] of b planes, with all normals on the side of `towards` (3,).
-
-    A plane whose normal points to the other side has the signs of normal and height reversed, and so stays in
-    place.
-    """
-    side = np.where(normals @ towards < 0, -1.0, 1.0)
-    return normals * side[:, None], heights * side
-
-
-def _unit(vectors: Array) -> Array:
-    """Unit vectors (b, 3) along `vectors` (b, 3)."""
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
