@@ -45,6 +45,7 @@ STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "iter
 DOCUMENTS = {
     "schemas.document",
     "schemas.object_spec",
+    "schemas.part_label",
     "schemas.strike_plan",
     "schemas.session_manifest",
     "schemas.quantity",

@@ -38,7 +38,7 @@ of the upper side."""
 MIN_SAMPLES = 4
 """Smallest number of samples of a strip or plane that is judged."""
 REMEDY = "scan that side too, or give a primitive (box, cylinder)"
-"""What to do about a rejected face or edge."""
+"""Remedy for a rejected face or edge, as a sentence for the user."""
 
 
 _Part = TypeVar("_Part", RestingPlane, PivotAxis)

@@ -27,7 +27,8 @@ from analyze.estimation.labelled_parts import parts_of_bodies
 from analyze.estimation.part_masses import MeasuredMoments, PartMasses, part_masses
 from analyze.geometry.bodies import Body, bodies_of
 from analyze.geometry.polyhedron import MassProperties
-from schemas.object_spec import LengthUnit, MarkerSpec, ObjectSpec, PartLabel, Shape
+from schemas.object_spec import LengthUnit, MarkerSpec, ObjectSpec, Shape
+from schemas.part_label import PartLabel
 
 TABLE = Path(__file__).with_suffix(".toml")
 MASS_SD_KG, COM_SD_M, MOMENT_SD = 1e-4, 5e-4, 0.01

@@ -21,11 +21,11 @@ from schemas.object_spec import (
     Box,
     MarkerSpec,
     ObjectSpec,
-    PartLabel,
     Shape,
     object_sha256,
     parse_object_spec,
 )
+from schemas.part_label import PartLabel
 from schemas.result import WarningCode
 from tests.analyze.simulated_session import carton, object_spec, session
 

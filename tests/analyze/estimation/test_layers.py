@@ -10,7 +10,8 @@ from analyze.estimation.cells import cells_from_voxels
 from analyze.estimation.labelled_parts import REST, parts_of_cells
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
-from schemas.object_spec import Box, Cylinder, MarkerSpec, ObjectSpec, PartLabel, Shape
+from schemas.object_spec import Box, Cylinder, MarkerSpec, ObjectSpec, Shape
+from schemas.part_label import PartLabel
 
 WALL = 0.002
 TURN = trimesh.transformations.rotation_matrix(0.5, [1, 0.5, 0.2])

@@ -23,7 +23,8 @@ from analyze.report.summary import render_summary
 from analyze.result.answer import answer_evidence
 from analyze.verbs.parts import bodies_json, read_bodies, render_bodies
 from schemas.document import DocumentError
-from schemas.object_spec import Box, MarkerSpec, ObjectSpec, PartLabel, Shape, parse_object_spec
+from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape, parse_object_spec
+from schemas.part_label import PartLabel
 from tests.analyze.simulated_session import carton, session
 
 HEAD, HANDLE = (0.09, 0.03, 0.03), (0.02, 0.02, 0.16)

@@ -10,7 +10,8 @@ from analyze.errors import ShapeError
 from analyze.estimation.labelled_parts import parts_of_bodies
 from analyze.geometry.bodies import bodies_of, overlaps_of
 from analyze.geometry.object_model import load_object_model
-from schemas.object_spec import MarkerSpec, ObjectSpec, PartLabel, Shape
+from schemas.object_spec import MarkerSpec, ObjectSpec, Shape
+from schemas.part_label import PartLabel
 
 FORMATS = ("stl", "stl_ascii", "obj", "ply", "glb")
 
