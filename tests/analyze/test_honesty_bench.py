@@ -28,6 +28,17 @@ def test_session_is_scored_and_printed(tmp_path):
     assert "centre of mass" in out.getvalue()
 
 
+def test_mislabelled_strikes_are_recognised_by_their_tags_at_rest(tmp_path):
+    trial = run_session("sharp", "mislabelled", 1, Bank(tmp_path))
+    assert trial is not None
+    assert trial.evidence is not None
+    scored = score_session(trial, "sharp", "mislabelled", 1)
+    assert (scored.mislabelled, scored.recognised, scored.misplaced) == (2, 2, 0)
+    reasons = [motion.reason for motion in trial.evidence.motions if motion.fit is None]
+    assert sum(reason.startswith("looks like") for reason in reasons) == 2
+    assert scored.wrong_lines_good == 0
+
+
 def test_bank_returns_the_motion_that_it_simulated(tmp_path):
     made, pose = specimen("rounded", 0), np.eye(3)
     first, again = Bank(tmp_path), Bank(tmp_path)

@@ -53,6 +53,11 @@ def draw_view(disturbance: Disturbance, rng: np.random.Generator) -> View:
     return View(float(rng.choice([120.0, 240.0])), noise, rng.normal(0, disturbance.lens), tags)
 
 
+def tag_error(view: View, direction: np.ndarray) -> np.ndarray:
+    """Error (6,) of place [m] and turn [rad] in O of the tag seen along a direction (3,) in O."""
+    return view.tags[tuple(np.rint(direction / max(np.abs(direction).max(), 0.5)).astype(int))]
+
+
 def followed_point(
     planned: PlannedStrike,
     motion: StruckMotion,
@@ -68,7 +73,7 @@ def followed_point(
         edge = rest @ motion.tip.line + motion.position[0]
         at = np.array([edge[0] + rng.normal(0, disturbance.unplaced), edge[1], planned.pivot.radius_m])
         return rest.T @ (at - motion.position[0])
-    error = view.tags[tuple(np.rint(direction / max(np.abs(direction).max(), 0.5)).astype(int))]
+    error = tag_error(view, direction)
     tag = pivot + LEVER * np.array(planned.R_world_object)[2]
     return pivot + error[:3] + np.cross(error[3:], pivot - tag)
 

@@ -70,6 +70,12 @@ class SessionScore:
     wrong_lines_good: int = 0
     """of all strikes, those called good for a line that did not carry them"""
     strikes: int = 0
+    mislabelled: int = 0
+    """strikes recorded under another strike's name"""
+    recognised: int = 0
+    """of these, those whose verdict is a wrong placement"""
+    misplaced: int = 0
+    """strikes under their own name whose verdict is a wrong placement"""
     verdicts: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     """false doubts, where the stated errors cover the disturbance"""
@@ -109,6 +115,10 @@ def _lines(trial: Trial, evidence: Evidence, found: SessionScore) -> None:
     by_plan = {strike.id: strike for strike in evidence.plan.strikes}
     for motion in evidence.motions:
         truth = trial.truths[motion.strike_id]
+        wrong = motion.verdict is Verdict.WRONG_PLACEMENT
+        found.mislabelled += truth.mislabelled
+        found.recognised += truth.mislabelled and wrong
+        found.misplaced += wrong and not truth.mislabelled
         pivot = by_plan[motion.plan_strike_id].pivot
         found.wrong_lines += _is_off(np.array(pivot.point), np.array(pivot.direction), pivot.radius_m, truth)
         plane = planes.get(motion.strike_id)

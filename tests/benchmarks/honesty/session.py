@@ -29,6 +29,7 @@ from tests.benchmarks.honesty.images import analyse_images
 from tests.benchmarks.honesty.observed import T0, draw_view, observe
 from tests.benchmarks.honesty.statics import TrueTip, true_tip
 from tests.benchmarks.honesty.struck import Bank, faces_of
+from tests.benchmarks.honesty.tags import misplaced, stick_tags
 
 SPECIMENS = 12
 """specimens per body that sessions share"""
@@ -52,6 +53,8 @@ class StrikeTruth:
     """balance angle of the motion, from the pose in which the body rested [rad]"""
     over: bool
     """True if the body passed its balance"""
+    mislabelled: bool = False
+    """True if the strike was recorded under another strike's name"""
 
 
 @dataclass(frozen=True)
@@ -152,6 +155,8 @@ def _strikes(
     labels = {strike.id: strike for strike in chosen}
     if disturbance.mislabelled:
         labels = _swapped(chosen, rng)
+    tags = stick_tags(made.body, described.plan.strikes, view, disturbance)
+    at_rest = rng.spawn(1)[0]
     motions: list[TipMotion] = []
     truths: dict[str, StrikeTruth] = {}
     for strike in chosen:
@@ -171,13 +176,17 @@ def _strikes(
             rolling_outline(described.model, named),
             next_face_angle(described.model, named),
             supports=strike_supports(described.model, named),
+            plan_strikes=tuple(described.plan.strikes),
         )
         if images:
-            crumb, motion = 0.0, analyse_images(task, made.body, struck, view, disturbance, rng)
+            crumb, motion = 0.0, analyse_images(task, strike, tags, struck, view, rng)
         else:
-            motion = analyse_motion(tracked, task, MotionSettings())
+            motion = misplaced(task, strike, tags, struck, view, at_rest)
+            motion = motion or analyse_motion(tracked, task, MotionSettings())
         motions.append(motion)
-        truths[task.strike_id] = StrikeTruth(struck.tip, struck.tip.phi - crumb, struck.over)
+        truths[task.strike_id] = StrikeTruth(
+            struck.tip, struck.tip.phi - crumb, struck.over, named is not strike
+        )
     return motions, truths
 
 

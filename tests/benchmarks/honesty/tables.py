@@ -145,9 +145,14 @@ def _print_worst(console: Console, sessions: Iterable[SessionScore]) -> None:
 
 
 def _alarms(sessions: Sequence[SessionScore]) -> Table:
-    """Table of refusals, wrong lines called good, false doubts and strikes to repeat, by disturbance."""
+    """Table of refusals, wrong lines, false doubts and strikes to repeat, by disturbance.
+
+    Also of strikes recorded under another strike's name: how many were recognised by their placement, and how
+    many under their own name were taken for misplaced.
+    """
     table = Table(title="alarms and misses", title_justify="left", box=SIMPLE_HEAD)
     headings = ("sessions", "refused", "crashed", "strikes", "over another line", "good for a wrong line")
+    headings += ("mislabelled", "recognised", "misplaced falsely")
     table.add_column("")
     for heading in (*headings, "sessions with false doubts", "strikes to repeat"):
         table.add_column(heading, justify="right")
@@ -161,6 +166,9 @@ def _alarms(sessions: Sequence[SessionScore]) -> Table:
             sum(session.strikes for session in mine),
             sum(session.wrong_lines for session in mine),
             sum(session.wrong_lines_good for session in mine),
+            sum(session.mislabelled for session in mine),
+            sum(session.recognised for session in mine),
+            sum(session.misplaced for session in mine),
             sum(bool(session.doubts) for session in mine),
             sum(session.repeats for session in mine),
         )
