@@ -29,11 +29,12 @@ _PRIOR_PRECISION = 1e-2
 """Prior precision 1 / sd^2 of a share; the bounds are far more informative."""
 _COARSE_CLUMP = 2
 """Edge, in cells, of the clumps of cells used for a coarse solution."""
-_PIECE_CLUMP = 3
-"""Edge, in cells, of the clumps of cells that `pieces` returns."""
+_PIECE_CLUMP, _MAX_PIECES = 2, 1000
+"""Edge, in cells, of the clumps of cells that `pieces` returns, and number of cells above which there are
+such."""
 _FITTED_PARAMETERS = 3
-"""Effective number of fitted parameters: of two shares and three of the dividing plane most meet a bound
-(simulated: 2 to 4)."""
+"""Effective number of fitted parameters for a given shell: of two shares and three of the dividing plane most
+meet a bound (simulated: 2 to 4)."""
 _MAX_DENSITY = DENSITIES[1]
 """Largest density of a piece [kg/m^3], about that of lead."""
 
@@ -99,16 +100,16 @@ class DividingPlanes:
 
 @dataclass(frozen=True)
 class BodyPieces:
-    """The body cut into n pieces: of each its region, largest mass, and what all mass in it would explain.
+    """Pieces of the body: of each its region, largest mass, and the moments that all mass in it would have.
 
-    The latter are k quantities to compare with the measured ones: centre of mass (3), and the moment of
-    inertia about each struck axis. They are whitened: the measurements have independent errors of unit sd.
+    These are k independent combinations of centre of mass and moments of inertia about the struck axes, to be
+    compared with the measured ones. They are whitened: the measurements have independent errors of unit sd.
     """
 
     region: IntArray
     """(n,) region of each piece: 0 shell, 1 upper, 2 lower."""
     explaining: Array
-    """(n, k) whitened moments that the body would have if all its mass were in the piece."""
+    """(n, k) whitened combinations of moments that the body would have if all its mass were in the piece."""
     most: Array
     """(n,) largest share of the body's mass, at the density of lead."""
 
@@ -147,6 +148,8 @@ class RegionProblem:
         self._interior = interior.sum(axis=0)
         self._shell = cells.shell @ contents
         self._rows, self.target = _measured_system(parameters)
+        directions, sizes, _ = np.linalg.svd(self._rows, full_matrices=False)
+        self._observable = directions[:, sizes > 1e-6 * float(sizes[0])]
         self._pitch, self._mass = cells.pitch, parameters.mass
 
     def solve(self, normals: Array, heights: Array, *, coarsely: bool = False) -> DividingPlanes:
@@ -179,36 +182,55 @@ class RegionProblem:
             both_sides_filled=(part > MIN_PART_SHARE) & (part < 1 - MIN_PART_SHARE),
         )
 
-    def probability(self, misfit: float) -> float:
+    def probability(self, misfit: float, *, thickness_fitted: bool) -> float:
         """Probability that a shell with two uniform parts inside has a chi^2 of at least `misfit` by chance.
 
-        `misfit` is the smallest chi^2 over all dividing planes. The probability is 1 if there are not more
-        measurements than fitted parameters.
+        `misfit` is the smallest chi^2 over all dividing planes, and over shell thicknesses as well if
+        `thickness_fitted`. The probability is 1 if there are not more independent measurements than fitted
+        parameters.
         """
-        rank = np.linalg.matrix_rank(self._rows, tol=1e-6 * float(np.linalg.norm(self._rows)))
-        freedom = int(rank) - _FITTED_PARAMETERS
+        freedom = len(self.observable_target) - _FITTED_PARAMETERS - int(thickness_fitted)
         return 1.0 if freedom < 1 else float(chdtrc(freedom, max(misfit, 0.0)))
 
     def pieces(self, normal: Array, height: float) -> BodyPieces:
-        """The body cut into pieces: the shell as one, and clumps of cells on either side of a dividing plane.
+        """The body cut into pieces: the shell as one, and the interior on either side of a dividing plane.
 
-        Given for each piece are its region (shell, upper or lower part), the centre of mass and moments of
-        inertia that the body would have if all its mass were in the piece (whitened: the measured ones have
-        independent errors of unit sd), and the largest share of the mass that it can hold. Cells are small
-        cubes.
+        Pieces of the interior are single cells; above `_MAX_PIECES`, clumps of cells. Each clump then stands
+        twice among the pieces, filled uniformly and with its mass at its centroid: any filling of the clump
+        is between the two. Cells that the plane cuts are among the pieces of both sides.
 
         Args:
             normal: (3,) unit normal of the dividing plane, in the object frame O.
             height: Height of the plane over the body's middle [m].
         """
-        above = self._points @ normal > height
-        upper, lower = (
-            _clumped(self._points[mine], self._contents[mine], _PIECE_CLUMP * self._pitch)[1]
-            for mine in (above, ~above)
-        )
-        together = np.vstack([self._shell, upper, lower])
-        region = np.repeat([0, 1, 2], [1, len(upper), len(lower)])
-        return BodyPieces(region, self._explaining(together), _MAX_DENSITY * together[:, 0] / self._mass)
+        over = self._points @ normal - height
+        sides = [over > -self._pitch / 2, over < self._pitch / 2]
+        if len(self._points) <= _MAX_PIECES:
+            interior = [self._contents[mine] for mine in sides]
+        else:
+            size = _PIECE_CLUMP * self._pitch
+            clumps = [_clumped(self._points[mine], self._contents[mine], size)[1] for mine in sides]
+            interior = [np.vstack([uniform, _concentrated(uniform)]) for uniform in clumps]
+        region = np.repeat([0, 1, 2], [1, *(len(side) for side in interior)])
+        return self._pieces(region, np.vstack([self._shell, *interior]))
+
+    def walls(self) -> BodyPieces:
+        """The shell of this thickness as one piece, and one so thick that it fills the whole body."""
+        contents = np.stack([self._shell, self._shell + self._interior])
+        return self._pieces(np.zeros(2, dtype=np.int64), contents)
+
+    @property
+    def observable_target(self) -> Array:
+        """Independent combinations (r,) of the whitened measurements (unit sd), comparable with `pieces`.
+
+        Their number r is below that of measurements if axes are parallel.
+        """
+        return np.asarray(self.target @ self._observable, dtype=np.float64)
+
+    def _pieces(self, region: IntArray, contents: Array) -> BodyPieces:
+        """Pieces of given regions (n,), and volumes and moments (n, 10) about the measured centre of mass."""
+        explaining = self._explaining(contents) @ self._observable
+        return BodyPieces(region, explaining, _MAX_DENSITY * contents[:, 0] / self._mass)
 
     def baselines(self, mass: float, normal: Array, height: float) -> dict[str, Array]:
         """Masses (3,) [kg] of shell, upper and lower part by three naive assumptions, keyed by name.
@@ -329,6 +351,16 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
     )
     together, moments = sums[:, : contents.shape[1]], sums[:, contents.shape[1] :]
     return moments / together[:, :1], together
+
+
+def _concentrated(contents: Array) -> Array:
+    """Contents (n, 10) of n pieces with all mass of each at its centroid.
+
+    Columns are volume (1), first moments (3) and second moments (6: xx, yy, zz, xy, xz, yz).
+    """
+    first = contents[:, 1:4]
+    second = np.stack([first[:, i] * first[:, j] for i, j in TENSOR_ENTRIES], axis=1) / contents[:, :1]
+    return np.column_stack([contents[:, :4], second])
 
 
 def _measured_system(parameters: InertialParameters) -> tuple[Array, Array]:

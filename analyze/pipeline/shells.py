@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from schemas.object_spec import ObjectSpec
 
 
+MIN_WALL = 2e-4
+"""Thinnest wall [m] that an object whose shell thickness is not given can have: stiff paper, foil."""
+THICK_WALL_FRACTION = 0.25
+"""Thickest hollow wall considered where none is given, over the cube root of the volume; the next is a
+solid body."""
+
+
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
     """The body divided into cells with edge `pitch` [m], once for each possible thickness of its shell.
 
@@ -30,6 +37,16 @@ def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
         for t in candidate_shell_thicknesses(model)
     ]
     return [shell for shell in shells if shell.cells.interior.any()]
+
+
+def limiting_walls(model: ObjectModel, pitch: float) -> list[ShellCells]:
+    """The body divided into cells with edge `pitch` [m], for the ends of what a shell's thickness can be.
+
+    They are `MIN_WALL` and `THICK_WALL_FRACTION` of the cube root of the volume of the shape `model`; the
+    candidate thicknesses lie between them. The shell is the body's outer wall.
+    """
+    thick = THICK_WALL_FRACTION * model.volume ** (1 / 3)
+    return [ShellCells(t, cells_from_voxels(voxelise(model, pitch, t))) for t in (MIN_WALL, thick)]
 
 
 def region_masses(
@@ -54,9 +71,11 @@ def region_masses(
     Returns:
         Masses [kg] of the shell and of the interior on either side of a plane, with 95 % intervals.
     """
-    shells = [] if spec.shell_thickness_m is not None else possible_shells(model, cells.pitch)
+    if spec.shell_thickness_m is not None:
+        return mass_distribution(parameters, cells, rng)
+    shells, walls = possible_shells(model, cells.pitch), limiting_walls(model, cells.pitch)
     return (
-        mass_distribution_over(parameters, shells, rng)
+        mass_distribution_over(parameters, shells, rng, walls)
         if len(shells) > 1
-        else mass_distribution(parameters, cells, rng)
+        else mass_distribution(parameters, cells, rng, walls)
     )
