@@ -96,15 +96,15 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
 
 
 def _touching_apart(vertices: Array, faces: IntArray, body: IntArray) -> IntArray:
-    """Number (f,) of the body of each face, with bodies that touch over faces kept apart.
+    """Number (f,) of the body that each face belongs to, with bodies that touch over faces kept apart.
 
-    `body` (f,), by edges with two faces alone, is returned where bodies cannot be told by their wedges of
-    material at common edges: the mesh is open, or bodies overlap there.
+    Bodies are told apart by their wedges of material at common edges. Where that fails, as the mesh is open
+    or bodies overlap there, `body` is returned.
 
     Args:
         vertices: (n, 3) vertices [m].
         faces: (f, 3) faces, consistently wound.
-        body: (f,) number of the connected part of each face.
+        body: (f,) number of the connected part of each face, by edges of exactly two faces alone.
     """
     if polyhedron.body_volumes(vertices, faces, np.zeros_like(body))[0] < 0:
         faces = faces[:, ::-1]
@@ -289,7 +289,11 @@ def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
 
 
 def low_discrepancy(count: int) -> Array:
-    """Points (count, 3) in the unit cube, evenly spread: the generalised golden ratio's sequence."""
+    """Evenly spread points (count, 3) in the unit cube, the same at every call.
+
+    Point i is 0.5 + i times the first three inverse powers of the golden ratio generalised to three
+    dimensions, modulo 1 (a quasi-random sequence).
+    """
     i = np.arange(1, count + 1)[:, None]
     steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
     return np.asarray((0.5 + i * steps) % 1, dtype=np.float64)

@@ -85,7 +85,15 @@ def unmatched_edges(faces: IntArray) -> int:
 
 
 def _vertex_maps(vertices: Array, piece: IntArray) -> Iterator[IntArray]:
-    """Yield maps (n,) from each vertex to the one that stands for it, in steps of ever more merging."""
+    """Yield, in steps of ever more merging, the index (n,) of the vertex that stands for each vertex.
+
+    Merged are: none; then those at equal places within a piece; all at equal places; those at nearly equal
+    ones.
+
+    Args:
+        vertices: (n, 3) vertices.
+        piece: (n,) number of the file's piece (node of a scene) that each vertex belongs to.
+    """
     yield np.arange(len(vertices))
     # Zeros of both signs are one place.
     places = vertices + 0.0
@@ -109,11 +117,18 @@ def _mostly_outward(vertices: Array, faces: IntArray) -> IntArray:
 
 
 def separated(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Faces (f, 3) wound consistently, number (f,) of the shell of each, mask (f,) of those of closed shells.
+    """Wind the faces of a mesh consistently, and divide them into shells (connected surfaces).
 
-    Most of the volume must be wound counter-clockwise from outside. Two faces at an edge are neighbours if no
-    other face is there, or if they bound one wedge of material. A shell is a set of faces connected by
-    neighbours; it is closed if each face has one at each edge.
+    Two faces at an edge are neighbours if no other face is there, or if they bound one wedge of material. A
+    shell is a set of faces connected by neighbours; it is closed if each face has one at each edge.
+
+    Args:
+        vertices: (n, 3) vertices.
+        faces: (f, 3) vertex indices; most of the volume must be wound counter-clockwise from outside.
+
+    Returns:
+        Faces (f, 3) wound consistently; number (f,) of the shell of each face; (f,) True for the faces of
+        closed shells.
     """
     faces, _, _ = polyhedron.consistently_wound(faces)
     count = len(faces)
@@ -144,14 +159,15 @@ def separated(vertices: Array, faces: IntArray) -> tuple[IntArray, IntArray, Boo
 
 
 def _wedges(vertices: Array, edges: IntArray, opposite: IntArray, forward: BoolArray) -> IntArray | None:
-    """Pairs (h / 2, 2) of the h faces at one edge that bound a wedge of material; None if ambiguous.
+    """Pairs (h / 2, 2) of those of the h faces at one edge that bound a wedge of material, or None.
 
-    Seen along the edge, a face run forwards ends the material of a body in the sense of increasing angle, one
-    run backwards begins it. Coincident faces of two touching bodies end the one before they begin the other.
+    A pair holds two indices, 0 to h - 1. None if it is ambiguous which faces belong together. Going round the
+    edge by increasing angle, a face that runs the edge forwards ends the material of a body, one that runs it
+    backwards begins it. Where faces of touching bodies coincide, one body ends before the other begins.
 
     Args:
         vertices: (n, 3) vertices.
-        edges: (h, 2) the edge as each face runs it.
+        edges: (h, 2) vertex indices of the edge in the order in which each face runs it.
         opposite: (h,) the third vertex of each face.
         forward: (h,) True where the face runs the edge from the smaller to the larger index.
     """
@@ -182,7 +198,9 @@ def _wedges(vertices: Array, edges: IntArray, opposite: IntArray, forward: BoolA
 
 
 def _by_shell(shell: IntArray, forward: BoolArray) -> list[IntArray]:
-    """Pairs of the faces at one edge that are in one shell, where it has one forward and one backward there.
+    """Pairs of the h faces at one edge: of each shell that has just two there, run in opposite senses.
+
+    A pair holds two indices (2,), 0 to h - 1.
 
     Args:
         shell: (h,) number of the shell of each face.
@@ -209,7 +227,7 @@ def _components(links: IntArray, count: int) -> IntArray:
 
 
 def _split(faces: IntArray, label: IntArray) -> list[IntArray]:
-    """Faces of each label, as a list, for `faces` (f, 3) with labels (f,)."""
+    """Faces (g, 3) of each label in ascending order, as a list; `faces` (f, 3) have labels (f,)."""
     order = np.argsort(label, kind="stable")
     cuts = np.flatnonzero(np.diff(label[order])) + 1
     return [each for each in np.split(faces[order], cuts) if len(each)]

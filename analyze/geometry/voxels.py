@@ -100,7 +100,8 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
 class _SubcellDepths:
     """Depths of cubes' centres and of their subcells below the surface of a model, each computed only once.
 
-    Shells of several thicknesses cut mostly the same cubes, and depths take most of a division's time.
+    Outer walls of several thicknesses cut mostly the same cubes, and computing depths takes most of the time
+    of dividing a body into cubes.
 
     Args:
         model: Shape of the object.
@@ -108,7 +109,7 @@ class _SubcellDepths:
         pitch: Edge of the cubes [m].
 
     Attributes:
-        of_cubes: (n,) depths of the cubes' centres [m].
+        of_cubes: (n,) depths of the cubes' centres [m], positive inside.
     """
 
     def __init__(self, model: ObjectModel, corners: Array, pitch: float) -> None:

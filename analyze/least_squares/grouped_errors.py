@@ -14,7 +14,7 @@ _MIN_UNSHARED = 1e-3
 
 
 def jackknife_covariance(without: Array) -> Array:
-    """Covariance (p, p) of p estimates from those without each of g groups in turn.
+    """Covariance (p, p) of p estimates, from the estimates made without each of g groups of data in turn.
 
     It is (g - 1) / g times the sum of squares of the deviations from their mean (Tukey 1958): residuals of a
     group may be correlated in any way, and groups of large leverage are not underestimated, as they are where
@@ -28,16 +28,17 @@ def jackknife_covariance(without: Array) -> Array:
 
 
 def grouped_covariance(normal: Array, normals: Array, scores: Array) -> Array:
-    """Covariance (p, p) of p estimates whose residuals share errors within groups.
+    """Covariance (p, p) of p least-squares estimates, where residuals of a group of data share errors.
 
-    A fit draws its residuals towards zero, the more the larger a group's share of the information is; each
-    group's score is scaled up for it (Bell and McCaffrey 2002, Survey Methodology 28, estimator CR2), so
-    that the covariance is unbiased also for few groups.
+    A fit draws its residuals towards zero, the more the larger a group's share of the information is. Each
+    group's score (gradient of its part of the cost) is scaled up for it, so that the covariance is unbiased
+    also for few groups (Bell and McCaffrey 2002, Survey Methodology 28, estimator CR2).
 
     Args:
-        normal: (p, p) normal matrix of the whole fit, in any unit.
+        normal: (p, p) normal matrix J^T W J of the whole fit, J being the residuals' derivatives by the
+            parameters, W their weights. A common factor of all three arguments changes nothing.
         normals: (g, p, p) the groups' own contributions to it.
-        scores: (g, p) gradient of each group's half sum of squares at the estimates.
+        scores: (g, p) gradient of each group's half weighted sum of squares at the estimates.
     """
     values, vectors = np.linalg.eigh(normal)
     root = (vectors / np.sqrt(values)) @ vectors.T
@@ -49,14 +50,14 @@ def grouped_covariance(normal: Array, normals: Array, scores: Array) -> Array:
 
 
 def group_freedom(inverse: Array, normals: Array) -> Array:
-    """Degrees of freedom (p,) of the variance of each of p estimates, from the information of each group.
+    """Degrees of freedom (p,) of the variances of p estimates that are computed from g groups of data.
 
-    The variance estimate is a sum of one square per group; if a group's share of it is as its share of the
-    information, the sum has (sum of shares)^2 / (sum of squared shares) degrees of freedom (Satterthwaite
-    1946), of which the estimate itself takes one. At least 1.
+    A variance estimate is a sum of one square per group. If the groups have the same shares of it as of the
+    information, it has (sum of shares)^2 / (sum of squared shares) degrees of freedom (Satterthwaite 1946),
+    less one for the estimate itself; at least 1.
 
     Args:
-        inverse: (p, p) inverse of the normal matrix, in any unit.
+        inverse: (p, p) inverse of the fit's normal matrix J^T W J, in any unit.
         normals: (g, p, p) the groups' own contributions to the normal matrix, in the same unit.
     """
     share = np.einsum("jr,grc,cj->gj", inverse, normals, inverse)

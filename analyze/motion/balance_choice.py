@@ -58,17 +58,18 @@ def balance_instead_of_hinge(
 ) -> tuple[MotionFit | None, str]:
     """Moment-balance fit that replaces the hinge fit, with the reason; (None, "") to keep the hinge.
 
-    A hinge is an edge that stays in place. The moment balance (forces at the contact have no moment about
-    it) allows for the edge's measured motion. The hinge is kept
-    if the moment balance fails, or if its own residuals still show a jump in angular speed. If the edge was
-    not seen to move, the hinge is also kept where frames are noisier than 0.2 deg, or where the moment
-    balance neither explains the motion better nor is clearly more certain.
+    Both fit the balance angle phi and the rate k of theta'' = -k sin(phi - theta), theta the tipping angle.
+    The hinge fit takes the edge as staying in place; the moment balance (forces at the contact have no moment
+    about it) allows for the edge's measured motion. The hinge is kept if the moment balance fails, or if its
+    residuals still show a jump in angular speed. If the edge was not seen to move, the hinge is also kept
+    where frames are noisier than 0.2 deg, or where the moment balance neither explains the motion better nor
+    is clearly more certain.
 
     Args:
         edge: sliding and lifting of the edge.
         window: frames [start, stop).
         hinge: the hinge fit; None if a hinge does not fit.
-        planned: the planned strike, with predicted balance angle phi and the pivot's rounding.
+        planned: the planned strike, with predicted phi and the radius of the pivot edge's rounding.
         limits: limits of a moved edge and of a jump in speed.
     """
     moved = max(edge.slide_range, edge.lift_range) >= limits.edge_moved
@@ -153,9 +154,9 @@ def _reason_for_balance(
 def _reason_by_certainty(motion: PlanarMotion, hinge: MotionFit, balanced: MotionFit, radius: float) -> str:
     """Reason, in words, for a moment balance that is more certain than a hinge; empty if it is not.
 
-    A hinge is an edge that stays in place; its errors include those of the creep that the edge's measured
-    motion shows. The moment balance follows that motion instead. It must know the balance angle phi clearly
-    better, and the rate k no worse.
+    Both fit the balance angle phi and the rate k of theta'' = -k sin(phi - theta), theta the tipping angle. A
+    hinge is an edge that stays in place; its errors include those of the edge's measured creep (small
+    displacements). The moment balance follows these instead. It must know phi clearly better, and k better.
 
     Args:
         motion: the motion with slip and lift of the edge.

@@ -46,9 +46,10 @@ def with_contact_errors(
         fit: balance angle phi [rad] and rate constant k [rad/s^2] of theta'' = -k sin(phi - theta), theta the
             tipping angle; k may be None.
         rolls: True if the edge is a round rim.
-        errors: standard deviations of phi [rad] and k (relative) caused by the contact.
-        creep: (2, 2) covariance of (phi, k) by the creep that the edge's own motion shows (`creep_error`);
-            for phi the greater of this and the usual creep counts. None if the fit follows the edge's motion.
+        errors: standard deviations of phi [rad] and k (relative) that a usual contact causes.
+        creep: (2, 2) covariance of (phi, k) by the edge's measured creep (small displacements; see
+            `creep_error`); for phi the greater of this and the usual error counts. None if the fit follows
+            the edge's motion.
 
     Returns:
         The fit with the (2, 2) covariance of (phi, k) increased; the variance of k stays as it is if k is

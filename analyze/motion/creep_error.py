@@ -41,15 +41,18 @@ _SCALE = np.array([0.1, 20.0, 0.02, 0.2])
 
 
 def creep_error(fit: MotionFit, motion: PlanarMotion, radius: float) -> Array:
-    """Covariance (2, 2) of (phi, k) by the creep that the edge's measured motion shows, in a hinge fit.
+    """Covariance (2, 2) of a hinge fit's balance angle and rate by the edge's measured creep.
+
+    A hinge is an edge that stays in place; creep is its small displacement while the object tips.
 
     Args:
-        fit: the fit as a hinge: balance angle phi [rad], rate k [rad/s^2] of theta'' = -k sin(phi - theta).
-        motion: the motion, with slip and lift of the assumed edge.
+        fit: the fit as a hinge: balance angle phi [rad], rate k [rad/s^2] of theta'' = -k sin(phi - theta),
+            theta the tipping angle.
+        motion: the motion, with slip (along the table) and lift of the assumed edge.
         radius: radius of the edge's rounding [m].
 
     Returns:
-        The covariance [rad, rad/s^2]; 0 with fewer than ten frames, or without k.
+        The covariance of (phi, k) in rad and rad/s^2; all 0 with fewer than ten frames, or without k.
     """
     used = slice(*fit.window)
     theta = motion.angle.theta[used]
@@ -63,13 +66,13 @@ def creep_error(fit: MotionFit, motion: PlanarMotion, radius: float) -> Array:
 
 
 def creep_size(motion: PlanarMotion, window: tuple[int, int]) -> float:
-    """Root mean square [m] of the pivot edge's own motion in a window, beyond rotation and noise.
+    """Root mean square [m] of the pivot edge's creep (its own displacements) in a window, without noise.
 
     Rotation about an edge beside the assumed one, rolling on a rounding other than the stated one, and a
     displacement before the window are no creep.
 
     Args:
-        motion: the motion, with slip and lift of the assumed edge.
+        motion: the motion, with slip (along the table) and lift of the assumed edge.
         window: frames [start, stop).
     """
     used = slice(*window)
@@ -85,12 +88,14 @@ def creep_size(motion: PlanarMotion, window: tuple[int, int]) -> float:
 
 
 def _gain(fit: MotionFit, motion: PlanarMotion, radius: float) -> Array:
-    """Change of (phi, k) by the edge's slip and lift, (2, 2, m): per metre at m equally spaced angles theta.
+    """Derivatives (2, 2, m) of a fit's (phi, k) by displacements of the edge at m tipping angles.
 
-    First axis: slip, lift; second: phi [rad/m], k [rad/s^2/m].
+    The angles are equally spaced over the fit's window; between them the displacement is interpolated. First
+    axis: slip (along the table), lift; second: phi [rad/m], k [rad/s^2/m].
 
     Args:
-        fit: the fit as a hinge.
+        fit: the fit with the edge taken to stay in place: balance angle phi and rate k of
+            theta'' = -k sin(phi - theta), theta the tipping angle.
         motion: the motion that was fitted.
         radius: radius of the edge's rounding [m].
     """

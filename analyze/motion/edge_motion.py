@@ -111,10 +111,11 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
 
 
 def _lift_above_most(theta: Array, lift: Array, sd: Array) -> Array:
-    """Height (n,) [m] of the edge over where it is in most frames, once its assumed position is corrected.
+    """Height (n,) [m] of the pivot edge in n frames over its place in most of them.
 
-    The offset of the assumed edge is fitted so that most frames show no height, whatever the others show. The
-    edge's own creep counts as noise here. The lift itself is returned if the offset is 1.5 mm or more.
+    The assumed edge may be off the true one; this offset is fitted so that most frames show no height. Small
+    displacements of the edge itself count as noise in this fit. `lift` is returned unchanged if the offset
+    comes out as 1.5 mm or more.
 
     Args:
         theta: (n,) tipping angle [rad].

@@ -52,7 +52,7 @@ def displacement_per_offset(theta: Array) -> Array:
 
 @dataclass(frozen=True)
 class CreepFit:
-    """Linear model of displacements, fitted while the pivot line itself moves smoothly with theta."""
+    """Result of fitting a pivot line's displacements by a linear model and a smooth motion of its own."""
 
     parameters: Array
     """(p,) parameters of the model, each in its own unit"""
@@ -63,18 +63,20 @@ class CreepFit:
 
 
 def fit_creeping(theta: Array, rows: Array, seen: Array, sd: Array, prior_sd: Array) -> CreepFit:
-    """Fit a linear model of displacements whose errors are noise and a smooth motion of the pivot line.
+    """Fit a linear model of a pivot line's displacements; its errors are noise and the line's own motion.
+
+    The own motion is smooth in the tipping angle.
 
     Args:
         theta: (n,) tipping angle [rad].
-        rows: (c, n, p) derivatives of c displacements in every frame by p parameters.
+        rows: (c, n, p) derivatives by p parameters of the displacement in c directions and n frames.
         seen: (c, n) measured displacements [m].
         sd: (n,) standard deviation of their noise [m].
         prior_sd: (p,) standard deviations of the parameters about 0 before the measurement; infinite for
             parameters without a prior.
 
     Returns:
-        Parameters and covariance, averaged over the likely sizes of the line's motion, and that size.
+        Parameters and covariance, averaged over the likely sizes of the line's own motion, and that size [m].
     """
     found = _averaged(theta, rows, seen, sd, np.ones(seen.shape), prior_sd)
     for _ in range(_ROUNDS - 1):
@@ -85,9 +87,9 @@ def fit_creeping(theta: Array, rows: Array, seen: Array, sd: Array, prior_sd: Ar
 
 
 def creep_covariance(theta: Array) -> Array:
-    """Covariance (n, n) of the pivot line's own motion at tipping angles theta (n,) [rad], per squared size.
+    """Covariance (n, n) of a pivot line's own motion at n tipping angles [rad], over its squared size.
 
-    The size is the standard deviation of its smooth part.
+    The size is the standard deviation [m] of the motion's smooth part; a rough part is added.
     """
     apart = np.abs(theta[:, None] - theta)
     smooth, rough = np.exp(-0.5 * (apart / _CREEP_ANGLE) ** 2), np.exp(-apart / _ROUGH_ANGLE)
@@ -95,15 +97,18 @@ def creep_covariance(theta: Array) -> Array:
 
 
 def _averaged(theta: Array, rows: Array, seen: Array, sd: Array, weight: Array, prior_sd: Array) -> CreepFit:
-    """Parameters, covariance and size of the creep, averaged over its sizes by their likelihood.
+    """Fit of displacements of a pivot line, averaged over the sizes of its own motion by their likelihood.
 
     Args:
         theta: (n,) tipping angle [rad].
-        rows: (c, n, p) derivatives of the displacements by the parameters.
+        rows: (c, n, p) derivatives of the displacement in c directions by the p parameters.
         seen: (c, n) measured displacements [m].
         sd: (n,) standard deviation of their noise [m].
         weight: (c, n) robust weights.
-        prior_sd: (p,) prior standard deviations of the parameters.
+        prior_sd: (p,) standard deviations of the parameters about 0 before the measurement.
+
+    Returns:
+        Parameters, their covariance, and the expected rms size [m] of the line's own motion.
     """
     groups = np.array_split(np.arange(len(theta)), min(_MAX_GROUPS, len(theta)))
     share = weight / sd**2
@@ -126,14 +131,18 @@ def _averaged(theta: Array, rows: Array, seen: Array, sd: Array, weight: Array, 
 
 
 def _solve(A: Array, y: Array, total: Array, creep: Array, prior: Array) -> tuple[Array, Array, float]:
-    """Generalised least squares: parameters (p,), covariance (p, p), logarithm of the evidence.
+    """Generalised least squares of a pivot line's displacements in c directions.
 
     Args:
-        A: (c, m, p) derivatives of the displacements by the parameters, in m groups of frames.
+        A: (c, m, p) derivatives of the displacements by the p parameters, in m groups of frames.
         y: (c, m) displacements [m].
         total: (c, m) inverse variance of their noise [1/m^2].
         creep: (m, m) covariance of the line's own motion [m^2].
-        prior: (p, p) inverse of the parameters' prior covariance.
+        prior: (p, p) inverse of the parameters' prior covariance; the prior's mean is 0.
+
+    Returns:
+        Parameters (p,), covariance (p, p), and the logarithm of the evidence (probability of the
+        displacements for this `creep`, up to a factor).
     """
     normal, right, misfit, log_det = prior.copy(), np.zeros(A.shape[2]), 0.0, 0.0
     for rows, seen, inverse in zip(A, y, total, strict=True):

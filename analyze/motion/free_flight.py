@@ -84,7 +84,10 @@ class FlightBody:
 
     @property
     def half_width(self) -> Array:
-        """Half-widths (4,) of the 95 % intervals of (c, g), by Student's t [m, m, m, m/s^2]."""
+        """Half-widths (4,) of the 95 % intervals of centre of mass (3) [m, in O] and gravity [m/s^2].
+
+        They are by Student's t; O is the object frame.
+        """
         return student_sigmas_95(self.freedom) * np.sqrt(np.diag(self.covariance))
 
 
@@ -134,7 +137,10 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
 
 @dataclass(frozen=True)
 class _Equations:
-    """Normal equations of each of f flights in (c, g), the centre of mass [m, in O] and gravity [m/s^2]."""
+    """Normal equations of each of f flights in (c, g).
+
+    c is the centre of mass [m] in the object frame O, g gravity [m/s^2].
+    """
 
     products: Array
     """(f, 4, 4) normal matrix of each flight"""
@@ -146,14 +152,18 @@ class _Equations:
     """(f,) degrees of freedom of each flight's residuals"""
 
     def part(self, kept: NDArray[np.bool_]) -> _Equations:
-        """The equations of the flights of the mask `kept` (f,)."""
+        """These equations for only the flights for which the mask `kept` (f,) is True."""
         return _Equations(self.products[kept], self.rights[kept], self.squares[kept], self.counts[kept])
 
     def solved(self, start: Array) -> tuple[Array, Array, Array]:
-        """Solution (4,), weight (f,) of each flight, and sum of squares (f,) of its residuals [m^2].
+        """Solve the equations of all f flights together for centre of mass c and gravity g, robustly.
 
         Args:
-            start: (4,) (c, g) with which to begin; zeros to begin with equal weights.
+            start: (4,) (c, g) with which to begin, in m and m/s^2; zeros to begin with equal weights.
+
+        Returns:
+            (c, g) (4,), c in the object frame O; robust weight (f,) of each flight; sum of squares (f,) [m^2]
+            of each flight's residuals.
 
         Raises:
             EstimationError: the flights do not determine c.
@@ -180,12 +190,20 @@ class _Equations:
         return x, weight, left
 
     def _left(self, x: Array) -> Array:
-        """Sum of squares (f,) [m^2] of each flight's residuals at `x` (4,)."""
+        """Sum of squares (f,) [m^2] of each flight's residuals for the solution `x` (4,).
+
+        `x` holds the centre of mass (3) [m], in the object frame, and gravity [m/s^2].
+        """
         quadratic = self.products @ x @ x
         return np.maximum(self.squares - 2 * self.rights @ x + quadratic, 0.0)
 
     def _weights(self, left: Array, weight: Array) -> Array:
-        """Weights (f,) of the flights for sums of squares `left` (f,), with the variance by `weight` (f,)."""
+        """Robust weights (f,) of the flights; a flight whose residuals are large counts less.
+
+        Args:
+            left: (f,) sum of squares [m^2] of each flight's residuals.
+            weight: (f,) weights with which the residuals' common variance is computed.
+        """
         variance = float(weight @ left) / float(self.counts.sum())
         return (_T_FREEDOM + self.counts) / (_T_FREEDOM + left / variance)
 

@@ -119,7 +119,11 @@ class BalancedBody:
 
     @property
     def half_width(self) -> Array:
-        """Half-widths (10,) of the 95 % intervals, by Student's t, in the order of `covariance`."""
+        """Half-widths (10,) of the 95 % intervals of centre of mass, inertia per mass and edge radius.
+
+        In this order: centre of mass (3) [m, in the object frame O]; inertia per mass [m^2] as xx, yy, zz,
+        xy, xz, yz; radius of the rounding [m]. They are by Student's t.
+        """
         return student_sigmas_95(self.freedom) * np.sqrt(np.diag(self.covariance))
 
 
@@ -216,7 +220,7 @@ def moment_rows(contact: Contact, radius: float, gravity: float) -> tuple[Array,
 
 
 def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[float, float]) -> BalancedBody:
-    """Fit c, inertia per mass and the rounding of the touching edges to all contacts together.
+    """Fit centre of mass, inertia per mass and the rounding of the touching edges to all contacts together.
 
     Args:
         contacts: stretches of one body's motion, in each of which it touches the table at one edge or corner
@@ -336,7 +340,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 def _grouped_covariance(
     J: Array, left: Array, groups: Array, prior: Array, spread: float
 ) -> tuple[Array, Array]:
-    """Covariance (p, p) of a robust fit whose residuals share errors within groups, and degrees of freedom.
+    """Covariance (p, p) of the p parameters of a robust fit in which residuals of a group share errors.
 
     Args:
         J: (n, p) derivatives of the residuals by the parameters.

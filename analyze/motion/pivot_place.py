@@ -64,12 +64,13 @@ def measure_pivot(motion: PlanarMotion, fit: MotionFit) -> PivotPlace | None:
     """Horizontal distance, at balance, of the line about which the body turns from the planned line.
 
     Args:
-        motion: the motion with the lift of the followed point, uncorrected for an error of its place.
+        motion: the motion, with the lift (height over the place at rest) of the planned line's point as it
+            was measured, not corrected for an error of that point's place.
         fit: fit with the balance angle and its window of frames.
 
     Returns:
-        The distance; None if no marker's place on the object is known, or if fewer than eight frames or less
-        than 4 deg lie within 10 deg of balance.
+        The distance [m] with its sd, positive in the direction of the tip. None if no marker's place on the
+        object is known, or if fewer than eight frames or less than 4 deg lie within 10 deg of balance.
     """
     if motion.place_sd is None:
         return None
@@ -93,14 +94,16 @@ def judge_support(
 ) -> Judgement | None:
     """Verdict "wrong edge" if by the shape the body balanced over another line than planned, else None.
 
-    By the shape, a line carries that takes over before the measured balance angle. Where it takes over so
-    little after balance that the shape's errors leave it open, the measured place decides. A place that
-    contradicts the shape does not save a strike: where the line changes near balance it lies between the two.
+    A support line is one over which the body turns for a range of tipping angles, until the next takes over.
+    By the shape, the last one that took over before the measured balance angle carries. Where a line takes
+    over so near balance that the shape's errors leave it open, the measured place decides. A place that
+    contradicts the shape does not save a strike: where the line changes near balance, the measured place lies
+    between the two.
 
     Args:
         motion: the motion, with the tipping angle.
         fit: the chosen fit with the balance angle and its window.
-        place: measured place of the line at balance; None if it was not measured.
+        place: measured horizontal place of the line at balance; None if it was not measured.
         task: the strike as planned, with the support lines by the shape.
     """
     line = None if fit.rolling is not None else _line_by_shape(motion, fit, place, task)
@@ -112,12 +115,12 @@ def judge_support(
 
 
 def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
-    """Verdict "wrong edge" if the line at balance was measured far off the planned one, else None.
+    """Verdict "wrong edge" if the body balanced over a line measured far off the planned one, else None.
 
-    Far is beyond chance and 1 mm. The shape need not have another line there.
+    Far is at least 1 mm and 3 sd. The shape need not have another edge there.
 
     Args:
-        place: measured place of the line at balance; None if it was not measured.
+        place: measured horizontal place of the line at balance; None if it was not measured.
         fit: the chosen fit; a contact that rolls on a curve has no line.
     """
     if place is None or fit.rolling is not None or abs(place.ahead) < max(_MIN_OFF_M, _SIGMAS * place.sd):
@@ -131,13 +134,15 @@ def judge_place(place: PivotPlace | None, fit: MotionFit) -> Judgement | None:
 def _line_by_shape(
     motion: PlanarMotion, fit: MotionFit, place: PivotPlace | None, task: StrikeTask
 ) -> SupportLine | None:
-    """Support line, other than the planned one, over which the body balanced; None if it was the planned one.
+    """Support line over which the body balanced instead of the planned one; None if over the planned.
+
+    A support line is one over which the body turns for a range of tipping angles.
 
     Args:
         motion: the motion, with the tipping angle.
-        fit: the chosen fit.
-        place: measured place of the line at balance; None if it was not measured.
-        task: the strike with its support lines.
+        fit: the chosen fit, with the balance angle.
+        place: measured horizontal place of the line at balance; None if it was not measured.
+        task: the strike with its support lines by the shape.
     """
     supports = task.supports
     if not supports:
@@ -160,7 +165,13 @@ def _line_by_shape(
 
 
 def _near_balance(supports: Sequence[SupportLine], phi: float, phi_sd: float) -> list[SupportLine]:
-    """Support lines that may carry at an angle phi [rad] of sd `phi_sd`, within the errors of the shape."""
+    """Support lines over which the body may turn at the balance angle, within the errors of the shape.
+
+    Args:
+        supports: Support lines, ordered by the tipping angle at which each takes over.
+        phi: Balance angle [rad], or the largest angle reached if that is less.
+        phi_sd: Its standard deviation [rad].
+    """
     found: list[SupportLine] = []
     for i, line in enumerate(supports):
         margin = _ANGLE_MARGIN_RAD + _SIGMAS * math.hypot(line.takes_over_sd_rad, phi_sd)

@@ -93,7 +93,7 @@ def judge_placement(
 def _orientations(
     tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, rest_end_ns: int
 ) -> list[list[Array]]:
-    """Rotations (3, 3) from object frame O to camera frame at rest, one or two per marker that shows them.
+    """Orientations of the object at rest that each marker allows, one or two per marker.
 
     A square has two poses that explain its corners; the second is left out if it fits clearly worse.
 
@@ -102,6 +102,9 @@ def _orientations(
         markers: markers of the object; those without a known place on it are left out.
         camera: camera that took the frames.
         rest_end_ns: frames before this log_time [ns] are at rest.
+
+    Returns:
+        For each marker seen at rest a list of rotations (3, 3) from object frame O to camera frame.
     """
     by_id = {marker.id: marker for marker in markers}
     found: list[list[Array]] = []
@@ -128,15 +131,18 @@ def _orientations(
 def _turn(
     seen: list[list[Array]], camera: CameraModel, as_planned: PlannedStrike, strike: PlannedStrike
 ) -> tuple[float, Array]:
-    """Angle [rad] by which the object is turned against a strike of the plan, and the rotation vector in W.
+    """Rotation of the object, as the markers show it at rest, against its pose in a strike of the plan.
 
-    The median of the markers; of a marker's two poses the one that is nearer to the strike counts.
+    Of a marker's two possible poses the one nearer to the strike counts; of the markers, the median one.
 
     Args:
-        seen: rotations from object to camera frame, by marker.
+        seen: for each marker its possible rotations (3, 3) from object to camera frame.
         camera: camera with its pose in the world frame of `as_planned`.
         as_planned: the strike for which the camera's pose is given.
         strike: the strike that is compared; its heading turns the world frame.
+
+    Returns:
+        Angle [rad], and rotation vector (3,) [rad] in the world frame W of `strike`, z up.
     """
     there = turned_camera(camera, strike.heading_rad - as_planned.heading_rad)
     R_world_camera, R_planned = there.T_world_camera[:3, :3], np.array(strike.R_world_object, dtype=float)

@@ -43,9 +43,9 @@ _RCOND = 1e-9
 def with_slow_error(fit: MotionFit, motion: PlanarMotion, rolls: bool, radius: float) -> MotionFit:
     """Copy of a strike's fit whose covariance includes errors of theta that change slowly with theta.
 
-    The error is a Gaussian process over theta with the correlation exp(-d^2 / 2 L^2) at a difference d, where
-    L is `CORRELATION_RAD`. Its effect on phi and k is that on a pendulum fitted to the same frames, also for
-    fits that follow the motion of the edge.
+    theta is the tipping angle. The error is a Gaussian process over theta with the correlation
+    exp(-d^2 / 2 L^2) at a difference d, where L is `CORRELATION_RAD`. Its effect on phi and k is that on a
+    pendulum fitted to the same frames, also for fits that follow the motion of the edge.
 
     Args:
         fit: balance angle phi [rad] and rate constant k [rad/s^2] of theta'' = -k sin(phi - theta).
@@ -72,9 +72,10 @@ def with_slow_error(fit: MotionFit, motion: PlanarMotion, rolls: bool, radius: f
 
 
 def slow_error_sd(fit: MotionFit, motion: PlanarMotion, rolls: bool) -> float:
-    """Standard deviation [rad] of the error of theta that changes slowly with theta, in a fit's window.
+    """Standard deviation [rad] of the error of the tipping angle theta that changes slowly with theta.
 
-    The camera's part does not count for the moment balance, which follows the edge by the same images: an
+    It joins errors of the camera, of a round rim, and of rotation about other axes in the fit's window. That
+    of the camera is left out for the moment balance, the fit that follows the edge by the same images: an
     error of the image shifts theta and the edge together, and the fit cancels most of that.
 
     Args:

@@ -248,11 +248,15 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 def _with_contact(
     fit: MotionFit, motion: PlanarMotion, task: StrikeTask, settings: MotionSettings
 ) -> MotionFit:
-    """Copy of a fit whose covariance of phi and k includes the errors of contact and camera.
+    """Copy of a fit whose covariance includes the errors of contact and camera.
+
+    It is the (2, 2) covariance of balance angle phi [rad] and rate k [rad/s^2] of
+    theta'' = -k sin(phi - theta), theta the tipping angle.
 
     Args:
         fit: the chosen fit of the tipping angle.
-        motion: the motion with slip and lift of the pivot edge, from which the creep of a hinge follows.
+        motion: the motion with slip and lift of the pivot edge; they give the error of a hinge fit, which
+            takes the edge as staying in place.
         task: the strike as planned and as carried out.
         settings: errors of a usual contact.
     """

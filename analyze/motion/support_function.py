@@ -259,7 +259,7 @@ def support_of_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Su
 
 
 def hull_outline(points: Array, pivot: Array) -> Outline:
-    """Convex outline of a cross-section, with coordinates relative to a pivot point [m].
+    """Convex outline of a cross-section, as anticlockwise facets, relative to a pivot point [m].
 
     Args:
         points: (n, 2) points of the section [m], x in the direction of tipping, z up, in any order; points

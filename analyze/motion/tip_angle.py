@@ -268,11 +268,11 @@ def _random_scale(theta: Array, sd: Array) -> float:
 
 
 def _systematic_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
-    """Standard deviation [rad] of theta's error that frames of an object at rest share.
+    """Standard deviation [rad] of the tipping angle's error that all frames of an object at rest share.
 
-    It is the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each corner, which need
+    It joins the misfit of model and image within a frame, and MODEL_PX (0.01 px) for each corner, which need
     not show as a misfit: on 7 simulated cameras, whose lens blurs whole pixels and so shifts edges along the
-    pixel grid by up to 0.03 px, the zero of theta was off by 0.0075 deg rms.
+    pixel grid by up to 0.03 px, the zero of the angle was off by 0.0075 deg rms.
 
     Args:
         random: (n,) noise of each resting frame [rad].
