@@ -158,12 +158,13 @@ def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
 def checked_left_out(
     solution: JointSolution, prior: ComPrior, moments: MomentModel
 ) -> tuple[LeaveOneOut, ...]:
-    """Leave-one-out predictions in which no strike fails by an error of the linear model.
+    """Predictions of each strike from all others, made again without linearisation where one fails.
 
-    A strike that fails its linear prediction is judged again by the likelihood ratio (refit.py), with the
-    shape's prior of the moments `FILLING_FACTOR` times wider, as a lump inside needs. It fails only if that
-    is as unlikely, and then the prediction is that of the problem solved without it. If it passes there, or
-    if the others leave its balance angle open (`MAX_PREDICTED_PHI_SD`), it cannot be checked.
+    A strike that fails the prediction by the model linearised about the solution is judged again by a
+    likelihood ratio (refit.py), with the sd of the shape's prior of the moments `FILLING_FACTOR` times
+    larger, as a lump inside the object needs. If it fails that too, the prediction returned is that of the
+    problem solved without it. If it passes there, or if the others leave its balance angle phi open (sd above
+    `MAX_PREDICTED_PHI_SD`), its prediction is marked as not checkable.
 
     Args:
         solution: Joint solution of all strikes.
@@ -171,7 +172,8 @@ def checked_left_out(
         moments: Mass, gravity, and the shape's prior of the moments, as in the solution.
 
     Returns:
-        One prediction per strike, in the order of `solution.model.planes`.
+        One prediction of phi [rad] and of the rate constant k [rad/s^2] per strike, compared with the
+        measured values, in the order of `solution.model.planes`.
     """
     wide = replace(moments, prior=_widened(moments.prior))
     found: list[LeaveOneOut] = []
@@ -185,7 +187,10 @@ def checked_left_out(
 
 
 def _widened(prior: MomentPrior) -> MomentPrior:
-    """Prior of the moments by the shape with `FILLING_FACTOR` times its standard deviations."""
+    """Prior of the inertia by the shape, with all its standard deviations times `FILLING_FACTOR`.
+
+    It is a function of the centre of mass (3,) [m], as `prior` is.
+    """
 
     def wide(com: Array) -> UnitPrior:
         shape = prior(com)
@@ -195,13 +200,16 @@ def _widened(prior: MomentPrior) -> MomentPrior:
 
 
 def _judged_again(solution: JointSolution, linear: LeaveOneOut, index: int, refit: Refit) -> LeaveOneOut:
-    """Prediction of a strike by the problem solved without it; the linear one, not checkable, if it passes.
+    """Judge a strike that failed its linear prediction again, by the problem solved without it.
 
     Args:
         solution: Joint solution of all strikes.
-        linear: Linear prediction, which the strike fails.
+        linear: Prediction by the model linearised about the solution, which the strike fails.
         index: Number of the strike.
-        refit: Solution without the strike.
+        refit: Solution without the strike, and the rise of the misfit that the strike causes.
+
+    Returns:
+        Prediction by `refit` if the strike fails again; else `linear`, marked as not checkable.
     """
     uses_k = linear.k_off is not None
     sigmas = math.sqrt(refit.rise) * (TWO_ERRORS_AS_ONE if uses_k else 1.0)
@@ -279,13 +287,19 @@ def estimated_gravity(
 
 
 def _shared_misfit(solution: JointSolution) -> float:
-    """Sum of squares of the strikes' standardised residuals and of the shared errors, in their sd."""
+    """Sum of squares of all standardised residuals of the strikes, and of the errors that they share.
+
+    Each shared error (such as the table's tilt) is counted in units of its own standard deviation.
+    """
     z, _ = whitened(solution.model, solution.data, solution.x)
     return float(np.sum(z**2) + np.sum(solution.x[SECOND.stop :] ** 2))
 
 
 def _open_gravity(found: JointSolution) -> GravityEstimate:
-    """Gravity over the stated one, less 1, in a solution with gravity as a free parameter."""
+    """Ratio of estimated to stated gravity, less 1, with its sd, from a solution that estimates gravity.
+
+    The problem must have been solved with `OPEN_GRAVITY_RELATIVE_SD` as gravity's relative sd.
+    """
     relative = float(np.expm1(OPEN_GRAVITY_RELATIVE_SD * found.x[GRAVITY]))
     sd = OPEN_GRAVITY_RELATIVE_SD * float(np.sqrt(found.covariance[GRAVITY, GRAVITY]))
     return GravityEstimate(relative, sd)

@@ -20,7 +20,7 @@ parallel."""
 
 @dataclass(frozen=True)
 class CommonPoint:
-    """Point nearest to all pivot edges, with the largest distance of an edge from it."""
+    """Point nearest to the lines of all pivot edges, with the largest distance of such a line from it."""
 
     point: Array
     """(3,) the point [m], in the object frame O."""
@@ -33,8 +33,14 @@ class CommonPoint:
 def common_point(planes: Sequence[EquiPlane]) -> CommonPoint | None:
     """Point nearest (least squares) to the centre lines of all pivot edges; None if these are parallel.
 
+    The centre line of an edge is the axis of its rounding, or the edge itself if it is sharp.
+
     Args:
-        planes: Equi-planes of the strikes, in the object frame O; repeats about one edge count once.
+        planes: One plane per strike, through centre line and centre of mass, in the object frame O, of which
+            only the line is used; several strikes about one edge count once.
+
+    Returns:
+        Point (3,) [m] in O, largest distance of a line from it [m], and number of lines.
     """
     edges = {plane.axis_id: plane for plane in planes}.values()
     across = np.array([np.eye(3) - np.outer(edge.direction, edge.direction) for edge in edges])

@@ -184,14 +184,17 @@ def solve_joint(
 
 
 def prior_start(model: JointModel, prior: ComPrior, moments: MomentModel | None) -> tuple[Array, Array]:
-    """Prior mean (count,) and inverse variances (count,) of the joint problem's unknowns.
+    """Prior mean (count,) and inverse variances (count,) of the unknowns of the problem of all strikes.
 
-    The shape's prior of the inertia tensor is not part of them (`shape_rows`).
+    Their order and units are those of `JointModel`: centre of mass [m], six numbers for the second moments,
+    errors that strikes share [sd]. The shape's prior of the inertia tensor is not part of them
+    (`shape_rows`).
 
     Args:
         model: Model of the strikes, which gives number and order of the unknowns.
         prior: Prior of the centre of mass.
-        moments: Inputs for k, with the shape's prior of the moments; None if phi alone is used.
+        moments: Gravity, and the shape's prior of the inertia; None if only the balance angles phi are used,
+            not the rate constants k.
     """
     inertia = np.eye(3) * (GYRATION_OVER_COM_SD * float(prior.sd.max())) ** 2
     if moments is not None:

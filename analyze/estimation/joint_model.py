@@ -134,12 +134,12 @@ class JointModel:
         first_face: int,
         faces: Sequence[tuple[str, str]],
     ) -> tuple[Array, Array]:
-        """Errors (count,) of an edge's radius and (3, count) of its place [m], per unknown in units of sd.
+        """How each unknown of the model, by 1 sd, changes an edge's radius (count,) and place (3, count) [m].
 
         The place is that of the centre line of the edge's rounding, in the object frame O.
 
         Args:
-            plane: equi-plane of a strike over the edge.
+            plane: plane of a strike over the edge, through this line and the centre of mass.
             systematic: standard deviations of shared errors.
             first: index of the first unknown of the pivot axis.
             first_face: index of the first face's unknown.
@@ -166,7 +166,10 @@ class JointModel:
         return radius, shift
 
     def axis_term(self, axis_id: str, term: int) -> int:
-        """Index in the vector of unknowns of one of a pivot axis's own, such as `FORWARD` or `OWN_RADIUS`."""
+        """Index, in the vector of all unknowns, of one of the four that a pivot axis has for itself.
+
+        `term` says which: `FORWARD`, `ANGLE`, `OWN_RADIUS` or `OWN_K`.
+        """
         return self._first[axis_id] + term
 
     def tilt_terms(self, level: int) -> slice:
@@ -295,10 +298,10 @@ class JointModel:
 
 
 def radius_sds(plane: EquiPlane, systematic: SystematicErrors) -> tuple[float, float]:
-    """Standard deviations [m] of a rounded edge's radius: of the part that edges share, and of its own part.
+    """Standard deviations [m] of two errors of a rounded edge's radius: shared by all edges, and its own.
 
     Args:
-        plane: equi-plane of a strike over the edge, with the prior of its radius, if it has one of its own.
+        plane: plane of a strike over the edge, with the prior of its radius, if it has one of its own.
         systematic: errors of edges without a prior of their own.
     """
     if plane.radius_prior is not None:
@@ -320,10 +323,10 @@ def centre_line_shift(plane: EquiPlane) -> Array:
 
 
 def _faces(plane: EquiPlane) -> list[tuple[str, str]]:
-    """Keys of the resting face and, if known, of the side face at a pivot edge; each has one place error.
+    """Keys of the resting face and, if known, of the side face at a pivot edge, in this order.
 
-    A key is (id of the face, ""), or ("", id of the pivot axis) if the resting face is not known: a pair, so
-    that the two kinds of id cannot be confused.
+    Each face has one error of its place in the model. A key is (id of the face, ""), or ("", id of the pivot
+    axis) if the resting face is not known: a pair, so that the two kinds of id cannot be confused.
     """
     rest = (plane.face, "") if plane.face else ("", plane.axis_id)
     return [rest, (plane.wall, "")] if plane.wall else [rest]

@@ -100,12 +100,12 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
 
 
 def _moved_ends(ends: Array | None, by: Array) -> Array | None:
-    """Intervals (n, 2) of n quantities moved by `by` (n,), in their unit; None if there are none."""
+    """Intervals (n, 2) of n quantities, both ends moved by `by` (n,), in their unit; None if `ends` is."""
     return None if ends is None else ends + by[:, None]
 
 
 def _shifted(ends: tuple[float, float] | None, by: float) -> tuple[float, float] | None:
-    """Interval of one quantity moved by `by`, in its unit; None if there is none."""
+    """Interval (lower, upper end) of one quantity moved by `by`, in its unit; None if `ends` is None."""
     return None if ends is None else (ends[0] + by, ends[1] + by)
 
 

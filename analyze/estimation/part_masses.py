@@ -130,7 +130,7 @@ class PartMasses:
 
     @property
     def explained(self) -> bool:
-        """True if the moments are those of such parts, within their errors.
+        """True if uniform parts of these shapes explain the measured moments within their errors.
 
         Otherwise a part is missing, not uniform, or of another shape, and the masses' intervals do not hold.
         """
@@ -217,14 +217,17 @@ def part_masses(
 
 
 def _probability_by_chance(rows: Array, residual: Array, masses: Array, most: Array) -> float:
-    """Probability of a chi^2 of the whitened moments at least as large as at the best masses.
+    """Probability that measurement errors alone make the moments fit the n parts' masses this badly.
 
-    Each combination of masses that the moments determine takes a degree of freedom, except masses at their
-    bounds.
+    It is that of a chi^2 at least as large as the sum of squared residuals at the best masses. Of the 4 + a
+    degrees of freedom, each combination of masses that the moments determine takes one, except masses at
+    their bounds; the probability is 1 if none is left.
 
     Args:
-        rows: (4 + a, n) whitened design matrix.
-        residual: (4 + a,) whitened residuals at the best masses.
+        rows: (4 + a, n) whitened design matrix: change per kilogram of each part of the object's mass, first
+            moment (3) and a moments of inertia, scaled so that measurement errors are independent with unit
+            sd.
+        residual: (4 + a,) residuals at the best masses, scaled likewise.
         masses: (n,) best masses [kg].
         most: (n,) upper bounds of the masses [kg].
     """

@@ -36,8 +36,9 @@ class Posterior:
     """Distribution of the reported quantities: normal, or a mixture of normal distributions.
 
     The quantities are, in this order: centre of mass c (3) [m, in the object frame O], inertia tensor per
-    kilogram about c (6) [m^2], then for each of the strikes the distance R of c from the pivot's centre line
-    [m], the moments per kilogram about the parallel through c, and those about the line of contact [m^2].
+    kilogram about c (6: xx, yy, zz, xy, xz, yz) [m^2], then three blocks with one value per strike: distance
+    R of c from the centre line of the pivot edge's rounding [m], moment per kilogram about the parallel to it
+    through c [m^2], and about the line of contact with the table [m^2].
     """
 
     mean: Array
@@ -65,25 +66,26 @@ class Posterior:
 
     @property
     def distances(self) -> slice:
-        """Indices of the distances R among the quantities."""
+        """Indices, among the quantities, of each strike's distance R of c from the pivot's centre line."""
         return slice(FIRST_STRIKE_QUANTITY, FIRST_STRIKE_QUANTITY + self.strikes)
 
     @property
     def about_com(self) -> slice:
-        """Indices of the strikes' moments per kilogram about the parallels through c."""
+        """Indices of each strike's moment per kilogram about the parallel to the pivot through c."""
         return slice(self.distances.stop, self.distances.stop + self.strikes)
 
     @property
     def about_edge(self) -> slice:
-        """Indices of the strikes' moments per kilogram about the lines of contact."""
+        """Indices of each strike's moment per kilogram about the line of contact with the table."""
         return slice(self.about_com.stop, self.about_com.stop + self.strikes)
 
     def interval(self, index: int, relative_sd: float = 0.0) -> tuple[float, float]:
-        """95 % interval of one quantity, in its unit, by the quantiles of the mixture.
+        """95 % interval (lower, upper end) of one quantity, in its unit, by the quantiles of the mixture.
 
         Args:
             index: Number of the quantity.
-            relative_sd: 1 sigma of a further relative error, as of the mass, by which moments are multiplied.
+            relative_sd: 1 sigma of a further relative error of the quantity, such as that of the mass by
+                which a moment per kilogram is multiplied.
         """
         means = self.means[:, index]
         sds = np.maximum(np.hypot(self.sds[:, index], relative_sd * means), 1e-300)
@@ -100,7 +102,10 @@ class Posterior:
 
 
 def linear_posterior(solution: JointSolution) -> Posterior:
-    """Normal distribution of the quantities, by linear error propagation about the joint solution."""
+    """Normal distribution of the reported quantities, by linear error propagation about the solution.
+
+    The quantities are centre of mass, inertia tensor, and three per strike (order and units: `Posterior`).
+    """
     mean, by = derived(solution.model, solution.x)
     covariance = by @ solution.covariance @ by.T
     sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -110,10 +115,11 @@ def linear_posterior(solution: JointSolution) -> Posterior:
 def mixture_posterior(
     open_directions: Array, weights: Array, means: Array, covariances: Array, steps: Array
 ) -> Posterior:
-    """Mixture of normal distributions of the quantities.
+    """Mixture of normal distributions of the reported quantities (order and units: `Posterior`).
 
     Args:
-        open_directions: (n, 3) unit directions along which c is open, in the object frame O.
+        open_directions: (n, 3) unit directions, in the object frame O, along which the strikes leave the
+            centre of mass open.
         weights: (components,) probabilities.
         means: (components, quantities) means.
         covariances: (components, quantities, quantities) covariances.
@@ -129,9 +135,10 @@ def mixture_posterior(
 
 
 def derived(model: JointModel, x: Array) -> tuple[Array, Array]:
-    """Reported quantities (quantities,) at the unknowns `x` (count,), and derivative (quantities, count).
+    """Reported quantities (quantities,) at the model's unknowns `x` (count,), and their derivatives by x.
 
-    Their order is that of `Posterior`.
+    The quantities are centre of mass, inertia tensor, and three per strike (order and units: `Posterior`);
+    the derivatives are (quantities, count).
     """
     J, by = unit_inertia(x[SECOND])
     to_com, to_tensor = np.zeros((3, len(x))), np.zeros((6, len(x)))
@@ -143,5 +150,5 @@ def derived(model: JointModel, x: Array) -> tuple[Array, Array]:
 
 
 def _normal_cdf(z: Array) -> Array:
-    """Probability of a standard normal variable below each of `z`."""
+    """Probability that a standard normal variable lies below each entry of `z`, in the shape of `z`."""
     return np.asarray(ndtr(z), dtype=np.float64)

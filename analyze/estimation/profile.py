@@ -60,7 +60,7 @@ CONVERGED_DECREASE = 3e-3
 
 @dataclass(frozen=True)
 class _Point:
-    """Solution of the joint problem with c held along one or two directions."""
+    """Solution of the problem of all strikes with the centre of mass c held along one or two directions."""
 
     x: Array
     """(count,) unknowns."""
@@ -73,7 +73,9 @@ class _Point:
 
 
 class _Problem:
-    """Joint problem with robust weights and spread of a solution, to be solved with c held along directions.
+    """Problem of all strikes, to be solved with the centre of mass c held along given directions.
+
+    The strikes' robust weights, and the factor `spread` on their variances, stay those of `solution`.
 
     Args:
         solution: Solution of all strikes, by the same priors.
@@ -89,18 +91,25 @@ class _Problem:
         self._weight = solution.weight / solution.spread
 
     def inside(self, x: Array) -> bool:
-        """True if c lies in the box that the prior of c is made from, or no farther out than the solution."""
+        """True if c, of the unknowns `x` (count,), lies in the box that its prior is made from.
+
+        Where the solution of all strikes lies outside this box, c may be as far out.
+        """
         off = np.abs(x[COM] - self.prior.mean) / self.prior.sd
         at = np.abs(self.solution.x[COM] - self.prior.mean) / self.prior.sd
         return bool(np.all(off <= np.maximum(1.0, at)))
 
     def solved(self, x: Array, directions: Array, values: Array) -> _Point:
-        """Most likely unknowns with the coordinates of c along `directions` held at `values`.
+        """Most likely solution with c (centre of mass) held at the coordinates `values` along `directions`.
 
         Args:
             x: (count,) unknowns to start from.
             directions: (n, 3) orthonormal directions, in the object frame O.
             values: (n,) coordinates of c along them [m].
+
+        Returns:
+            All unknowns with their covariance, the log density of these values, and how the unknowns follow
+            them.
         """
         free = _free_basis(directions, len(x))
         x = x.copy()
@@ -134,7 +143,11 @@ class _Problem:
         return _Point(x, covariance, volume - normalised - misfit / 2, slopes)
 
     def _expansion(self, x: Array) -> tuple[float, Array, Array, UnitPrior]:
-        """Misfit at the unknowns `x` (count,), half its gradient, its Gauss-Newton matrix, shape's prior."""
+        """Misfit (sum of squares) at the unknowns `x` (count,), with what a Gauss-Newton step needs.
+
+        Returned are the misfit, half its gradient (count,), its Gauss-Newton matrix (count, count), and the
+        prior of the inertia by the shape at the centre of mass in `x`.
+        """
         z, rows = whitened(self.solution.model, self.solution.data, x)
         shape = self._moment_prior(x[COM])
         off, by = shape_rows(shape, x)
@@ -155,14 +168,15 @@ def profiled_posterior(
 ) -> Posterior:
     """Distribution of c and moments of inertia: normal where the strikes determine c, else a mixture.
 
-    A principal direction of the covariance of c is open if the second-order term of any reported quantity, 1
-    sd along it, exceeds `MAX_CURVATURE` of the quantity's sd. At most two directions, those of the largest
-    curvature, are followed; there the shape's prior of the moments counts `FILLING_FACTOR` times wider, and c
-    is confined to the box that its prior is made from.
+    c is the centre of mass. A principal direction of its covariance is open if the second-order term of any
+    reported quantity, 1 sd along it, exceeds `MAX_CURVATURE` of the quantity's sd. c is then moved along the
+    one or two open directions of largest curvature, and each solution with c held there gives a component.
+    For these the sd of the shape's prior of the moments is `FILLING_FACTOR` times larger, and c is confined
+    to the box that its prior is made from.
 
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and c), in the object frame O.
-        systematic: Standard deviations of errors that strikes share.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of c.
         moments: Mass, gravity, and the shape's prior of the moments.
         solution: Solution of the joint problem of all these.
@@ -188,10 +202,13 @@ def profiled_posterior(
 
 
 def open_directions(solution: JointSolution, prior: ComPrior) -> Array:
-    """Principal directions (n, 3) of the covariance of c, 0 to 2, along which moments are not linear.
+    """Up to two unit directions (n, 3) of c along which reported quantities are too far from linear in c.
+
+    They are orthonormal, in the object frame O, close to the two principal directions of the covariance of
+    the centre of mass c that bend most. n is 0 if all quantities are nearly linear (`MAX_CURVATURE`).
 
     Args:
-        solution: Joint solution, with moments.
+        solution: Solution of all strikes, with their rate constants k.
         prior: Prior of c; the principal directions are those of the covariance in units of its sd.
     """
     model, x, P = solution.model, solution.x, solution.covariance
@@ -219,12 +236,13 @@ def open_directions(solution: JointSolution, prior: ComPrior) -> Array:
 def _walk(
     problem: _Problem, directions: Array, sds: Array, start: _Point, most: int
 ) -> list[tuple[_Point, Array]]:
-    """Points along one direction, or two, each with the parts (n,) [m] of the directions it stands for.
+    """Solutions with c held at points along one or two directions, each with the lengths it stands for.
 
-    With two, a line along the second is walked from every point of the first.
+    c is the centre of mass; the lengths (n,) [m] are those of the part of each direction between neighbouring
+    points. With two directions, a line along the second is walked from every point of the first.
 
     Args:
-        problem: Joint problem.
+        problem: Problem of all strikes.
         directions: (n, 3) orthonormal directions, in the object frame O.
         sds: (n,) sd of c along them by linear propagation [m].
         start: Solution with c held along all of them.
@@ -243,10 +261,12 @@ def _walk(
 def _line(
     problem: _Problem, directions: Array, moving: int, sd: float, start: _Point, most: int
 ) -> list[tuple[_Point, float]]:
-    """Points along direction number `moving`, with the part [m] of the direction that each stands for.
+    """Solutions with c held at points along one direction, each with the length [m] that it stands for.
 
-    The steps grow where the log density is flat and shrink where it falls fast. The walk ends on either side
-    where the log density has fallen by `MAX_DROP`, or c leaves the box that its prior is made from.
+    The direction is row `moving` of `directions` (n, 3), in the object frame O; along another one, c stays
+    where it is at `start`. The first step is a third of `sd` [m]. Steps grow where the log density is flat
+    and shrink where it falls fast. On either side at most `most` steps are tried, until the log density has
+    fallen by `MAX_DROP` or c reaches the limits of the box that its prior is made from.
     """
     held = directions @ start.x[COM]
     at, points = [float(held[moving])], [start]
@@ -276,7 +296,11 @@ def _line(
 
 
 def _mixture(model: JointModel, directions: Array, points: list[tuple[_Point, Array]]) -> Posterior:
-    """Mixture of the points' distributions, each weighted by its density and the part it stands for."""
+    """Mixture of the normal distributions at solutions with the centre of mass held along `directions`.
+
+    `points` holds each solution with the lengths (n,) [m] of the n directions that it stands for; its weight
+    is proportional to its density times these lengths.
+    """
     log_weights = np.array([point.log_density + float(np.sum(np.log(part))) for point, part in points])
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
@@ -300,7 +324,10 @@ def _mixture(model: JointModel, directions: Array, points: list[tuple[_Point, Ar
 
 
 def _free_basis(directions: Array, count: int) -> Array:
-    """Orthonormal basis (count, count - n) of the unknowns with c held along n `directions` (n, 3)."""
+    """Orthonormal basis (count, count - n), as columns, of all changes of the unknowns that stay allowed.
+
+    Not allowed are those that move the centre of mass along one of the n `directions` (n, 3).
+    """
     across = np.linalg.svd(directions)[2][len(directions) :]
     basis = np.zeros((count, count - len(directions)))
     basis[COM, : len(across)] = across.T

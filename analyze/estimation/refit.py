@@ -34,7 +34,7 @@ CONVERGED_DECREASE = 1e-3
 
 @dataclass(frozen=True)
 class Refit:
-    """Least misfits of the joint problem with and without one strike, and the solution without it."""
+    """Solution of the problem of all strikes without one of them, and how much that one raises the misfit."""
 
     x: Array
     """(count,) unknowns without the strike."""
@@ -45,13 +45,19 @@ class Refit:
 
 
 def refit_without(solution: JointSolution, prior: ComPrior, moments: MomentModel, index: int) -> Refit:
-    """Solve the joint problem with and without a strike, all other strikes with the weights they have.
+    """Solve the problem of all strikes without one of them, and again with it at full weight.
+
+    The problem is not linearised. All other strikes keep their robust weights.
 
     Args:
-        solution: Joint solution of all strikes, by the same priors.
+        solution: Solution of all strikes together, by the same priors.
         prior: Prior of the centre of mass.
         moments: Gravity, and the shape's prior of the moments.
         index: Number of the strike among `solution.model.planes`.
+
+    Returns:
+        Unknowns (count,) without the strike, their covariance, and the rise of the least misfit by the
+        strike.
     """
     weight = solution.weight / solution.spread
     without, with_it = weight.copy(), weight.copy()
@@ -65,7 +71,7 @@ def refit_without(solution: JointSolution, prior: ComPrior, moments: MomentModel
 def _minimum(
     solution: JointSolution, prior: ComPrior, moments: MomentModel, weight: Array, x: Array
 ) -> tuple[Array, float, Array]:
-    """Unknowns (count,) of least misfit from a start `x`, the misfit, and its Gauss-Newton matrix.
+    """Minimise the misfit (weighted sum of squares of strikes and priors) from a start `x`.
 
     Args:
         solution: Model and data of all strikes.
@@ -73,11 +79,15 @@ def _minimum(
         moments: Gravity, and the shape's prior of the moments.
         weight: (strikes,) weights.
         x: (count,) unknowns to start from.
+
+    Returns:
+        Unknowns (count,) of least misfit, the misfit, and its Gauss-Newton matrix (count, count) there, which
+        is the inverse of their covariance.
     """
     middle, diagonal = prior_start(solution.model, prior, moments)
 
     def expansion(x: Array) -> tuple[float, Array, Array]:
-        """Misfit at the unknowns `x` (count,), half its gradient, and its Gauss-Newton matrix."""
+        """Misfit at the unknowns `x` (count,), half its gradient, Gauss-Newton matrix (count, count)."""
         z, rows = whitened(solution.model, solution.data, x)
         off, by = shape_rows(moments.prior(x[COM]), x)
         apart = x - middle
@@ -106,10 +116,11 @@ def _minimum(
 
 
 def moved(x: Array, step: Array) -> Array:
-    """Unknowns (count,) after a step, taken straight in the entries of the tensor and in all other unknowns.
+    """Unknowns (count,) of the model of all strikes after a step (count,) from `x`.
 
-    ln k is nearly linear in these entries, but not in the numbers that stand for them. An impossible tensor
-    is replaced by the nearest possible one.
+    Six unknowns stand for the inertia tensor per kilogram. In them the step is taken straight in the tensor's
+    entries, in which ln k (k the rate constant of a strike's motion) is nearly linear. If the tensor that
+    results is impossible, the nearest possible one is taken.
     """
     J, by = unit_inertia(x[SECOND])
     found = x + step

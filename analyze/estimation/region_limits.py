@@ -52,10 +52,11 @@ class RegionBounds:
         problems: Sequence[tuple[float, RegionProblem]],
         walls: Sequence[ShellCells],
     ) -> RegionBounds:
-        """Bounds over the thicknesses [m] that `problems` begin with, and those of `walls`.
+        """Bounds for several possible thicknesses of the shell: those of `problems`, and of `walls`.
 
-        A thickness at which nothing of the interior is left adds nothing: a solid body is always included
-        where there is more than one thickness.
+        `problems` holds thickness [m] and problem of each; for `walls` the problems are made here. Walls that
+        leave nothing of the interior are not needed: a solid body is included wherever there is more than one
+        thickness.
         """
         hollow = [(wall.thickness, wall.cells) for wall in walls if wall.cells.interior.any()]
         every = [*problems, *((t, RegionProblem(parameters, cells)) for t, cells in hollow)]

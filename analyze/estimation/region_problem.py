@@ -100,10 +100,11 @@ class DividingPlanes:
 
 @dataclass(frozen=True)
 class BodyPieces:
-    """Pieces of the body: of each its region, largest mass, and the moments that all mass in it would have.
+    """Pieces of the body: of each its region, largest mass, and the moments with all mass in it.
 
-    These are k independent combinations of centre of mass and moments of inertia about the struck axes, to be
-    compared with the measured ones. They are whitened: the measurements have independent errors of unit sd.
+    The moments are k independent combinations of centre of mass and moments of inertia about the struck axes,
+    to be compared with the measured ones. They are whitened: scaled so that the measurements have independent
+    errors of unit sd.
     """
 
     region: IntArray
@@ -183,11 +184,11 @@ class RegionProblem:
         )
 
     def probability(self, misfit: float, *, thickness_fitted: bool) -> float:
-        """Probability that a shell with two uniform parts inside has a chi^2 of at least `misfit` by chance.
+        """Probability that measurement errors give a shell with two uniform parts inside at least this chi^2.
 
-        `misfit` is the smallest chi^2 over all dividing planes, and over shell thicknesses as well if
-        `thickness_fitted`. The probability is 1 if there are not more independent measurements than fitted
-        parameters.
+        `misfit` is the smallest chi^2 over all planes that divide the interior in two, and over shell
+        thicknesses as well if `thickness_fitted`. The probability is 1 if there are not more independent
+        measurements than fitted parameters.
         """
         freedom = len(self.observable_target) - _FITTED_PARAMETERS - int(thickness_fitted)
         return 1.0 if freedom < 1 else float(chdtrc(freedom, max(misfit, 0.0)))
@@ -215,20 +216,28 @@ class RegionProblem:
         return self._pieces(region, np.vstack([self._shell, *interior]))
 
     def walls(self) -> BodyPieces:
-        """The shell of this thickness as one piece, and one so thick that it fills the whole body."""
+        """Two pieces of region 0 (shell): the shell of this thickness, and one that fills the whole body.
+
+        Of both the result holds the largest share of the mass, and the moments with all mass in them.
+        """
         contents = np.stack([self._shell, self._shell + self._interior])
         return self._pieces(np.zeros(2, dtype=np.int64), contents)
 
     @property
     def observable_target(self) -> Array:
-        """Independent combinations (r,) of the whitened measurements (unit sd), comparable with `pieces`.
+        """Measured values of r independent combinations of centre of mass and moments (r,), whitened.
 
-        Their number r is below that of measurements if axes are parallel.
+        They are scaled (whitened) so that their errors are independent with unit sd; `pieces` gives the same
+        combinations for the mass in each piece. r is below the number of measurements if axes are parallel.
         """
         return np.asarray(self.target @ self._observable, dtype=np.float64)
 
     def _pieces(self, region: IntArray, contents: Array) -> BodyPieces:
-        """Pieces of given regions (n,), and volumes and moments (n, 10) about the measured centre of mass."""
+        """Pieces of the body from their regions (n,) (0 shell, 1 upper, 2 lower) and contents (n, 10).
+
+        Contents are volume [m^3] (1), first (3) and second (6) moments about the measured centre of mass, at
+        unit density.
+        """
         explaining = self._explaining(contents) @ self._observable
         return BodyPieces(region, explaining, _MAX_DENSITY * contents[:, 0] / self._mass)
 
@@ -354,9 +363,10 @@ def _clumped(points: Array, contents: Array, pitch: float) -> tuple[Array, Array
 
 
 def _concentrated(contents: Array) -> Array:
-    """Contents (n, 10) of n pieces with all mass of each at its centroid.
+    """Contents (n, 10) of n pieces, changed to those with all mass of each piece at its centroid.
 
-    Columns are volume (1), first moments (3) and second moments (6: xx, yy, zz, xy, xz, yz).
+    Columns are volume (1), first moments (3) and second moments (6: xx, yy, zz, xy, xz, yz), at unit density
+    and about one common point.
     """
     first = contents[:, 1:4]
     second = np.stack([first[:, i] * first[:, j] for i, j in TENSOR_ENTRIES], axis=1) / contents[:, :1]

@@ -39,9 +39,10 @@ _BOUNDARY_FRACTION = 0.99
 
 @dataclass(frozen=True)
 class SharePolytope:
-    """Mass shares of n pieces: non-negative, at most `most`, of sum 1; with k whitened moments to agree with.
+    """All mass shares of n pieces of a body that are possible, and k moments that they should explain.
 
-    Whitened: the measured moments have independent errors of unit sd.
+    Shares are at least 0, at most `most`, and of sum 1. The moments are whitened: scaled so that the measured
+    ones have independent errors of unit sd.
     """
 
     explaining: Array
@@ -52,12 +53,14 @@ class SharePolytope:
     """(n,) largest share of each piece; their sum is above 1."""
 
     def least_chi2(self) -> float:
-        """Smallest chi^2, the squared distance of the shares' whitened moments from the measured ones."""
+        """Smallest chi^2 of any possible shares: squared distance of their moments from the measured ones."""
         x = self._minimised(np.zeros((1, len(self.most))), np.ones(1), CHI2_GAP)[0]
         return float(np.sum((self.explaining @ x - self.target) ** 2))
 
     def minima(self, costs: Array, radius: float) -> Array:
         """Lower bounds (b,) of b linear functions of the shares, about 0.001 below their minima.
+
+        The minima are over all possible shares whose moments are at most `radius` from the measured ones.
 
         Args:
             costs: (b, n) coefficients of the functions.
@@ -81,16 +84,20 @@ class SharePolytope:
         return best
 
     def _cheapest(self, costs: Array) -> Array:
-        """Least values (b,) of b linear functions `costs` (b, n) of the shares, moments left aside."""
+        """Least values (b,) of b linear functions over all possible shares, whatever their moments.
+
+        `costs` (b, n) are the functions' coefficients.
+        """
         order = np.argsort(costs, axis=1)
         cost, most = np.take_along_axis(costs, order, axis=1), self.most[order]
         before = np.cumsum(most, axis=1) - most
         return np.sum(cost * np.clip(1.0 - before, 0.0, most), axis=1)
 
     def _minimised(self, costs: Array, weight: Array, least_gap: float) -> Array:
-        """Shares (b, n) that minimise costs.x + w / 2 |A x - t|^2 for each of b rows of `costs` (b, n).
+        """Possible shares x (b, n) that minimise costs.x + w / 2 |A x - t|^2, for b rows of `costs` (b, n).
 
-        `weight` (b,) is w, and `least_gap` the duality gap at which the iteration stops.
+        A x are the moments of the shares (`explaining`), t the measured ones (`target`); `weight` (b,) is w.
+        The iteration stops at the duality gap `least_gap` (bound of how far the value is above its minimum).
         """
         # The sum of x is 1: A x - t = (A - t 1') x, which keeps the equations better conditioned.
         A, most, constraints = self.explaining - self.target[:, None], self.most, 2 * costs.shape[1]
@@ -142,9 +149,9 @@ class SharePolytope:
 
 
 def _scaled_inverse(matrices: Array) -> Array:
-    """Inverses (b, k, k) of b symmetric positive definite matrices, first scaled to a unit diagonal.
+    """Inverses (b, k, k) of b symmetric positive definite matrices, scaled to a unit diagonal in between.
 
-    Their rows belong to shares and to whitened moments, whose sizes differ by orders of magnitude.
+    Their rows differ in size by orders of magnitude, by which the inverse would lose precision.
     """
     unit: Array = 1 / np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
     both = unit[:, :, None] * unit[:, None, :]
@@ -153,10 +160,10 @@ def _scaled_inverse(matrices: Array) -> Array:
 
 
 def _largest_step(values: Sequence[Array], steps: Sequence[Array]) -> Array:
-    """Largest size (b,) of a step, at most 1, that leaves all positive `values` (each (b, n)) positive.
+    """Sizes (b,) of a step, at most 1, in b problems, such that all their positive values stay positive.
 
-    `steps` are the changes of the values by a step of size 1. The size is a fraction `_BOUNDARY_FRACTION` of
-    that at which the first value would be 0.
+    `values` are arrays (b, n), all positive; `steps` are their changes by a step of size 1. The size is at
+    most the fraction `_BOUNDARY_FRACTION` of that at which the first value would be 0.
     """
     fall = np.max(-np.hstack(list(steps)) / np.hstack(list(values)), axis=1)
     return np.minimum(1.0, _BOUNDARY_FRACTION / np.maximum(fall, 1e-12))

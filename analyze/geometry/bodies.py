@@ -53,7 +53,7 @@ class Body:
 
 
 class Overlap(NamedTuple):
-    """Common volume of two bodies of a mesh file, by their numbers; it counts in both."""
+    """Volume that two bodies of a mesh file share, which counts in both; with the bodies' numbers."""
 
     first: int
     """Number of the one body, from 1."""
@@ -105,14 +105,17 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
 
 
 def _without_holes(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, int]:
-    """Vertices (k, 3), faces (g, 3) of an open surface with its holes closed, and number of their edges.
-
-    They are returned as given, with 0, if the holes are too large, too many or not simple.
+    """Close the holes of an open surface of a mesh.
 
     Args:
-        vertices: (n, 3) vertices of the whole mesh.
+        vertices: (n, 3) vertices of the whole mesh [m].
         faces: (f, 3) faces of the open surface.
         name: Name of the file, for messages.
+
+    Returns:
+        Vertices (k, 3) [m] with those added at the end, faces (g, 3) of the surface, and number of open edges
+        that were closed. If holes are too large, too many or not simple: `vertices` and `faces` as given, and
+        0.
     """
     used, local = np.unique(faces, return_inverse=True)
     try:
@@ -128,10 +131,11 @@ def _solids(vertices: Array, surfaces: list[IntArray]) -> dict[int, IntArray]:
 
     Args:
         vertices: (n, 3) vertices of the whole mesh.
-        surfaces: Faces of each shell, wound consistently.
+        surfaces: Faces (f, 3) of each shell (connected surface), wound consistently.
 
     Returns:
-        Faces by the index of the body's outer surface in `surfaces`.
+        Faces of each body, counter-clockwise from outside the material, by the index of its outer surface in
+        `surfaces`.
     """
     volumes = np.array([_volume(vertices, each) for each in surfaces])
     # The winding of most of the volume is taken as outwards; a shell of the other winding inside a body is
@@ -164,12 +168,14 @@ def _smallest_around(
 ) -> int | None:
     """Index of the shell of least volume among `candidates` that contains most of `points`; None if none.
 
+    A shell is one connected surface of the mesh.
+
     Args:
-        vertices: (n, 3) vertices of the whole mesh.
-        surfaces: Faces of each shell.
+        vertices: (n, 3) vertices of the whole mesh [m].
+        surfaces: Faces (f, 3) of each of s shells.
         candidates: Indices of the shells to consider.
-        volumes: (s,) volumes of the shells.
-        points: (m, 3) points.
+        volumes: (s,) volumes of the shells [m^3].
+        points: (m, 3) points [m].
     """
     for index in sorted(candidates, key=lambda i: volumes[i]):
         corners = vertices[surfaces[index]].reshape(-1, 3)
@@ -183,11 +189,11 @@ def _smallest_around(
 
 
 def _probes(vertices: Array, faces: IntArray) -> Array:
-    """Points (m, 3) just below the largest faces of a shell, in the material that it bounds.
+    """Points (m, 3) [m] just below the largest faces of a closed surface, in the material that it bounds.
 
     Args:
-        vertices: (n, 3) vertices of the whole mesh.
-        faces: (f, 3) faces of the shell, counter-clockwise from outside the material.
+        vertices: (n, 3) vertices of the whole mesh [m].
+        faces: (f, 3) faces of the surface, counter-clockwise from outside the material.
     """
     corners = vertices[faces]
     normals = polyhedron.area_vectors(corners)

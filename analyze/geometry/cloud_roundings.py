@@ -32,7 +32,7 @@ ON_EDGE_FRACTION = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class EdgeRounding:
-    """Rounding of one edge between two fitted faces, as the points between them show it."""
+    """Rounding of one edge between two planar faces fitted to a point cloud, in the cloud's frame."""
 
     start: Array
     """(3,) end of the virtual sharp edge [m]."""
@@ -47,12 +47,12 @@ class EdgeRounding:
 
     @property
     def direction(self) -> Array:
-        """Unit direction (3,) of the virtual sharp edge, from its start to its end."""
+        """Unit direction (3,), in the cloud's frame, of the edge as if sharp, from start to end."""
         along = self.end - self.start
         return along / float(np.linalg.norm(along))
 
     def distance(self, point: Array) -> float:
-        """Distance [m] of `point` (3,) [m] from the virtual sharp edge, ends included."""
+        """Distance [m] of `point` (3,) [m] from the line `start` to `end`, in the cloud's frame."""
         along = self.end - self.start
         share = float(np.clip((point - self.start) @ along / (along @ along), 0.0, 1.0))
         return float(np.linalg.norm(point - self.start - share * along))
@@ -61,7 +61,7 @@ class EdgeRounding:
 def edge_roundings(
     points: Array, planes: tuple[FittedPlane, ...], sd: float, extent: float
 ) -> tuple[EdgeRounding, ...]:
-    """Roundings of the edges between pairs of fitted faces; edges with too few points are left out.
+    """Roundings of the edges between faces fitted to a point cloud; edges with few points are left out.
 
     The radius is the mean, its sd that of the distribution of the radius given the points, all radii from 0
     to `MAX_RADIUS` being equally likely before. The likelihood counts a point's distance from the profile of
@@ -74,6 +74,9 @@ def edge_roundings(
         planes: Planar faces.
         sd: 1 sigma of the noise [m].
         extent: Largest extent of the cloud [m].
+
+    Returns:
+        Per edge its two ends (3,) [m], as if sharp, in the cloud's frame, and its radius with sd [m].
     """
     heights = np.column_stack([plane.heights(points) for plane in planes]) if planes else np.zeros((0, 0))
     return tuple(

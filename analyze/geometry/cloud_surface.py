@@ -97,7 +97,9 @@ class CloudSurface:
 
 
 def cloud_surface(points: Array) -> CloudSurface:
-    """Closed convex exterior of a point cloud, with its quality: noise, strays, hollows, bare parts.
+    """Closed convex surface fitted to a point cloud, with its faces' planes and the quality of the fit.
+
+    The quality is given by noise, stray points, hollows, and parts of the surface without points.
 
     Args:
         points: (n, 3) points [m]; the result is in their frame.
