@@ -262,7 +262,7 @@ class RadiusSource(enum.Enum):
 
 @dataclass(frozen=True)
 class RadiusPrior:
-    """Radius [m] of one edge's rounding before any strike: mean, two independent errors, origin."""
+    """Radius [m] of one edge's rounding as known before any strike: mean, two independent errors, origin."""
 
     mean: float
     """mean [m]"""

@@ -10,8 +10,8 @@ from schemas.document import SparseDocument, Vector3
 class AlternativeResult(SparseDocument):
     """Change of centre of mass and moments of inertia if an assumption, a strike or an estimator differed.
 
-    The answer holds under the alternative if it stays inside its 95 % interval, half a half width beyond it
-    allowed.
+    The answer holds under the alternative if it changes by at most 1.5 half widths of its 95 % interval, or,
+    where no assumption differed, if the alternative is too uncertain to contradict it.
     """
 
     left_out = ("strike", "moment_changes")

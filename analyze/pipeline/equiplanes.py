@@ -77,9 +77,10 @@ def equiplanes(
 def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     """Copy of an equi-plane that names the faces which meet at its pivot edge, and its radius's prior.
 
-    Names of faces are those of the shape's resting faces, whatever the plan called them, so that a face has
-    one place error both where the object rests on it and where it rises from the edge. A flank on which the
-    contact rolls is returned unchanged: its radius is that of the shape's section.
+    An equi-plane is the plane through the pivot line and the centre of mass. Names of faces are those of the
+    shape's resting faces, whatever the plan called them, so that a face has one place error both where the
+    object rests on it and where it rises from the edge. A flank on which the contact rolls is returned
+    unchanged: its radius is that of the shape's section.
 
     Args:
         plane: equi-plane of one strike, in the object frame O.
@@ -112,8 +113,9 @@ def _is_rounded_in_shape(model: ObjectModel, plane: EquiPlane, corner: Array) ->
 
     Args:
         model: shape of the object.
-        plane: equi-plane of a strike over the edge.
-        corner: (3,) point [m] in which the faces that meet at the edge would do so if it were sharp.
+        plane: equi-plane (plane through pivot line and centre of mass) of a strike over the edge.
+        corner: (3,) point [m] in which the faces that meet at the edge would do so if it were sharp, in the
+            object frame O.
     """
     normals, forward = model.hull_planes[:, :3], np.cross(plane.direction, plane.up)
     between = (np.abs(normals @ plane.direction) < MAX_SKEW) & (

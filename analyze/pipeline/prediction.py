@@ -56,7 +56,8 @@ class StrikePrediction:
 def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tuple[StrikePrediction, ...]:
     """Predict the tipping angle theta(t) of each strike from all others; compare it with the measured one.
 
-    theta(t) follows from balance angle phi and rate constant k as the other strikes predict them.
+    theta(t) follows theta'' = -k sin(phi - theta), with the balance angle phi [rad] and the rate k [rad/s^2]
+    that the other strikes predict.
 
     Args:
         evidence: measured motions.

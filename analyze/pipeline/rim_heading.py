@@ -37,8 +37,10 @@ def with_heading_errors(
 ) -> tuple[EquiPlane, ...]:
     """Equi-planes whose sd of the balance angle includes the unknown heading on round rims.
 
-    The error is each strike's own. How far c lies off the rim's middle follows from a first estimate by the
-    balance angles; without strikes over rims nothing is estimated and the planes are returned as given.
+    An equi-plane is the plane through the pivot line and the centre of mass c; the heading is the object's
+    rotation about the vertical. Its error is each strike's own. How far c lies off the rim's middle follows
+    from a first estimate by the balance angles; without strikes over rims nothing is estimated and the planes
+    are returned as given.
 
     Args:
         planes: equi-planes of all strikes, in the object frame O.
@@ -64,10 +66,12 @@ def with_heading_errors(
 
 
 def _phi_sd(plane: EquiPlane, com: Array, covariance: Array, heading_sd: float) -> float:
-    """Standard deviation of the balance angle [rad] by that of the heading, for a strike over a round rim.
+    """Standard deviation [rad] of the balance angle over a round rim, as caused by that of the heading.
+
+    The heading is the object's rotation about the vertical before the strike.
 
     Args:
-        plane: equi-plane of the strike.
+        plane: equi-plane of the strike: plane through its pivot line and the centre of mass.
         com: (3,) centre of mass [m], in the object frame O.
         covariance: (3, 3) its covariance [m^2].
         heading_sd: standard deviation of the heading [rad].

@@ -97,9 +97,9 @@ def strike_supports(model: ObjectModel, planned: PlannedStrike) -> tuple[Support
 
 
 def _projected(model: ObjectModel, planned: PlannedStrike) -> Array:
-    """Corners (n, 2) [m] of the hull seen along the pivot axis, from the pivot's centre line, at rest.
+    """Corners (n, 2) [m] of the object's convex hull at rest, seen along the pivot axis.
 
-    x points in the direction of the tip, z up.
+    They are given from the pivot's centre line: x in the direction of the tip, z up.
     """
     R_world_object = np.array(planned.R_world_object)
     return (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T

@@ -40,10 +40,17 @@ def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
 
 
 def limiting_walls(model: ObjectModel, pitch: float) -> list[ShellCells]:
-    """The body divided into cells with edge `pitch` [m], for the ends of what a shell's thickness can be.
+    """The body divided into cubic cells twice: with the thinnest and the thickest outer wall considered.
 
-    They are `MIN_WALL` and `THICK_WALL_FRACTION` of the cube root of the volume of the shape `model`; the
-    candidate thicknesses lie between them. The shell is the body's outer wall.
+    The shell is this wall; the candidates for its thickness lie between the two.
+
+    Args:
+        model: shape of the object.
+        pitch: edge of the cells [m].
+
+    Returns:
+        Thickness [m] and cells, for the thicknesses `MIN_WALL` and `THICK_WALL_FRACTION` times the cube root
+        of the shape's volume.
     """
     thick = THICK_WALL_FRACTION * model.volume ** (1 / 3)
     return [ShellCells(t, cells_from_voxels(voxelise(model, pitch, t))) for t in (MIN_WALL, thick)]

@@ -25,16 +25,19 @@ def estimate_alternatives(
     solution: JointSolution,
     struck: InertialParameters,
 ) -> tuple[Alternative, ...]:
-    """Changes of centre of mass and moments under each what-if, as the robustness table lists them.
+    """Changes of centre of mass and moments under each what-if (a changed assumption, strike or estimator).
+
+    The robustness table of the report lists them.
 
     Args:
         evidence: recordings, object and plan.
         motions: fitted motions of the strikes used, in the order of `planes`.
-        planes: equi-planes that the estimate was made from.
+        planes: equi-planes (planes through pivot line and centre of mass) that the estimate was made from.
         priors: errors that strikes share, prior of the centre of mass, and mass, gravity and prior of the
             moments.
-        solution: solution of the joint problem.
-        struck: parameters of the body that tipped, stated from it.
+        solution: least-squares solution of all strikes together.
+        struck: mass, centre of mass and inertia of the body that tipped, markers included, as stated from
+            `solution`.
     """
     return alternatives(planes, *priors, solution, struck, _by_other_estimators(evidence, motions, planes))
 
@@ -42,9 +45,16 @@ def estimate_alternatives(
 def _by_other_estimators(
     evidence: Evidence, motions: Sequence[TipMotion], planes: Sequence[EquiPlane]
 ) -> tuple[EquiPlane, ...] | None:
-    """Equi-planes with balance angle and k by each motion's best other estimator; None if there is none.
+    """Equi-planes as they come out by each motion's best other estimator; None if no motion has another.
 
-    An estimator whose assumptions the motion violates does not count. A contact that rolls keeps its fit.
+    An equi-plane is the plane through the pivot line and the centre of mass, with the balance angle phi and
+    the rate k of theta'' = -k sin(phi - theta); these are replaced. An estimator whose assumptions the motion
+    violates does not count. A contact that rolls keeps its fit.
+
+    Args:
+        evidence: recordings, object and plan.
+        motions: fitted motions of the strikes, in the order of `planes`.
+        planes: equi-planes that the estimate was made from.
     """
     others = [
         _other_fit(motion) if plane.rounded else None for motion, plane in zip(motions, planes, strict=True)
@@ -74,7 +84,8 @@ def _by_other_estimators(
 def _other_fit(motion: TipMotion) -> MotionFit | None:
     """Alternative fit of a motion with the smallest sd of the balance angle; None if there is none.
 
-    An estimator without k, as the paper's sign change, can be off by degrees after a hop and is not used.
+    Only fits that also give the rate k of theta'' = -k sin(phi - theta) are used: the others, such as the
+    instant at which the angular acceleration changes sign, can be off by degrees after a hop.
     """
     fits = [
         fit for fit in motion.alternatives if fit.k is not None and not fit.violated and fit.rolling is None

@@ -19,9 +19,9 @@ def corrected_plan(
 ) -> StrikePlan:
     """Plan with the pivot (edge line) of every strike updated to the object file in use.
 
-    The plan is returned as it is if no pivot changes. Pivots change where the object file was corrected, and
-    where the plan was made with another radius than the one expected now, as older plans are whose object
-    file gave none: they have sharp edges.
+    Pivots change where the object file was corrected, and where the plan was made with another edge radius
+    than the one expected now (older plans took edges of unknown radius as sharp). The plan is returned as it
+    is if no pivot changes.
 
     Args:
         plan: Plan made with `before`; it is not changed.

@@ -39,15 +39,16 @@ strike that balances over the neighbour after all is recognised (verdict wrong_e
 
 
 def with_next_edge(model: ObjectModel, axis: PivotAxis, region: Region) -> PivotAxis:
-    """Copy of a pivot axis with the edge that takes over from it, and with an sd that holds small shifts.
+    """Copy of a pivot axis that states the edge which takes over from it as the object tips.
 
-    Two kinds are returned as they are: an axis on a curved flank, which rolls, as its contact moves by the
-    flank's shape; and one that is too steep to be used at all.
+    Edges nearer than a small shift count as the same edge; the sd of the axis's place is enlarged by that
+    shift. Two kinds of axis are returned as they are: one on a curved flank, which rolls, as its contact
+    moves by the flank's shape; and one whose balance angle is too large for a strike.
 
     Args:
         model: Shape of the object.
         axis: Pivot axis.
-        region: Region Q believed to hold the centre of mass, in the object frame.
+        region: Region believed to hold the centre of mass, in the object frame.
     """
     across = np.stack([axis.tip, axis.plane.up])
     points = (model.hull_vertices - axis.point) @ across.T
@@ -92,18 +93,19 @@ def _edge_offset(model: ObjectModel, axis: PivotAxis) -> float:
 
 
 def _apart(line: SupportLine, other: SupportLine) -> float:
-    """Distance [m] of two support lines."""
+    """Distance [m] of two support lines (parallel lines over which the object turns in succession)."""
     return math.hypot(line.along_m - other.along_m, line.up_m - other.up_m)
 
 
 def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], i: int) -> float:
-    """Largest factor by which a region can be scaled and the lines before line i still carry at balance.
+    """Largest scale of a region for which the line before line i still carries at balance.
 
-    The line before carries at balance if the centre of mass is past it when line i takes over.
+    It carries at balance if the centre of mass is past it when line i takes over; it must be so for every
+    centre of mass in the region, scaled about its centre. Negative if it is not so for the centre itself.
 
     Args:
         axis: Pivot axis.
-        region: Region believed to hold the centre of mass; it is scaled about its centre.
+        region: Region believed to hold the centre of mass.
         supports: Lines over which the object turns in succession.
         i: Index of a line, 1 or more.
     """
@@ -116,13 +118,13 @@ def _firmness(axis: PivotAxis, region: Region, supports: Sequence[SupportLine], 
 
 
 def next_edge_rejection(axis: PivotAxis, believed: Hypothesis) -> Rejection:
-    """Rejection of a pivot axis whose next edge may land before balance.
+    """Rejection of a pivot axis whose next edge may land before balance, with the reason in words.
 
     Its `number` is the tipping angle [rad] at which that edge takes over.
 
     Args:
         axis: Pivot axis with a next edge.
-        believed: Hypothesis with the region Q of the centre of mass.
+        believed: Hypothesis with the region that is believed to hold the centre of mass.
     """
     takes_over, shift = (
         (0.0, 0.0) if axis.next_edge is None else (axis.next_edge.takes_over, axis.next_edge.shift)

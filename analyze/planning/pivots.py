@@ -35,7 +35,7 @@ STEEPEST_WALL = np.radians(60.0)
 class NextEdge:
     """Edge that takes over from the planned pivot edge as an object tips, and the room left before it does.
 
-    Q is the region believed to hold the centre of mass.
+    Q is the region believed to hold the centre of mass, in the object frame.
     """
 
     takes_over: float
@@ -97,10 +97,11 @@ class PivotAxis:
     def carries_for(self, share: float) -> bool:
         """True if the object balances over this axis, before the next edge lands, for a share of Q.
 
-        Q is the region believed to hold the centre of mass.
+        Q is the region believed to hold the centre of mass c. It must be so wherever c is in Q, scaled by
+        `share` about its centre.
 
         Args:
-            share: Scale of Q about its centre, 0 to 1; 1 stands for all of Q.
+            share: Scale of Q, 0 to 1; 1 stands for all of Q.
         """
         return self.next_edge is None or self.next_edge.firmness > share
 

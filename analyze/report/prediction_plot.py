@@ -31,8 +31,8 @@ def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
     """Matplotlib figure of measured minus predicted tipping angle [deg] over time, a panel per strike.
 
     Balance angle and rate constant are predicted from all other strikes; each motion starts as the strike's
-    own first free frames (shaded) do. A 95 % band is drawn: 1.96 sd of the difference. Strikes that
-    are not consistent with their prediction are red.
+    own first frames (shaded) do in which only gravity and the table act. A 95 % band is drawn: 1.96 sd of the
+    difference. Strikes that are not consistent with their prediction are red.
 
     Raises:
         ValueError: there is no strike.

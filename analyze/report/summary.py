@@ -172,7 +172,11 @@ def _parts(parts: Parts) -> Table:
 
 
 def robustness_rows(rows: Sequence[AlternativeResult]) -> list[tuple[str, str, str, str]]:
-    """Rows of the robustness table: alternative, shift of the centre of mass [mm], moments [%], outcome."""
+    """Rows of the table of how the answer changes if an assumption, a strike or an estimator differs.
+
+    Columns, as text: the alternative; shift of the centre of mass [mm]; relative changes of the principal
+    moments [%], "–" if there are none; whether the answer holds under it.
+    """
     found: list[tuple[str, str, str, str]] = []
     for row in rows:
         name = row.what_if if row.strike is None else f"{row.what_if}: {row.strike} (the worst)"

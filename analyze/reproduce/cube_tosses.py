@@ -91,7 +91,10 @@ class CubeAnswer:
 
     @property
     def edge_minus_flight_freedom(self) -> Array:
-        """Degrees of freedom (3,) of the variances of `edge_minus_flight`."""
+        """Degrees of freedom (3,) of the variances of `edge_minus_flight`.
+
+        That is the centre of mass by edge contact minus that by free flight.
+        """
         bodies = (self.edges, self.flight)
         return pooled_freedom(
             np.array([body.com_sd**2 for body in bodies]), np.array([body.freedom[:3] for body in bodies])
@@ -216,7 +219,14 @@ def analyse_tosses(tosses: Sequence[BodyMotion], progress: Progress = no_progres
 
 
 def _with_shared_errors(body: Fitted, shared: Array) -> Fitted:
-    """Copy of a fit with the covariance of errors that all tosses share, `shared`, which is known."""
+    """Copy of a fit with errors that all tosses share added to its covariance.
+
+    Its degrees of freedom grow, because the size of these errors is taken as known.
+
+    Args:
+        body: fit with the (p, p) covariance of its p numbers.
+        shared: (p, p) covariance of the shared errors, of the same numbers in the same units.
+    """
     own = np.diag(body.covariance)
     freedom = pooled_freedom(
         np.array([own, np.diag(shared)]), np.array([body.freedom, np.full(len(own), np.inf)])

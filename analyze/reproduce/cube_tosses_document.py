@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 def answer_json(answer: CubeAnswer) -> dict[str, Any]:
     """Centre of mass and inertia per mass by each method, as JSON values with units and 95 % intervals.
 
-    An interval is the value ± its half-width by Student's t. Lengths are in true metres, except for
-    `gravity`, which is in the file's unit of length. Flight does not determine the inertia: its entry is
-    None.
+    The methods are free flight, contact at an edge and contact at a corner; the difference of edge contact
+    and flight is added. An interval is the value ± its half-width by Student's t. Lengths are in true metres
+    and the cube's frame; only `gravity` is in the file's unit of length per s^2. Flight does not determine
+    the inertia: its entry is None.
     """
 
     def quantity(value: Array, sd: Array, half: Array, unit: str) -> dict[str, Any]:

@@ -92,12 +92,11 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
 
 
 def regions_text(distribution: MassDistribution, mass: float) -> str:
-    """Sentence on how far the masses of shell and interior parts can be trusted.
+    """Sentence on how far the masses of shell (outer wall) and interior parts can be trusted.
 
-    It begins with trust if the half width of the least certain region's 95 % interval is at most
-    `MAX_TRUSTED_SHARE` of the object's mass, otherwise with doubt; always with doubt if no body of uniform
-    parts explains the moments. If every region's range is at least `WHOLE_RANGE_SHARE` of the mass, the
-    sentence says that nothing is determined.
+    It says "not determined" if every region's range is at least `WHOLE_RANGE_SHARE` of the mass. Otherwise it
+    begins with trust if the half width of the least certain region's 95 % interval is at most
+    `MAX_TRUSTED_SHARE` of the mass and a body of uniform parts explains the moments, else with doubt.
 
     Args:
         distribution: masses of the shell and of the interior on either side of a plane, with intervals.
@@ -144,10 +143,10 @@ def _ranges(names: Sequence[str], ends: Array) -> str:
 
 
 def gravity_text(checks: Checks) -> str:
-    """Clause on how much gravity by the strikes differs from the stated one [%], and on what to check.
+    """Clause on how much gravity, as it follows from the strikes, differs from the stated one [%].
 
-    The half width of the difference's 95 % interval is given too. If the k of one axis alone makes the
-    difference, the axis is named.
+    It gives the half width of the difference's 95 % interval, and what to check. If the strikes about one
+    axis alone make the difference, by their rate k of theta'' = -k sin(phi - theta), the axis is named.
     """
     gravity = checks.gravity
     if gravity.single_axis is not None:

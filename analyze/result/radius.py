@@ -21,10 +21,10 @@ MEASURED_FRACTION = 0.5
 
 
 def radius_documents(radii: Sequence[EdgeRadius]) -> list[EdgeRadiusResult]:
-    """Radii [m] of the rounded pivot edges with 95 % intervals, cut at 0, in the Result's form.
+    """Radii [m] of the rounded pivot edges with 95 % intervals, cut at 0, for the Result document.
 
-    The source is measured if the strikes reduced the radius's sd below `MEASURED_FRACTION` of the prior's;
-    otherwise given, by the object file or the shape, or, where no radius is given, prior.
+    The source is "measured" if the strikes reduced the radius's sd below `MEASURED_FRACTION` of that before
+    them; otherwise "given" if the object file, the scan or the shape states the radius, else "prior".
     """
     found: list[EdgeRadiusResult] = []
     for each in radii:
@@ -47,7 +47,10 @@ def radius_documents(radii: Sequence[EdgeRadius]) -> list[EdgeRadiusResult]:
 
 
 def radius_lines(result: Result) -> list[str]:
-    """Lines of text on the edges' radii [mm], one for each origin of what was known before the strikes."""
+    """Lines of text on the radii of the pivot edges [mm], with 95 % intervals.
+
+    Edges with the same origin of what was known before the strikes (stated, scanned, not given) share a line.
+    """
     found: list[str] = []
     for source in RadiusSource:
         rows = [row for row in result.edge_radii or [] if row.expected_from == source.value]
