@@ -24,13 +24,16 @@ REFUTED_SDS = 3.0
 refuted."""
 REFUTED_EDGE_SDS = 3.5
 """The same for one edge alone; higher, as an object has several edges."""
+CHECKED_FRACTION = 0.75
+"""Uncertainty of the edges' mean radius by strikes and the prior of radii that are not given, over that by
+the prior alone, up to which the strikes count as a check of what is stated."""
 STATED = (RadiusSource.STATED, RadiusSource.EDGE)
 """Origins of a radius that the user stated."""
 
 
 @dataclass(frozen=True)
 class RadiusCheck:
-    """Comparison of stated edge radii with those that the strikes show where nothing is stated."""
+    """Comparison of stated edge radii with the radii that the strikes show if nothing is stated."""
 
     stated: float
     """Mean of the stated radii of the edges compared [m]."""
@@ -44,6 +47,8 @@ class RadiusCheck:
     """Difference of the strikes' own radius, without any prior, from the stated one, over its 1 sigma."""
     axis_ids: tuple[str, ...]
     """Pivot axes that are refuted; all that are stated if the mean of all is, otherwise single ones."""
+    excess: float = 1.0
+    """Factor on the sd of the statement by which it agrees with the strikes' own radius to 1 sigma."""
 
     @property
     def refuted(self) -> bool:
@@ -52,10 +57,10 @@ class RadiusCheck:
 
 
 def estimated_radii(solution: JointSolution) -> tuple[EdgeRadius, ...]:
-    """Radius [m] with sd of every pivot edge that is rounded, from the solution of the joint problem.
+    """Radius [m] with sd of every pivot edge that is rounded, from the joint solution of all strikes.
 
-    Flanks whose radius is that of the shape's section are left out. The order is that of the axes' first
-    strikes.
+    There is one per pivot axis, in the order of their first strikes, each with its prior. Flanks (curved
+    sides that are part of the object's shape) are left out.
     """
     axes = _rounded_axes(solution)
     values, covariance = _radii(solution, axes)
@@ -65,8 +70,24 @@ def estimated_radii(solution: JointSolution) -> tuple[EdgeRadius, ...]:
     )
 
 
+def strikes_determine_radius(solution: JointSolution) -> bool:
+    """True if the strikes determine the mean radius of the edges whose radius was not given.
+
+    They do if its sd, from `solution`, is below `CHECKED_FRACTION` of the sd assumed before any strike, or if
+    there are no such edges. To learn whether the strikes check a stated radius, solve with it not given.
+    """
+    axes = [plane for plane in _rounded_axes(solution) if plane.radius_prior == ASSUMED]
+    if not axes:
+        return True
+    prior_sd = np.hypot(ASSUMED.common_sd, ASSUMED.own_sd / np.sqrt(len(axes)))
+    return bool(np.sqrt(np.mean(_radii(solution, axes)[1])) < CHECKED_FRACTION * prior_sd)
+
+
 def prior_of(plane: EquiPlane, solution: JointSolution) -> RadiusPrior:
-    """Prior of the radius of a plane's edge: its own, or else that of the errors that all edges share."""
+    """What was known of the radius of a plane's edge before the strikes: mean, two sd [m], and origin.
+
+    It is the plane's own prior; without one, the plane's radius with the errors given for all edges.
+    """
     if plane.radius_prior is not None:
         return plane.radius_prior
     common, own = radius_sds(plane, solution.model.systematic)
@@ -76,18 +97,45 @@ def prior_of(plane: EquiPlane, solution: JointSolution) -> RadiusPrior:
 def with_radius_not_given(
     planes: Sequence[EquiPlane], axis_ids: Sequence[str] | None = None
 ) -> tuple[EquiPlane, ...]:
-    """Equi-planes as they are if the radius of their edges was not stated: line moved, prior wide.
+    """Equi-planes (through pivot line and centre of mass) as if the radius of their edges were not stated.
 
-    A plane passes through its pivot's centre line, which moves with the expected radius. Edges whose radius
-    was seen on a scan, or is part of the shape, keep theirs.
+    The radius and its large sd are then those assumed for any edge (`ASSUMED`). The centre line of the edge's
+    rounding, through which the plane passes, moves with the radius. Edges whose radius was seen on a scan, or
+    is part of the shape, keep theirs.
 
     Args:
-        planes: Equi-planes of the strikes.
+        planes: Equi-planes of the strikes, in the object frame O.
         axis_ids: Pivot axes whose radius is taken as not given; None for all with a stated radius.
+
+    Returns:
+        All planes, in the same order.
     """
     return tuple(
         _with_assumed(plane)
         if _is_stated(plane) and (axis_ids is None or plane.axis_id in axis_ids)
+        else plane
+        for plane in planes
+    )
+
+
+def _with_excess(planes: Sequence[EquiPlane], check: RadiusCheck) -> tuple[EquiPlane, ...]:
+    """Strikes' planes in which the sd of each stated edge radius is multiplied by `check.excess`.
+
+    So a stated radius that the strikes make unlikely becomes as uncertain as its difference from theirs: the
+    sd grows until the difference is 1 sigma, as in averages of measurements that disagree (Birge 1932). It
+    does not grow beyond the sd of a radius that is not given.
+    """
+
+    def grown(prior: RadiusPrior) -> RadiusPrior:
+        return replace(
+            prior,
+            common_sd=max(prior.common_sd, min(check.excess * prior.common_sd, ASSUMED.common_sd)),
+            own_sd=max(prior.own_sd, min(check.excess * prior.own_sd, ASSUMED.own_sd)),
+        )
+
+    return tuple(
+        replace(plane, radius_prior=grown(plane.radius_prior))
+        if _is_stated(plane) and plane.radius_prior is not None
         else plane
         for plane in planes
     )
@@ -99,21 +147,27 @@ def without_refuted_radii(
     systematic: SystematicErrors,
     prior: ComPrior,
 ) -> tuple[tuple[EquiPlane, ...], RadiusCheck | None]:
-    """Equi-planes in which a radius that the strikes contradict counts as not given, and the comparison.
+    """Strikes' planes in which a stated edge radius that the strikes contradict counts as not given.
 
-    The second is None if no edge's radius is stated. A centre of mass that moved between two recordings can
-    look like a wrong radius. The statement stands if a centre of mass of its own for each recording explains
-    the strikes better than another radius does (Akaike 1974).
+    A stated radius that is not refuted, but off by more than 1 sigma, is kept with a larger sd. A centre of
+    mass that moved between two recordings can look like a wrong radius: all stated radii are kept if a centre
+    of mass of its own for each recording explains the strikes better than other radii do (Akaike 1974).
 
     Args:
-        planes: Equi-planes of the strikes, with the stated radii.
+        planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the stated radii.
         recorded_in: (strikes,) number of each strike's recording.
-        systematic: Standard deviations of errors that strikes share.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of the centre of mass.
+
+    Returns:
+        The planes, in the same order, and the comparison of stated radii with those by the strikes; None in
+        its place if no edge's radius is stated.
     """
     check = check_stated_radii(planes, systematic, prior)
-    if check is None or not check.refuted:
-        return tuple(planes), check
+    if check is None:
+        return tuple(planes), None
+    if not check.refuted:
+        return _with_excess(planes, check), check
     others = len(set(recorded_in)) - 1
     if others:
         com = centre_of_mass(planes, systematic, prior)
@@ -129,17 +183,18 @@ def check_stated_radii(
 ) -> RadiusCheck | None:
     """Compare the stated radii of the edges with the strikes' own; None if no edge's radius is stated.
 
-    The joint problem is solved with the prior of radii that are not given. What this prior contributed is
-    then taken off again (information form), so that only the strikes' own information is compared: where
-    they determine nothing, nothing can be refuted. The score of the statement is tested for the mean of all
-    stated edges, then for each edge. Only the balance angles phi are used: the rate constants k add little,
-    and a wrong frame rate would look like a wrong radius. Where faces may lie off their place, the comparison
-    is made twice, with that error shared by all edges of a side face and with each edge's own; the weaker
-    contradiction counts, since scans of real faces lie between the two.
+    All strikes are solved together with the wide prior of radii that are not given. This prior's contribution
+    is then subtracted again, as an inverse covariance, so that only what the strikes say is compared: where
+    they determine nothing, nothing can be refuted. The derivative of the log likelihood at the stated radii
+    (score) is tested for the mean of all stated edges, then for each edge. Only the balance angles phi are
+    used: the rate constants k of the motion add little, and with a wrong frame rate they would look like a
+    wrong radius. Where the object's faces may lie off their place, a contradiction is tested again: first
+    that error is shared by all edges of a side face, then it is each edge's own. The weaker contradiction
+    counts, since scans of real faces lie between the two.
 
     Args:
-        planes: Equi-planes of the strikes, with the stated radii.
-        systematic: Standard deviations of errors that strikes share.
+        planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the stated radii.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, face's place).
         prior: Prior of the centre of mass.
     """
     stated = {plane.axis_id: plane for plane in planes if _is_stated(plane)}
@@ -158,10 +213,13 @@ def _compared(
     systematic: SystematicErrors,
     prior: ComPrior,
 ) -> RadiusCheck:
-    """Compare stated radii with the strikes' own, by one model of the faces' errors.
+    """Compare stated edge radii with the strikes' own, for faces' errors as the planes describe them.
+
+    An error of a side face's place is shared by the planes with the same `wall`; with an empty `wall`, each
+    edge has its own.
 
     Args:
-        planes: Equi-planes of the strikes, with the stated radii.
+        planes: Equi-planes (through pivot line and centre of mass) of the strikes, with the stated radii.
         stated: One plane for each pivot axis whose edge has a stated radius, by the axis's id.
         systematic: Standard deviations of errors that strikes share.
         prior: Prior of the centre of mass.
@@ -192,6 +250,7 @@ def _compared(
         compared = np.array([name in refuted for name in names])
         difference = max(single, key=abs)
     share = compared / compared.sum()
+    grown = _excess(together, information, variance, stated_covariance)
     return RadiusCheck(
         float(share @ believed),
         float(np.sqrt(share @ stated_covariance @ share)),
@@ -199,30 +258,55 @@ def _compared(
         float(np.sqrt(share @ covariance @ share)),
         float(difference),
         tuple(refuted),
+        grown,
     )
 
 
 def _standardised(direction: Array, score: Array, variance: Array) -> float:
-    """Score of a common change of the radii along a direction, over its 1 sigma; 0 without information.
+    """Evidence against the stated radii of n edges in one direction, in sd; 0 if the strikes have none.
+
+    It is the score (slope of the log likelihood) along the direction, over the score's own sd.
 
     Args:
         direction: (n,) weights of the edges.
         score: (n,) derivative of the log likelihood by the radii at the stated ones [1/m].
-        variance: (n, n) its covariance if the statement is true [1/m^2].
+        variance: (n, n) covariance of the score if the stated radii are true [1/m^2].
     """
     sd2 = float(direction @ variance @ direction)
     return float(direction @ score) / float(np.sqrt(sd2)) if sd2 > 0 else 0.0
 
 
+def _excess(difference_sds: float, information: Array, variance: Array, stated: Array) -> float:
+    """Factor by which the sd of stated radii must grow for their mean to agree with the strikes' to 1 sd.
+
+    It is 1 if it does so already, or if the strikes have no information on the radii.
+
+    Args:
+        difference_sds: difference between the mean radius by the strikes and the stated one, over its sd.
+        information: (n, n) the strikes' own information (inverse covariance) on n edges' radii [1/m^2].
+        variance: (n, n) covariance, if the stated radii are true, of the score (derivative of the strikes'
+            log likelihood by the radii, at the stated ones) [1/m^2].
+        stated: (n, n) covariance of the stated radii [m^2].
+    """
+    certainty, of_mean = float(information.sum()), float(stated.sum()) / len(stated) ** 2
+    if certainty <= 0 or of_mean <= 0 or abs(difference_sds) <= 1:
+        return 1.0
+    difference_sd2 = float(variance.sum()) / certainty**2
+    return float(np.sqrt(1 + (difference_sds**2 - 1) * difference_sd2 / of_mean))
+
+
 def _is_stated(plane: EquiPlane) -> bool:
-    """True if the user stated the radius of a plane's edge, for all edges or for this one."""
+    """True if the user stated the radius of the rounded edge of this plane, by itself or for all edges."""
     if not plane.rounded:
         return False
     return plane.radius_prior is None or plane.radius_prior.source in STATED
 
 
 def _with_assumed(plane: EquiPlane) -> EquiPlane:
-    """Copy of an equi-plane whose edge has the radius that is assumed where none is given."""
+    """Copy of a strike's plane with the edge radius and prior assumed where none is given (`ASSUMED`).
+
+    The point on the plane's line moves with the centre line of the rounding.
+    """
     more = ASSUMED.mean - plane.edge_radius
     return replace(
         plane,
@@ -233,7 +317,7 @@ def _with_assumed(plane: EquiPlane) -> EquiPlane:
 
 
 def _rounded_axes(solution: JointSolution) -> list[EquiPlane]:
-    """One equi-plane, that of the first strike, for each pivot axis whose edge is rounded."""
+    """Plane of the first strike about each pivot axis whose edge is rounded, in the strikes' order."""
     found: dict[str, EquiPlane] = {}
     for plane in solution.model.planes:
         if plane.rounded:
@@ -242,7 +326,10 @@ def _rounded_axes(solution: JointSolution) -> list[EquiPlane]:
 
 
 def _radii(solution: JointSolution, axes: Sequence[EquiPlane]) -> tuple[Array, Array]:
-    """Estimated radii (n,) [m] of the edges of n pivot axes, and their covariance (n, n) [m^2]."""
+    """Estimated radii (n,) [m] of the edges of n pivot axes, and their covariance (n, n) [m^2].
+
+    `axes` holds one plane for each axis, of any strike about it.
+    """
     model = solution.model
     rows = np.zeros((len(axes), model.count))
     for row, plane in zip(rows, axes, strict=True):

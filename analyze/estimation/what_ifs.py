@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.estimation.edge_radii import with_radius_not_given
+from analyze.estimation.edge_radii import strikes_determine_radius, with_radius_not_given
 from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM
 from analyze.estimation.posterior import TENSOR, derived
@@ -31,7 +31,7 @@ MAX_LEFT_OUT = 6
 
 
 class WhatIf(enum.Enum):
-    """Alternatives to what an estimate assumes or uses; the value is the alternative in words."""
+    """What may be changed in an estimate's assumptions or data, to see if the answer holds; in words."""
 
     RADIUS = "edge radius not given"
     TILT = "tilt of the table twice as uncertain"
@@ -47,7 +47,7 @@ ASSUMPTIONS = (WhatIf.RADIUS, WhatIf.TILT, WhatIf.SCAN)
 
 @dataclass(frozen=True)
 class Alternative:
-    """Change of centre of mass c and moments of inertia under one alternative."""
+    """Change of centre of mass c and moments of inertia if one assumption or part of the data is changed."""
 
     what_if: WhatIf
     """The alternative."""
@@ -61,10 +61,19 @@ class Alternative:
     """True if c stays inside its stated interval, `SLACK` times as wide."""
     moments_hold: bool
     """The same for the entries of the tensor that strikes measured."""
+    com_half: float = 0.0
+    """Half width [m] of c's 95 % interval in its least certain direction under the alternative."""
+    unchecked: bool = False
+    """True if the strikes do not check the assumption: then c and moments must stay inside with the whole
+    interval that they have without it."""
 
     @property
     def holds(self) -> bool:
-        """True if centre of mass and measured moments of inertia stay inside their stated intervals."""
+        """True if, under the alternative, c and the measured moments stay close enough to the stated ones.
+
+        Close enough: inside the stated 95 % intervals, `SLACK` times as wide, or explained by what was left
+        out.
+        """
         return self.com_holds and self.moments_hold
 
 
@@ -77,14 +86,17 @@ def alternatives(
     stated: InertialParameters,
     other_planes: Sequence[EquiPlane] | None = None,
 ) -> tuple[Alternative, ...]:
-    """Changes of c and moments under each alternative; of all strikes left out, only the worst is kept.
+    """Changes of c and moments if the problem is solved again under each alternative assumption or data.
 
-    A change beyond `SLACK` half widths does not count against the estimate if leaving out data made the
-    answer so much less certain that the change is within `EXPLAINED_SIGMAS` of the added uncertainty.
+    c is the centre of mass. Of all strikes left out in turn, only the worst is kept. The estimate fails to
+    hold if a change exceeds `SLACK` half widths of the stated 95 % interval. It is excused if leaving out
+    data made the answer so much less certain that the change is within `EXPLAINED_SIGMAS` of the added
+    uncertainty. Where the strikes do not check the stated edge radius, change and added uncertainty together
+    must stay within `SLACK` half widths: else the stated radius alone would make the answer sure.
 
     Args:
         planes: Equi-planes of the strikes (plane through pivot line and c), in the object frame O.
-        systematic: Standard deviations of errors that strikes share.
+        systematic: Standard deviations of errors that strikes share (table tilt, shape scale, edge radius).
         prior: Prior of c.
         moments: Mass, gravity, and the shape's prior of the moments.
         solution: Solution of the joint problem of these.
@@ -130,7 +142,7 @@ def alternatives(
 
 
 def _with_wider_tilt(systematic: SystematicErrors) -> SystematicErrors:
-    """Copy of the errors with every levelling's tilt `WIDER` times as uncertain."""
+    """Copy of the strikes' shared errors with every sd of the table's tilt `WIDER` times as large."""
     readings = tuple(
         None if each is None else TiltPrior(each.lean, (WIDER * each.sd[0], WIDER * each.sd[1]))
         for each in systematic.readings
@@ -144,10 +156,10 @@ def _with_wider_tilt(systematic: SystematicErrors) -> SystematicErrors:
 
 
 def _most_influential(solution: JointSolution) -> Iterator[int]:
-    """Yield the numbers of the strikes that move c most if they are left out, at most `MAX_LEFT_OUT`.
+    """Yield the numbers of the strikes that move the centre of mass most if left out, largest move first.
 
-    The move is that of linear propagation, in sd of c. Nothing is yielded for fewer than four strikes, which
-    leave too few to estimate from.
+    The move is that of linear propagation, in sd of the centre of mass. At most `MAX_LEFT_OUT` are yielded,
+    and none of fewer than four strikes, which leave too few to estimate from.
     """
     model, x, P = solution.model, solution.x, solution.covariance
     if len(model.planes) < 4:
@@ -166,7 +178,11 @@ def _alternative(
     there: JointSolution,
     stated: InertialParameters,
 ) -> Alternative:
-    """Comparison of the solution of one alternative with the stated one."""
+    """Change of centre of mass and moments from the stated solution to that of one alternative, `there`.
+
+    `strike_id` is the strike left out, or None; `stated` holds the intervals in which the changes should
+    stay.
+    """
     with_moments = what_if is not WhatIf.NO_K
     before, by = derived(solution.model, solution.x)
     after, by_after = derived(there.model, there.x)
@@ -176,6 +192,7 @@ def _alternative(
     )
     change = after[: TENSOR.stop] - before[: TENSOR.stop]
     change[TENSOR] *= stated.mass
+    unchecked = what_if is WhatIf.RADIUS and not strikes_determine_radius(there)
     added = np.sqrt(np.maximum(less_certain - variance, 0.0))
     added[TENSOR] *= stated.mass
     half = SIGMAS_95 * np.concatenate(
@@ -184,6 +201,8 @@ def _alternative(
     inside = np.abs(change) <= SLACK * half
     if what_if not in ASSUMPTIONS:
         inside |= np.abs(change) <= EXPLAINED_SIGMAS * added
+    if unchecked:
+        inside &= np.abs(change) + SIGMAS_95 * added <= SLACK * half
     measured = np.array([stated.measured[i, j] for i, j in TENSOR_ENTRIES])
     moment_changes = None
     if with_moments:
@@ -196,4 +215,6 @@ def _alternative(
         moment_changes=moment_changes,
         com_holds=bool(inside[COM].all()),
         moments_hold=not with_moments or bool(inside[TENSOR][measured].all()),
+        com_half=SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(there.covariance[COM, COM])[-1])),
+        unchecked=unchecked,
     )

@@ -23,8 +23,8 @@ A common part of half that variance is added, as one tool or mould may make all 
 do not average it out. Intervals of the centre of mass hold 94 % where all radii are independent, 98 % where
 they are equal, 88 to 92 % where half the edges have 0.3 mm and half 1.5 mm.
 """
-OWN_FRACTION = 0.3
-"""1 sigma of one edge's radius about the stated one, over the stated 1 sigma."""
+OWN_FRACTION = 0.45
+"""Least 1 sigma of one edge's radius about that of all edges, over the stated 1 sigma."""
 STATED_SD, STATED_SD_FRACTION = 1e-4, 0.2
 """1 sigma [m] of a stated radius without one: the first, plus this fraction of the radius. A gauge in steps
 of 0.25 mm, or a photograph beside a ruler, is no better."""
@@ -37,31 +37,43 @@ LARGER_SDS = 1.0
 
 
 def stated_radius(spec: ObjectSpec) -> RadiusPrior:
-    """Radius [m] of the edges that the object file does not name, as stated or, if it is not, as assumed.
+    """Radius of all edges for which the object file has no entry: the stated one, or else `ASSUMED`.
 
-    A radius of 0 with an sd of 0 counts as not given: recordings made before a radius could be left open hold
-    these figures where the object file had none.
+    It comes as mean, shared sd and each edge's own sd [m], and origin. A radius of 0 with an sd of 0 counts
+    as not given: recordings made before a radius could be left open hold these figures where the object file
+    had none.
     """
     radius, sd = spec.edge_radius_m, spec.edge_radius_sd_m
     if radius is None or (radius == 0 and sd == 0):
         return ASSUMED
     common = sd or default_radius_sd(radius)
-    return RadiusPrior(radius, common, OWN_FRACTION * common, RadiusSource.STATED)
+    return RadiusPrior(radius, common, _own_sd(radius, common), RadiusSource.STATED)
+
+
+def _own_sd(radius: float, sd: float) -> float:
+    """Standard deviation [m] of one edge's radius about the mean of all; `radius` ± `sd` [m] is stated.
+
+    A single radius can be measured to `default_radius_sd`. What a stated sd has beyond that comes from edges
+    that differ, as those of an object with edges of 0.3 and of 2 mm. The result is at least `OWN_FRACTION`
+    of `sd`.
+    """
+    spread = math.sqrt(max(sd**2 - default_radius_sd(radius) ** 2, 0.0))
+    return max(OWN_FRACTION * sd, spread)
 
 
 def default_radius_sd(radius: float) -> float:
-    """Standard deviation [m] of a stated radius [m] for which none is given: 0.1 mm and a fifth of it."""
+    """Standard deviation [m] of a radius [m] stated without one: 0.1 mm plus a fifth of the radius."""
     return STATED_SD + STATED_SD_FRACTION * radius
 
 
 def edge_radius(
     spec: ObjectSpec, model: ObjectModel, axis_id: str, point: Array, direction: Array
 ) -> RadiusPrior:
-    """Radius [m] of one edge's rounding before any strike, with its standard deviations and origin.
+    """Radius of one edge's rounding before any strike: mean, shared and own sd [m], and origin.
 
-    In this order: the entry that names the edge in the object file; the rounding that a point cloud shows
-    there, unless the object file's radius for all edges is surer and agrees with it, or is larger; that
-    radius; if none is stated, `ASSUMED`. A statement of a larger radius stands, as clouds made from a drawing
+    It is the first of these that exists: the entry for this edge in the object file; the rounding that a
+    point cloud shows there; the object file's radius for all edges; `ASSUMED`. The radius for all edges
+    replaces the cloud's if it is surer and agrees with it, or if it is larger, as clouds made from a drawing
     show sharp edges; the strikes check it.
 
     Args:
@@ -69,7 +81,7 @@ def edge_radius(
         model: shape of the object.
         axis_id: name of the edge in the plan; in merged plans the recording's number may precede it.
         point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
-        direction: (3,) unit direction of the edge, of either sign.
+        direction: (3,) unit direction of the edge, of either sign, in the object frame.
     """
     own_id = axis_id.rpartition(":")[2]
     for entry in spec.edge or []:
@@ -87,12 +99,12 @@ def edge_radius(
 
 
 def scanned_radius(model: ObjectModel, point: Array, direction: Array) -> RadiusPrior | None:
-    """Radius [m] of the rounding that the points of a cloud show at an edge; None if they show none.
+    """Radius of an edge's rounding by the points of a cloud: mean and sd [m]; None if they show none.
 
     Args:
         model: shape of the object; only one made from a point cloud shows a rounding.
         point: (3,) point [m] of the sharp edge in which the faces would meet, in the object frame.
-        direction: (3,) unit direction of the edge, of either sign.
+        direction: (3,) unit direction of the edge, of either sign, in the object frame.
     """
     if model.cloud is None:
         return None

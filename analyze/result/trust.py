@@ -35,7 +35,7 @@ WORD = ("trust", "doubt", "not determined")
 
 
 def quantity_sentences(estimate: Estimate, regions: str, *, sound: bool, moments_sound: bool) -> list[str]:
-    """Sentences on centre of mass, entries of the tensor and region masses, what to trust first.
+    """Sentences on centre of mass, entries of the inertia tensor and region masses, what to trust first.
 
     The centre of mass, or an entry of the tensor, is trusted if its 95 % interval is small and it stays there
     under all alternatives of the robustness table; the region masses if their own intervals are small and the
@@ -59,7 +59,10 @@ def quantity_sentences(estimate: Estimate, regions: str, *, sound: bool, moments
 
 
 def robustness_documents(estimate: Estimate) -> list[AlternativeResult]:
-    """Changes of the answer under each alternative, in the Result's form; empty if none were computed."""
+    """Entries of the Result document on how the answer changes under each alternative assumption.
+
+    An alternative is another assumption, a strike left out or another estimator. Empty if none was computed.
+    """
     return [
         AlternativeResult(
             what_if=each.what_if.value,
@@ -91,7 +94,7 @@ def singular_text(estimate: Estimate) -> str:
 
 
 def _com_text(estimate: Estimate) -> str:
-    """Sentence on the centre of mass."""
+    """Sentence on the centre of mass with its half width [mm]; begins with trust, doubt or not determined."""
     com = estimate.com
     values, vectors = np.linalg.eigh(com.covariance)
     half = SIGMAS_95 * float(np.sqrt(values[-1]))
@@ -109,6 +112,12 @@ def _com_text(estimate: Estimate) -> str:
             f" {_direction_text(vectors[:, -1])}; {singular_text(estimate)}"
         )
     broken = next((each for each in estimate.alternatives if not each.com_holds), None)
+    if broken is not None and broken.unchecked:
+        return (
+            f"doubt the centre of mass, stated to {1e3 * half:.1f} mm: the strikes do not check the stated"
+            f" edge radius, and without it the centre of mass is known only to {1e3 * broken.com_half:.1f}"
+            " mm; strike about more edges"
+        )
     if broken is not None:
         moved = 1e3 * float(np.linalg.norm(broken.com_shift))
         return (
@@ -123,7 +132,12 @@ def _com_text(estimate: Estimate) -> str:
 
 
 def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
-    """Yield sentences on the entries of the inertia tensor, one for each class that has entries."""
+    """Yield sentences on entries of the inertia tensor: measured, roughly known, not determined ones.
+
+    Args:
+        estimate: the estimate.
+        moments_sound: False if a check failed that puts the moments of inertia in doubt.
+    """
     inertial = estimate.inertial
     measured, informed = inertial.measured, inertial.informed
     trusted = [entry for entry in TENSOR_ENTRIES if measured[entry]]
@@ -133,7 +147,12 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
     rough = [entry for entry in TENSOR_ENTRIES if known[entry] and not measured[entry]]
     prior = [entry for entry in TENSOR_ENTRIES if not known[entry] and not measured[entry]]
     broken = next((each for each in estimate.alternatives if not each.moments_hold), None)
-    if trusted and broken is not None and broken.moment_changes is not None:
+    if trusted and broken is not None and broken.unchecked:
+        yield (
+            f"doubt {_names(trusted)} of the tensor: known only with the stated edge radius, which the"
+            " strikes do not check"
+        )
+    elif trusted and broken is not None and broken.moment_changes is not None:
         change = float(np.max(np.abs(broken.moment_changes)))
         yield (
             f"doubt {_names(trusted)} of the tensor: with {what_if_text(broken)} a principal moment changes"
@@ -150,7 +169,7 @@ def _tensor_texts(estimate: Estimate, moments_sound: bool) -> Iterator[str]:
 
 
 def what_if_text(alternative: Alternative) -> str:
-    """Name of an alternative in words, with the strike that is left out."""
+    """Name in words of an alternative to the estimate's assumptions; for a strike left out, with its id."""
     if alternative.what_if is WhatIf.STRIKE:
         return f"strike {alternative.strike_id} left out"
     return alternative.what_if.value
@@ -162,6 +181,6 @@ def _names(entries: list[tuple[int, int]]) -> str:
 
 
 def _direction_text(direction: Array) -> str:
-    """Text of a direction (3,) in the object frame O, its largest component positive."""
+    """Text "(x, y, z)" of a unit vector (3,) in the object frame O, its largest component made positive."""
     x, y, z = direction * np.sign(direction[np.argmax(np.abs(direction))])
     return f"({x:.2f}, {y:.2f}, {z:.2f})"

@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 
 from analyze.estimation.centre_of_mass import centre_of_mass
-from analyze.estimation.edge_radii import check_stated_radii, estimated_radii, with_radius_not_given
+from analyze.estimation.edge_radii import (
+    check_stated_radii,
+    estimated_radii,
+    strikes_determine_radius,
+    with_radius_not_given,
+    without_refuted_radii,
+)
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.inertia import shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
-from analyze.geometry.edge_radius import ASSUMED, OWN_FRACTION
+from analyze.geometry.edge_radius import ASSUMED, OWN_FRACTION, stated_radius
 from analyze.types import EquiPlane, RadiusPrior, RadiusSource
+from schemas.object_spec import ObjectSpec
 from tests.analyze.estimation.bodies import (
     GRAVITY,
     SIX_AXES,
@@ -33,6 +40,20 @@ SCALE = Scale(BODY.mass, 1e-4, GRAVITY, 2e-3)
 SHAPE = shape_prior(BODY.cells)
 STATED = RadiusPrior(PLANNED, STATED_SD, OWN_FRACTION * STATED_SD, RadiusSource.STATED)
 LINE_SD, NOISE, TILT_SD = 5e-5, 5e-4, 3.5e-3
+SPREAD = stated_radius(
+    ObjectSpec.model_validate(
+        {
+            "name": "box",
+            "mass_kg": 0.2,
+            "mass_sd_kg": 1e-4,
+            "shape": {"box": {"size_m": SIZE}},
+            "edge_radius_m": 1.15e-3,
+            "edge_radius_sd_m": 8.5e-4,
+            "marker": [{"id": 0, "size_m": 0.03}],
+        }
+    )
+)
+"""radius as stated for edges of 0.3 and 2 mm"""
 UPRIGHT = ((2, -1, 1, 1), (2, -1, 1, -1), (2, -1, 0, 1), (2, -1, 0, -1))
 NINE = (*SIX_AXES, (0, -1, 1, -1), (1, -1, 2, -1), (2, -1, 0, -1))
 
@@ -119,6 +140,71 @@ def test_wrong_statement_is_refuted_and_a_right_one_stands():
     rng = np.random.default_rng(1)
     drawn = [session(seed, PLANNED + float(rng.normal(0, STATED_SD)), axes=NINE) for seed in range(50)]
     assert not any(check_stated_radii(*each, PRIOR).refuted for each in drawn)
+
+
+def radius_deviations(planes, errors: SystematicErrors, truth: float) -> list[float]:
+    """Errors of the edges' estimated radii over their stated sd."""
+    radii = estimated_radii(solve_joint(planes, errors, PRIOR, MomentModel(SCALE, SHAPE)))
+    return [(each.value - truth) / each.sd for each in radii]
+
+
+def test_unlikely_statement_that_is_not_refuted_counts_as_less_certain():
+    """1.0 ± 0.1 mm stated where 0.6 is true: at the limit of what six axes refute."""
+    before, after, unrefuted = [], [], 0
+    for seed in range(20):
+        planes, errors = session(seed, 6e-4)
+        checked, check = without_refuted_radii(planes, [0] * len(planes), errors, PRIOR)
+        if check.refuted:
+            continue
+        unrefuted += 1
+        before += radius_deviations(planes, errors, 6e-4)
+        after += radius_deviations(checked, errors, 6e-4)
+    assert unrefuted >= 5
+    assert np.mean(np.abs(before) < 1.96) < 0.7
+    assert np.mean(np.abs(after) < 1.96) >= 0.9
+
+
+def test_right_statement_mostly_keeps_its_sd():
+    rng, sds = np.random.default_rng(2), []
+    for seed in range(30):
+        planes, errors = session(seed, PLANNED + float(rng.normal(0, STATED_SD)), axes=NINE)
+        checked, _ = without_refuted_radii(planes, [0] * len(planes), errors, PRIOR)
+        sds += [checked[0].radius_prior.common_sd / STATED_SD]
+    assert np.median(sds) == pytest.approx(1.0)
+    assert np.mean(sds) < 1.3
+
+
+def test_wide_statement_covers_edges_that_differ():
+    """0.3 and 2 mm where 1.15 ± 0.85 mm is stated."""
+    axes = [planned_strike(BODY, *axis).axis_id for axis in SIX_AXES]
+    rng = np.random.default_rng(4)
+
+    def stated(seed: int, prior: RadiusPrior):
+        radii = dict(zip(axes, rng.permutation([3e-4] * 3 + [2e-3] * 3).tolist(), strict=True))
+        planes, errors = session(seed, radii)
+        more = SPREAD.mean - PLANNED
+        moved = [
+            replace(
+                plane,
+                point=plane.point + more * (plane.up - np.cross(plane.direction, plane.up)),
+                edge_radius=SPREAD.mean,
+                radius_prior=prior,
+            )
+            for plane in planes
+        ]
+        return moved, errors
+
+    alike = replace(SPREAD, own_sd=0.3 * SPREAD.common_sd)
+    apart = deviations(stated(seed, SPREAD) for seed in range(40))
+    assert np.mean(np.abs(deviations(stated(seed, alike) for seed in range(40))) < 1.96) < 0.85
+    assert np.mean(np.abs(apart) < 1.96) >= 0.92
+
+
+def test_axes_that_check_the_radius_are_told_from_those_that_do_not():
+    for axes, face_sd, known in ((NINE, 0.0, True), (SIX_AXES, 0.0, True), (UPRIGHT[:3], 3e-4, False)):
+        planes, errors = session(1, PLANNED, face_sd, axes)
+        solution = solve_joint(with_radius_not_given(planes), errors, PRIOR, MomentModel(SCALE, SHAPE))
+        assert strikes_determine_radius(solution) == known
 
 
 def test_statement_that_the_strikes_cannot_check_stands():

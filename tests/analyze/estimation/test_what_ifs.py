@@ -14,11 +14,11 @@ from tests.analyze.estimation.bodies import SIX_AXES
 from tests.analyze.estimation.drawn_sessions import ERRORS, PRIOR, SIZE, VERTEX_AXES, model, session
 
 
-def table(planes, other_planes=None):
+def table(planes, other_planes=None, errors=ERRORS):
     moments = model()
-    solution = solve_joint(planes, ERRORS, PRIOR, moments)
+    solution = solve_joint(planes, errors, PRIOR, moments)
     stated = inertial_parameters_from_joint(solution, PRIOR, moments.scale)
-    found = alternatives(planes, ERRORS, PRIOR, moments, solution, stated, other_planes)
+    found = alternatives(planes, errors, PRIOR, moments, solution, stated, other_planes)
     return {each.what_if: each for each in found}, solution
 
 
@@ -53,6 +53,19 @@ def test_stated_tilt_that_is_too_certain_is_found():
     ]
     found, _ = table(planes)
     assert not all(each.com_holds for each in found.values())
+
+
+def test_radius_that_no_strike_checks_is_not_trusted():
+    """Three edges across each other leave the radius open: only the statement makes c sure."""
+    three, sure = ((2, -1, 1, 1), (0, -1, 2, 1), (1, -1, 0, 1)), replace(ERRORS, gravity_tilt_sd=2e-4)
+    open_radius = table(session(np.random.default_rng(0), three), errors=replace(sure, edge_radius_sd=5e-5))
+    found = open_radius[0][WhatIf.RADIUS]
+    assert found.unchecked
+    assert not found.com_holds
+    assert found.com_half > 5e-4
+    full = table(session(np.random.default_rng(0), SIX_AXES))[0][WhatIf.RADIUS]
+    assert not full.unchecked
+    assert full.com_holds
 
 
 def test_other_estimator_that_contradicts_is_found():

@@ -45,6 +45,14 @@ def test_radius_left_out_is_not_given_and_never_exact():
     assert stated_radius(spec_of(BOX, edge_radius_m=0.0)).sd >= 1e-4
 
 
+def test_wide_statement_holds_for_each_edge_and_a_precise_one_for_all():
+    """1.15 ± 0.85 mm cannot be an error of measurement: such edges differ."""
+    wide = stated_radius(spec_of(BOX, edge_radius_m=1.15e-3, edge_radius_sd_m=8.5e-4))
+    assert wide.own_sd > 0.85 * wide.common_sd
+    precise = stated_radius(spec_of(BOX, edge_radius_m=1e-3, edge_radius_sd_m=2e-4))
+    assert precise.own_sd == pytest.approx(0.9e-4)
+
+
 def test_edge_named_in_the_object_file_has_its_own_radius():
     spec = spec_of(BOX, edge_radius_m=0.001, edge=[{"id": "p4e0", "radius_m": 0.003}])
     model = load_object_model(spec, None, "")

@@ -51,6 +51,15 @@ def test_singular_set_trusts_nothing_and_names_the_corner(singular):
     assert result_document(singular).robustness is None
 
 
+def test_answer_that_rests_on_an_unchecked_radius_is_doubted_by_that(sound):
+    one = replace(sound.alternatives[0], com_holds=False, moments_hold=False, com_half=9e-4, unchecked=True)
+    words = said(replace(sound, alternatives=(one,)))
+    assert not any(each.startswith("trust") for each in words)
+    assert "do not check the stated edge radius" in words[0]
+    assert "known only to 0.9 mm" in words[0]
+    assert "known only with the stated edge radius" in words[1]
+
+
 def test_answer_that_one_alternative_moves_is_doubted_by_its_name(sound):
     one = replace(sound.alternatives[1], com_shift=np.array([2e-3, 0.0, 0.0]), com_holds=False)
     words = said(replace(sound, alternatives=(one,)))
