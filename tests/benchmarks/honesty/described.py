@@ -19,10 +19,10 @@ from analyze.planning.plan import PlanRequest, plan_strikes
 from analyze.planning.prepared import FRICTION, prepare_object
 from analyze.planning.stable_planes import resting_planes
 from analyze.planning.view import default_camera
-from schemas.object_spec import ObjectSpec, object_sha256
+from schemas.object_spec import EdgeRadius, ObjectSpec, object_sha256
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
 from tests.analyze.geometry.shapes import obj, stl
-from tests.benchmarks.honesty.bodies import TrueBody, load_model, true_body
+from tests.benchmarks.honesty.bodies import RADIUS_SD, TrueBody, load_model, true_body
 from tests.benchmarks.honesty.disturbances import Disturbance
 from tests.benchmarks.honesty.statics import G
 
@@ -52,7 +52,8 @@ class Description:
 def description(name: str, disturbance: Disturbance, draw: int) -> Description | None:
     """Description of a body with draw number `draw` of the disturbance's scan error.
 
-    None if the disturbance does not apply to the body: it has no three edges that meet, or cannot be tipped.
+    None if the disturbance does not apply to the body: it has no three edges that meet, cannot be tipped, or
+    all its edges are alike where a radius per edge is to be stated.
 
     Raises:
         AnalyzeError: our planner refuses the object, or its shape cannot be read.
@@ -61,6 +62,10 @@ def description(name: str, disturbance: Disturbance, draw: int) -> Description |
     rng = np.random.default_rng((0xDE5C, draw, *name.encode()))
     spec, data = _stated(body, disturbance, rng)
     model = load_model(body, spec, data)
+    if disturbance.radius == "per edge":
+        if np.ptp(body.radii) == 0:
+            return None
+        spec = _with_edge_radii(spec, body, model)
     own_hash = object_sha256(spec, data)
     bodies = tuple(bodies_of(spec, data, str(spec.shape.file))) if spec.labels else ()
     if disturbance.edges == "planned":
@@ -111,6 +116,17 @@ def _stated(
         entries = {name: getattr(spec, name) for name in spec.model_fields_set}
         spec = ObjectSpec(**{k: v for k, v in entries.items() if not k.startswith("edge_radius")})
     return spec, data
+
+
+def _with_edge_radii(spec: ObjectSpec, body: TrueBody, model: ObjectModel) -> ObjectSpec:
+    """Object file with the radius of every edge, that of the contact spheres along it."""
+    entries = []
+    for axis in pivot_axes(model, spec, resting_planes(model), hypothesis(model)):
+        across = body.centres - axis.point
+        across -= np.outer(across @ axis.direction, axis.direction)
+        radius = float(body.radii[np.argsort(np.linalg.norm(across, axis=1))[:2]].mean())
+        entries.append(EdgeRadius(id=axis.id, radius_m=radius, radius_sd_m=RADIUS_SD))
+    return spec.model_copy(update={"edge": entries})
 
 
 def _distorted(

@@ -22,7 +22,7 @@ class Disturbance:
     covered: bool = False
     """True if the stated standard deviations cover it"""
     radius: str = "stated"
-    """"stated", "missing" or "wrong": 1.0 ± 0.1 mm, or 0.3 ± 0.1 mm where the truth is 1 mm or more"""
+    """"stated", "missing", "per edge", or "wrong": 1.0 ± 0.1 mm, or 0.3 ± 0.1 mm where it is 1 mm or more"""
     tilt: float = math.radians(0.05)
     tilt_stated: float = math.radians(0.05)
     scan: str = "none"
@@ -79,5 +79,6 @@ DISTURBANCES = {
         mass=0.002,
         rest=math.radians(0.03),
     ),
+    "radius_per_edge": Disturbance(covered=True, radius="per edge"),
 }
 """all disturbances, by name"""
