@@ -47,6 +47,11 @@ class PlaneChains:
         possible = np.where(planes.both_sides_filled, planes.shares.log_mass - planes.chi_square / 2, -1e300)
         return cls(planes, possible)
 
+    def selected(self, chosen: IntArray) -> PlaneChains:
+        """Chains (random walks over dividing planes) with the indices `chosen` (n,), in this order."""
+        fields = (getattr(self.planes, name)[chosen] for name in self.planes.__dataclass_fields__)
+        return PlaneChains(DividingPlanes(*fields), self.log_posterior[chosen])
+
 
 def plane_posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[PlaneChains, float]:
     """Draws of the plane that divides the interior in two, and the log evidence of the shell's thickness.
@@ -76,10 +81,13 @@ def plane_posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[P
     coldness, log_evidence = 0.0, 0.0
     while coldness < 1.0:
         colder = _next_coldness(coldness, chains.log_posterior)
-        gain = (colder - coldness) * chains.log_posterior
+        gain, first = (colder - coldness) * chains.log_posterior, coldness == 0.0
         log_evidence += _log_mean_exp(gain)
         chosen, coldness = _resampled(gain, CHAINS, rng), colder
-        chains = solved(chains.planes.normals[chosen], chains.planes.heights[chosen], coarsely=True)
+        chains = chains.selected(chosen)
+        if first:
+            # With all normals on one side from here on.
+            chains = solved(chains.planes.normals, chains.planes.heights, coarsely=True)
         for _ in range(COOLING_MOVES):
             there = solved(*_proposals(chains.planes, problem.reach, rng), coarsely=True)
             chains = _metropolis_step(chains, there, 1.0 / coldness, rng)
@@ -97,7 +105,10 @@ def plane_posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[P
 
 
 def _next_coldness(coldness: float, log_posterior: Array) -> float:
-    """Next inverse temperature, up to 1, at which `EFFECTIVE_CHAINS` chains of n still count.
+    """Next inverse temperature, up to 1, at which `EFFECTIVE_CHAINS` of n Metropolis chains still count.
+
+    The posterior is raised to the inverse temperature, which grows to 1 in steps. After a step each chain has
+    the weight exp(step * log posterior); they count as (sum of weights)^2 / sum of squared weights.
 
     Args:
         coldness: Present inverse temperature.

@@ -21,7 +21,7 @@ MIN_PROBABILITY = 0.02
 """Probability of the smallest chi^2 below which the body is not a shell with two uniform parts inside."""
 MIN_THICKNESS_PROBABILITY = 0.005
 """Smallest probability of a shell thickness that is taken into account."""
-THICKNESS_STRIDE, EXAMINED_LOG_EVIDENCE = 3, 7.0
+THICKNESS_STRIDE, EXAMINED_LOG_EVIDENCE = 3, 5.0
 """Stride of the thicknesses that are examined first, and the log evidence below the largest one down to which
 their neighbours are examined too."""
 THICKNESS_DRAWS = 4000
@@ -65,8 +65,8 @@ def mass_distribution_over(
 ) -> MassDistribution:
     """Masses of three uniform regions, averaged over an unknown shell thickness.
 
-    The regions are the shell and the interior on either side of a plane. The weight of a thickness is its
-    evidence: the probability of the measured moments with this thickness.
+    The regions are the shell (outer wall) and the interior on either side of a plane. The weight of a
+    thickness is its evidence: the probability of the measured moments with this thickness.
 
     Args:
         parameters: Mass, centre of mass and moments with their joint covariance.
@@ -77,7 +77,8 @@ def mass_distribution_over(
         walls: Cells for thicknesses beyond that series, to which the bounds for any filling extend.
 
     Returns:
-        Masses [kg] with covariance and intervals, the dividing plane, and the estimated thickness.
+        Masses (3,) [kg] of shell, interior above and below the plane (above is the side of its normal), with
+        covariance and 95 % intervals; the plane in the object frame O; the estimated thickness [m].
     """
     by_shell = _likely_posteriors(parameters, shells, rng)
     posteriors = list(by_shell.values())
@@ -137,9 +138,11 @@ def _shell_posterior(
 def _likely_posteriors(
     parameters: InertialParameters, shells: Sequence[ShellCells], rng: np.random.Generator
 ) -> dict[int, _ShellPosterior]:
-    """Posteriors for some shell thicknesses, by index in ascending order; all others are improbable.
+    """Posteriors of masses and dividing plane for the likely shell thicknesses, by index in `shells`.
 
-    Every third thickness is examined, and each neighbour of one whose evidence is not far below the largest.
+    Every third thickness is examined, and each neighbour of one whose log evidence (log probability of the
+    measured moments with this thickness) is within `EXAMINED_LOG_EVIDENCE` of the largest. Keys ascend; all
+    thicknesses left out are improbable.
     """
     found: dict[int, _ShellPosterior] = {}
     wanted = set(range(0, len(shells), THICKNESS_STRIDE))
@@ -221,10 +224,10 @@ def _intervals(masses: Array, sd: Array) -> Array:
 
 
 def _share_sd(precision: Array, *, swapped: bool) -> Array:
-    """Standard deviations (3,) of the shares of shell, upper and lower part, from `precision` (2, 2).
+    """Standard deviations (3,) of the mass shares of shell, upper and lower part of the interior.
 
-    It is the inverse covariance of the shares of shell and upper part; all three add up to 1. Upper and lower
-    part change places if `swapped`.
+    `precision` (2, 2) is the inverse covariance of the shares of shell and upper part; all three add up to 1.
+    The sd of upper and lower part change places if `swapped`.
     """
     covariance = np.linalg.inv(precision)
     sd = np.sqrt(np.append(np.diag(covariance), covariance.sum()))
@@ -234,14 +237,14 @@ def _share_sd(precision: Array, *, swapped: bool) -> Array:
 def _unexplained_distribution(
     problem: RegionProblem, bounds: RegionBounds, parameters: InertialParameters, misfit: float
 ) -> MassDistribution:
-    """Region masses of a body whose moments no dividing plane explains; their `explained` is False.
+    """Region masses [kg] of a body whose moments no dividing plane explains; their `explained` is False.
 
     The regions are the shell and the interior on either side of a plane through the body's middle, normal to
     its longest direction. The masses are the middles of the bounds for any filling of a uniform shell, moved
     in proportion to the bounds' widths so that their sum is the object's mass.
 
     Args:
-        problem: Problem of the mass shares for the likeliest shell thickness.
+        problem: Model of the moments by mass shares of the regions, for the likeliest shell thickness.
         bounds: Bounds of the masses for any filling.
         parameters: Mass of the object and its sd.
         misfit: Smallest chi^2 of the moments at any plane, to be reported.
