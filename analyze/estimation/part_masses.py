@@ -1,5 +1,7 @@
 """Masses of an object's labelled parts from its moments (docs/explanation/method.md, section 6).
 
+Masses of shell and interior parts, without labels, are in region_masses.py.
+
 The measured quantities are linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l =
 I_c,l; m is the object's mass, c its centre of mass, I_c,l its moment about the line l through c, c_p a part's
 centroid and I_p(c) its inertia per kilogram about c. No mass is negative and no part denser than lead: the

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from analyze.estimation.cells import Cells, ShellCells, candidate_shell_thicknesses, cells_from_voxels
-from analyze.estimation.regions import mass_distribution, mass_distribution_over
+from analyze.estimation.region_masses import mass_distribution, mass_distribution_over
 from analyze.geometry.voxels import voxelise
 
 if TYPE_CHECKING:

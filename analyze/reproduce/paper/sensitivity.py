@@ -13,7 +13,7 @@ from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.paper import PaperRegions, paper_centre_of_mass
 from analyze.estimation.priors import ComPrior
-from analyze.estimation.regions import mass_distribution
+from analyze.estimation.region_masses import mass_distribution
 from analyze.pipeline.equiplanes import systematic_errors
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity

@@ -6,7 +6,7 @@ import pytest
 from analyze.estimation.cells import cells_from_voxels, moments_about
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_regions
-from analyze.estimation.regions import mass_distribution
+from analyze.estimation.region_masses import mass_distribution
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.types import AxisInertia, CentreOfMass, InertialParameters
