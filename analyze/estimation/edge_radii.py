@@ -127,10 +127,12 @@ def _with_excess(planes: Sequence[EquiPlane], check: RadiusCheck) -> tuple[EquiP
     """
 
     def grown(prior: RadiusPrior) -> RadiusPrior:
+        # A statement that is off does not say either that the edges are alike.
+        own_sd = float(np.hypot(prior.own_sd, np.sqrt(check.excess**2 - 1) * prior.sd))
         return replace(
             prior,
             common_sd=max(prior.common_sd, min(check.excess * prior.common_sd, ASSUMED.common_sd)),
-            own_sd=max(prior.own_sd, min(check.excess * prior.own_sd, ASSUMED.own_sd)),
+            own_sd=max(prior.own_sd, min(own_sd, ASSUMED.own_sd)),
         )
 
     return tuple(

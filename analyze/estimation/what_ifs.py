@@ -17,6 +17,7 @@ from analyze.estimation.joint_model import COM
 from analyze.estimation.posterior import TENSOR, derived
 from analyze.estimation.priors import ComPrior, SystematicErrors, TiltPrior
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
+from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import TENSOR_ENTRIES, Array, EquiPlane, InertialParameters
 
@@ -110,7 +111,9 @@ def alternatives(
     if not stated.com.observed:
         return ()
     wider = _with_wider_tilt(systematic)
-    radius = with_radius_not_given(planes)
+    # Radii beyond those that count as likely where none is given are no alternative to it.
+    likely = [plane.axis_id for plane in planes if plane.edge_radius <= MAX_ASSUMED_RADIUS]
+    radius = with_radius_not_given(planes, likely)
     scanned = [replace(plane, edge_sd=WIDER * plane.edge_sd) for plane in planes]
     shape = replace(systematic, scale_sd=WIDER * systematic.scale_sd, face_sd=WIDER * systematic.face_sd)
     found: list[Alternative] = []
@@ -201,6 +204,9 @@ def _alternative(
     inside = np.abs(change) <= SLACK * half
     if what_if not in ASSUMPTIONS:
         inside |= np.abs(change) <= EXPLAINED_SIGMAS * added
+    elif what_if is WhatIf.RADIUS:
+        # Where strikes check the radius, the prior without it may be off: only its uncertainty is compared.
+        inside |= np.abs(change) <= SIGMAS_95 * added
     if unchecked:
         inside &= np.abs(change) + SIGMAS_95 * added <= SLACK * half
     measured = np.array([stated.measured[i, j] for i, j in TENSOR_ENTRIES])

@@ -157,6 +157,7 @@ def test_unlikely_statement_that_is_not_refuted_counts_as_less_certain():
         if check.refuted:
             continue
         unrefuted += 1
+        assert checked[0].radius_prior.own_sd >= STATED.own_sd
         before += radius_deviations(planes, errors, 6e-4)
         after += radius_deviations(checked, errors, 6e-4)
     assert unrefuted >= 5

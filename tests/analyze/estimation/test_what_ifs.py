@@ -10,6 +10,7 @@ from analyze.estimation.common_point import common_point
 from analyze.estimation.inertia import inertial_parameters_from_joint
 from analyze.estimation.joint import solve_joint
 from analyze.estimation.what_ifs import WhatIf, alternatives
+from analyze.types import RadiusPrior, RadiusSource
 from tests.analyze.estimation.bodies import SIX_AXES
 from tests.analyze.estimation.drawn_sessions import ERRORS, PRIOR, SIZE, VERTEX_AXES, model, session
 
@@ -66,6 +67,15 @@ def test_radius_that_no_strike_checks_is_not_trusted():
     full = table(session(np.random.default_rng(0), SIX_AXES))[0][WhatIf.RADIUS]
     assert not full.unchecked
     assert full.com_holds
+
+
+def test_radius_larger_than_any_assumed_is_not_replaced_by_the_assumed_one():
+    large = RadiusPrior(2e-3, 0.0, 1e-4, RadiusSource.EDGE)
+    planes = [
+        replace(plane, edge_radius=large.mean, radius_prior=large)
+        for plane in session(np.random.default_rng(0), SIX_AXES)
+    ]
+    assert WhatIf.RADIUS not in table(planes)[0]
 
 
 def test_other_estimator_that_contradicts_is_found():
