@@ -28,7 +28,7 @@ def print_session(console: Console, cell: str, bank: Bank, images: bool) -> None
             f"{score.truth:9.3f}  {score.status}{mark}"
         )
     for sentence in scored.verdicts:
-        console.print(f"  {sentence}")
+        console.print(f"  {sentence}", markup=False)
     for warning in () if trial.result is None else trial.result.warnings:
         console.print(f"  [{warning.code.value}] {warning.text}", markup=False)
 

@@ -188,4 +188,4 @@ def _print_bad(console: Console, sessions: Iterable[SessionScore]) -> None:
             for text in texts(session):
                 found[" ".join(text.split()[:4])].append(f"{session.cell}  {text}")
         for alike in sorted(found.values(), key=len, reverse=True)[:5]:
-            console.print(f"{title}, {len(alike)} like: {alike[0]}", highlight=False)
+            console.print(f"{title}, {len(alike)} like: {alike[0]}", highlight=False, markup=False)
