@@ -183,7 +183,8 @@ class FileSeries:
     def flush(self) -> None:
         """Hand small messages that wait in memory to the current file.
 
-        Small messages are those of all topics but the images. On return other programs can read them.
+        Small messages are those of all topics but the images. On return other programs can read them, except
+        those for which the file has no room now: these stay in memory.
 
         Raises:
             RecorderError: the disk refused some of the messages.

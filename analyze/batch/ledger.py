@@ -65,10 +65,11 @@ def read_ledgers(output: Path) -> dict[str, Entry]:
 
 
 class Ledger:
-    """File of outcomes that one run appends to, locked against other runs of the same shard.
+    """File to which a batch run appends the outcome of each recording's analysis, a line per recording.
 
-    A context manager that closes and unlocks the file. A shard is one part of an archive that is divided over
-    several runs.
+    An outcome is a result or a failure. The file is locked against other runs of the same shard: one part of
+    an archive of recordings that is divided over several runs. A context manager that closes and unlocks the
+    file.
     """
 
     def __init__(self, output: Path, shard: str, run_ns: int) -> None:

@@ -61,7 +61,7 @@ class PivotPlace:
 
 
 def measure_pivot(motion: PlanarMotion, fit: MotionFit) -> PivotPlace | None:
-    """Horizontal distance, at balance, of the line about which the body turns from the planned line.
+    """Horizontal distance from the planned line to the line about which the body turns at balance.
 
     Args:
         motion: the motion, with the lift (height over the place at rest) of the planned line's point as it

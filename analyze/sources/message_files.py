@@ -1,6 +1,6 @@
 """Reads message files of other programs (MCAP files, ROS 2 bags): their topics, and messages by time.
 
-A bag is a folder with metadata.yaml, or a single .db3 file.
+A bag is a folder with metadata.yaml, or a single .db3 file. Their images become frames in topic_source.py.
 """
 
 from __future__ import annotations

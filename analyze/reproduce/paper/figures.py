@@ -331,7 +331,10 @@ def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 
 
 def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
-    """Draw the errors in x and z of the centre of mass in a close-up; larger ones lie on its border."""
+    """Draw the errors [mm] of the centre of mass in x and z of the object frame, by the paper and by us.
+
+    They are those with drawn errors of calibration, in a close-up; larger ones lie on its border.
+    """
     for mark, colour, paper in (("D", ORANGE, True), ("o", BLUE, False)):
         off = [
             np.subtract(a.com_m, r.true_com_m)[[0, 2]]

@@ -59,7 +59,8 @@ class PublishedMasses:
 def published_centres() -> list[PublishedCentre]:
     """Errors of the nine results in the paper's Table 1 (centre of mass), in its order.
 
-    Each is a distance [m], and the paper's volume ratio (`volume_ratio`).
+    Each holds the distance from the reference [m] and the paper's measure of error: the volume of the sphere
+    with that radius over the object's volume.
     """
     found: list[PublishedCentre] = []
     for name, error, _ in _errors("table1_centre_of_mass.csv", ("x_mm", "y_mm", "z_mm")):
