@@ -374,7 +374,8 @@ class TableTilt:
 class CentreOfMass:
     """Centre of mass c in the object frame O from all strikes used, with covariance.
 
-    The residuals are its distances from the strikes' equi-planes (planes through pivot line and c).
+    The residuals are its distances from the strikes' equi-planes (planes through a pivot line, in which that
+    strike's own balance angle places c).
     """
 
     position: Array

@@ -29,9 +29,9 @@ def centre_of_mass(
 ) -> CentreOfMass:
     """Centre of mass c (3,) [m] nearest all equi-planes, n_j.(c - p_j) = 0, from balance angles phi alone.
 
-    The equi-plane of strike j passes through its pivot line and c; n_j is its unit normal, p_j a point on the
-    line and R_j the distance of c from the line. The residual of a strike is an angle, about n_j.(c - p_j) /
-    R_j at the measured phi_j, so that no c is favoured for lying near an edge.
+    The equi-plane of strike j passes through its pivot line, and c by its phi; n_j is its unit normal, p_j a
+    point on the line and R_j the distance of c from the line. The residual of a strike is an angle, about
+    n_j.(c - p_j) / R_j at the measured phi_j, so that no c is favoured for lying near an edge.
 
     Errors that strikes share are unknowns beside c, each with a prior (joint_model.py):
 
@@ -77,9 +77,10 @@ def centre_of_mass_from_joint(
     Returns:
         c [m] in the object frame O with covariance; it counts as observed if the sd of its least certain
         direction is below `UNOBSERVED_FRACTION` of the prior's (`OPEN_FRACTION` if `posterior` is a mixture).
-        Per strike: the plane through pivot line and c, corrected for the estimated tilt of the table; the
-        distance of c from this plane, and from the pivot line [m]; its share of the information about c; its
-        robust weight. Also the estimated tilts.
+        Per strike: the plane through the pivot line in which this strike's own phi places c, corrected for the
+        estimated tilt of the table; the signed distance [m] of the estimated c from this plane (residual); the
+        distance [m] of c from the pivot line; its share of the information about c; its robust weight. Also
+        the estimated tilts.
     """
     model, x, posterior = solution.model, solution.x, posterior or linear_posterior(solution)
     position, covariance, R = posterior.mean[COM], posterior.covariance, posterior.distances

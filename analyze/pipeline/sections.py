@@ -87,8 +87,9 @@ def strike_supports(model: ObjectModel, planned: PlannedStrike) -> tuple[Support
         planned: rest pose and pivot of the strike.
 
     Returns:
-        The lines, ordered by the tipping angle at which each takes over, with places relative to the planned
-        pivot. None if the object rolls on a curved flank, or if the outline has no area.
+        The lines, ordered by the tipping angle [rad] at which each takes over. Their places [m] are those at
+        rest, from the centre line of the planned pivot's rounding: horizontally in the direction of the tip,
+        and upwards. None if the object rolls mainly on a curved flank, or if the outline has no area.
     """
     section = _across(model, planned)
     if section is None or is_curved(section, planned.phi_predicted_rad):

@@ -42,10 +42,11 @@ MIN_EDGE_RADIUS_M = 1e-4
 
 
 def with_calibration_errors(evidence: Evidence, rng: np.random.Generator) -> Evidence:
-    """Evidence with random calibration errors applied and their standard deviations stated.
+    """Evidence (fitted motions of all strikes, with object and plan) with random calibration errors applied.
 
-    Evidence is the fitted motions of all strikes, with object and plan. The kinds and sizes of the errors are
-    given in docs/explanation/method.md, Targets.
+    The errors are those of table tilt, edges' places and radii, balance angle, rate constant k and mass, with
+    the standard deviations of this module's constants. Those of tilt, places, mean radius and mass are also
+    stated in the evidence, as a user would.
 
     Args:
         evidence: strikes of one recording on a well calibrated rig; it is not changed.
