@@ -77,10 +77,10 @@ def centre_of_mass_from_joint(
     Returns:
         c [m] in the object frame O with covariance; it counts as observed if the sd of its least certain
         direction is below `UNOBSERVED_FRACTION` of the prior's (`OPEN_FRACTION` if `posterior` is a mixture).
-        Per strike: the plane through the pivot line in which this strike's own phi places c, corrected for the
-        estimated tilt of the table; the signed distance [m] of the estimated c from this plane (residual); the
-        distance [m] of c from the pivot line; its share of the information about c; its robust weight. Also
-        the estimated tilts.
+        Per strike: the plane through the pivot line in which this strike's own phi places c, corrected for
+        the estimated tilt of the table; the signed distance [m] of the estimated c from this plane
+        (residual); the distance [m] of c from the pivot line; its share of the information about c; its
+        robust weight. Also the estimated tilts.
     """
     model, x, posterior = solution.model, solution.x, posterior or linear_posterior(solution)
     position, covariance, R = posterior.mean[COM], posterior.covariance, posterior.distances

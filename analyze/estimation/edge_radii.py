@@ -86,8 +86,8 @@ def strikes_determine_radius(solution: JointSolution) -> bool:
 def prior_of(plane: EquiPlane, solution: JointSolution) -> RadiusPrior:
     """Prior, from before the strikes, of the radius of the edge that an equi-plane belongs to.
 
-    It holds the mean, the sd of the error that all edges share, the sd of this edge's own deviation (all [m]),
-    and where they come from. It is the plane's own prior; without one, the plane's radius with the sd that
+    It holds the mean, the sd of the error that all edges share, the sd of this edge's own deviation (all
+    [m]), and where they come from. It is the plane's own prior; without one, the plane's radius with the sd that
     `solution` assumes for such edges.
     """
     if plane.radius_prior is not None:

@@ -1,7 +1,7 @@
 """Verdict on a strike, with measured values and the advice to the user in one sentence.
 
-A strike is one impact that should tip the object about an edge. The verdict `struck_twice` is decided where
-fits with one and two impacts are compared: fit_choice.py.
+The verdict `struck_twice` is decided in fit_choice.py, where fits with one and two impacts are compared. A
+strike is one impact that should tip the object about an edge.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Resting planes of an object, and those stable for every expected centre of mass.
 
-VISAPP 2013, 3.1.2; method 1.2. Q is the region that is believed to hold the centre of mass.
+Which of them a plan uses is chosen in footing.py. VISAPP 2013, 3.1.2; method 1.2. Q is the region that is
+believed to hold the centre of mass.
 """
 
 # scipy is only partly typed.

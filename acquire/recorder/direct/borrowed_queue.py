@@ -1,5 +1,7 @@
 """Path of frames to the disk past the page cache, directly from the camera's own buffers.
 
+The other path is paged/copied_queue.py; choose_recorder.py chooses.
+
 Several frames are written together: first their checksums, which read every pixel and therefore leave nothing
 else in the processor's cache, then everything that runs in Python.
 """

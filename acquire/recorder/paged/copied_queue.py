@@ -1,4 +1,7 @@
-"""Path of frames to the disk through the page cache: copied to a buffer pool, written by a thread."""
+"""Path of frames to the disk through the page cache: copied to a buffer pool, written by a thread.
+
+The other path is direct/borrowed_queue.py; choose_recorder.py chooses.
+"""
 
 from __future__ import annotations
 
