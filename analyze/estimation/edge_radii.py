@@ -87,8 +87,8 @@ def prior_of(plane: EquiPlane, solution: JointSolution) -> RadiusPrior:
     """Prior, from before the strikes, of the radius of the edge that an equi-plane belongs to.
 
     It holds the mean, the sd of the error that all edges share, the sd of this edge's own deviation (all
-    [m]), and where they come from. It is the plane's own prior; without one, the plane's radius with the sd that
-    `solution` assumes for such edges.
+    [m]), and where they come from. It is the plane's own prior; without one, the plane's radius with the sd
+    that `solution` assumes for such edges.
     """
     if plane.radius_prior is not None:
         return plane.radius_prior
