@@ -111,13 +111,14 @@ def read_numbered_mesh(
         pieces = [each for each in scene.dump() if isinstance(each, trimesh.Trimesh)]
         sizes = [len(each.vertices) for each in pieces]
         before = np.cumsum([0, *sizes[:-1]])
-        vertices = np.concatenate([np.asarray(each.vertices, dtype=np.float64) for each in pieces])
-        faces = np.concatenate(
-            [
-                np.asarray(each.faces, dtype=np.int64) + start
-                for each, start in zip(pieces, before, strict=True)
-            ]
+        vertices = np.concatenate(
+            [np.zeros((0, 3)), *(np.asarray(each.vertices, dtype=np.float64) for each in pieces)]
         )
+        numbered = [
+            np.asarray(each.faces, dtype=np.int64) + start
+            for each, start in zip(pieces, before[: len(pieces)], strict=True)
+        ]
+        faces = np.concatenate([np.zeros((0, 3), dtype=np.int64), *numbered])
     except _Contradiction as doubt:
         raise ShapeError(f"{name}: {doubt}") from None
     except Exception:  # trimesh's readers raise whatever the damaged byte leads to

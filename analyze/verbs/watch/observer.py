@@ -180,6 +180,7 @@ class Observer:
                 landing_angle_rad,
                 report.unmarked_ns,
                 None if self._sections is None else self._sections.supports(planned),
+                tuple(self._strikes.values()),
             )
             motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:
