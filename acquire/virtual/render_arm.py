@@ -59,7 +59,10 @@ class ArmPainter:
         self._lens, self._width, self._height = lens, width, height
 
     def layer(self, angle: NDArray[np.float64], axis_world: NDArray[np.float64]) -> Layer | None:
-        """Layer of the arm, averaged over k poses of one exposure; None if it is out of view.
+        """Image layer of arm and servo, averaged over k poses of one exposure; None if both are out of view.
+
+        A layer has, for each pixel of a box of the image, the fraction that is covered, and this fraction
+        times the grey level. The servo does not turn with the arm.
 
         Args:
             angle: (k,) angles of the arm [rad], 0 when it hangs, positive towards +x.

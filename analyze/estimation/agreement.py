@@ -49,7 +49,10 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """True if one centre of mass explains all recordings: chi^2 decreases by at most `limit`."""
+        """True if one centre of mass explains all recordings.
+
+        It does if a centre of mass of its own for each recording lowers chi^2 by at most `limit`.
+        """
         return self.chi_squared <= self.limit
 
 

@@ -142,9 +142,10 @@ class StrikeReading:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Fitted motions of all strikes (filmed tips) of one object, before any estimate.
+    """Motions of all strikes (filmed tips) of one object, with object and plan, before any estimate.
 
-    They come from one recording, or from several that merge.py merged.
+    A motion has a fit if an estimator could fit it. The strikes come from one recording, or from several that
+    merge.py merged.
     """
 
     recordings: tuple[RecordingHead, ...]

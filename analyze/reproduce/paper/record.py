@@ -39,10 +39,10 @@ class ThetaSource(enum.StrEnum):
 
 
 class AxisMoment(Document):
-    """Errors of the moments of inertia of one pivot axis, relative to the ground truth.
+    """Errors and sds of one pivot axis's moments of inertia, as fractions of the ground truth.
 
-    `i_edge` is the moment about the edge, `i_com` that about the parallel axis through the centre of mass. R
-    is the distance of the centre of mass from the pivot line.
+    Names with `i_edge` are of the moment about the edge, those with `i_com` of that about the parallel axis
+    through the centre of mass. `distance_m` is R, the distance of the centre of mass from the pivot line.
     """
 
     axis_id: str

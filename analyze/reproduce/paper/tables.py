@@ -164,7 +164,10 @@ def _centre_row(
 
 
 def table2(records: Sequence[SessionRecord]) -> Table:
-    """Table 2: errors of masses of shell and inner parts [%], by object and method, next to the paper's."""
+    """Table 2: errors of the masses of shell and inner parts, by object and method, next to the paper's.
+
+    They are the mean error of a region, and the mass in the wrong region, in % of the object's mass.
+    """
     rows: list[tuple[Value, ...]] = []
     for name, mine, printed in _by_object(records, published_masses()):
         if printed:
