@@ -238,9 +238,9 @@ class FrameRecorder(ABC):
         return WindowReport(self._anchor + first_ns, self._anchor + last_ns, window.frames, window.lost)
 
     def close(self) -> None:
-        """Write all frames and frame metadata that are not written yet; then take no more frames.
+        """Take no more frames, and write the images and frame metadata that wait for the disk.
 
-        Safe to call twice.
+        Images that are held in memory only in case a window opens are not written. Safe to call twice.
         """
         with self._lock:
             if not self._ending:

@@ -114,8 +114,9 @@ def paper_axis(prepared: PreparedObject, strike: PaperStrike, name: str) -> Pivo
 def _strikes(
     prepared: PreparedObject, strike: PaperStrike, axis: PivotAxis, first: int, many: int
 ) -> tuple[Candidate, list[PlannedStrike], list[Rejection]]:
-    """Axis with its impact, planned strikes, and faults, for one impact point by the paper's method.
+    """Axis with its expected tip, planned strikes, and faults, for one impact point by VISAPP 2013.
 
+    The axis comes with the covariance of balance angle and ln k (k: rate constant of the tip) of one strike.
     Faults, such as a sliding edge, are only reported: the strikes are planned all the same.
 
     Args:

@@ -67,9 +67,10 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
 def voxel_map_text(voxels: VoxelMap) -> str:
     """Sentences on a voxel map (density per cell): what is assumed, what measured, and a misfit.
 
-    Assumed is a uniform density. Measured is stated as the number of directions, and as the least and the
-    largest share by which the moments reduce the variance of an octant's mass. The misfit to the moments is
-    named if it exceeds `_MAX_MISFIT` sd.
+    Assumed is a uniform density. Measured is stated as the number of independent combinations of the
+    cells' masses that the moments determine, and as the least and the largest share [%] by which they reduce
+    the variance of an octant's mass (one of the eight parts of the body about its centroid). The misfit to
+    the moments is named if it exceeds `_MAX_MISFIT` sd.
     """
     low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())
     text = (

@@ -221,7 +221,7 @@ def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Ar
     Args:
         image: (height, width) grey values, of the same size as the previous image.
         before: the square as fitted in the previous image, with the pixels used.
-        expected_ideal: (4, 2) expected corners [ideal px].
+        expected_ideal: (4, 2) expected corners, free of lens distortion [ideal px].
 
     Returns:
         The fitted square, with the pixels, line and blur of each edge; None if it has moved too far, its blur

@@ -119,8 +119,9 @@ class Observer:
         """Keep an image and, if `LOOK_INTERVAL_NS` has passed since the last evaluated one, evaluate it.
 
         Returns:
-            Event with the markers in view, whether they are at rest, and, if a strike is expected, the
-            placement; None if the image was not evaluated.
+            Event with the markers in view, whether they are at rest, the fraction of saturated pixels and, if
+            a strike is expected, the angle [rad] of the object from its planned orientation (None if it is
+            not known) with an instruction for the user; None if the image was not evaluated.
         """
         self.keep(image)
         if 0 <= image.log_time_ns - self._last_look_ns < LOOK_INTERVAL_NS:
