@@ -122,7 +122,7 @@ class _Problem:
             step = -free @ np.linalg.solve(damped, free.T @ gradient)
             tried = moved(x, step)
             there = self._expansion(tried)
-            if there[0] > misfit:
+            if not there[0] <= misfit:
                 damping = max(10 * damping, FIRST_DAMPING)
                 continue
             decrease = misfit - there[0]

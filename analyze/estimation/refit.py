@@ -120,9 +120,13 @@ def moved(x: Array, step: Array) -> Array:
 
     Six unknowns stand for the inertia tensor per kilogram. In them the step is taken straight in the tensor's
     entries, in which ln k (k the rate constant of a strike's motion) is nearly linear. If the tensor that
-    results is impossible, the nearest possible one is taken.
+    results is impossible, the nearest possible one is taken; its unknowns are NaN if there is none, so that
+    no comparison of misfits accepts the step.
     """
     J, by = unit_inertia(x[SECOND])
     found = x + step
-    found[SECOND] = log_cholesky(J + np.einsum("n,nij->ij", step[SECOND], by))
+    try:
+        found[SECOND] = log_cholesky(J + np.einsum("n,nij->ij", step[SECOND], by))
+    except np.linalg.LinAlgError:
+        found[SECOND] = np.nan
     return found

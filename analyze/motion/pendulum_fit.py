@@ -175,13 +175,13 @@ def fit_model(sample: Sample, model: Model, start: Array, radius: float | None =
         The best parameters (p,), the residuals (n,) [rad], and the covariance (2, 2) of (phi, k).
 
     Raises:
-        EstimationError: the best fit is not a tip over an edge: phi outside 0 to 2.5 rad, or k outside 0.5 to
-            5000 rad/s^2.
+        EstimationError: the best fit is not a tip over an edge: phi outside 0 to 2.5 rad, k outside 0.5 to
+            5000 rad/s^2, or a motion that grows beyond all bounds.
     """
     scale = _SCALE[: len(start)]
     minimum = minimise(sample.theta, sample.sd, model, start, scale)
     phi, k = float(minimum.parameters[0]), float(minimum.parameters[1])
-    if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
+    if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0 and np.isfinite(minimum.jacobian).all()):
         raise EstimationError(
             f"the motion is not a tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2):"
             " look at the images"

@@ -9,6 +9,8 @@ from analyze.estimation.inertia import inertial_parameters_from_joint
 from analyze.estimation.joint import solve_joint
 from analyze.estimation.posterior import linear_posterior
 from analyze.estimation.profile import profiled_posterior
+from analyze.estimation.refit import moved
+from analyze.estimation.second_moments import log_cholesky
 from tests.analyze.estimation.bodies import SIX_AXES, Body, box_body
 from tests.analyze.estimation.drawn_sessions import (
     BODY,
@@ -85,3 +87,10 @@ def test_interval_of_a_mixture_contains_95_percent_of_draws():
         low, high = posterior.interval(index)
         assert np.mean((low <= draws) & (draws <= high)) == pytest.approx(0.95, abs=0.012)
         assert draws.std() == pytest.approx(np.sqrt(posterior.covariance[index, index]), rel=0.05)
+
+
+def test_a_step_to_no_possible_tensor_is_refused_by_its_misfit():
+    """It raised LinAlgError out of the whole estimate."""
+    start = np.concatenate([np.zeros(3), log_cholesky(np.diag([1e-3, 2e-3, 2.5e-3])), np.zeros(5)])
+    assert np.isfinite(moved(start, np.full(14, 1e-3))).all()
+    assert np.isnan(moved(start, np.full(14, np.inf))[3:9]).all()
