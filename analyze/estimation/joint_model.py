@@ -134,7 +134,7 @@ class JointModel:
         first_face: int,
         faces: Sequence[tuple[str, str]],
     ) -> tuple[Array, Array]:
-        """How each unknown of the model, by 1 sd, changes an edge's radius (count,) and place (3, count) [m].
+        """Changes of an edge's radius (count,) and place (3, count) [m] by 1 sd of each unknown of the model.
 
         The place is that of the centre line of the edge's rounding, in the object frame O.
 

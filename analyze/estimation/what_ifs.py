@@ -32,7 +32,7 @@ MAX_LEFT_OUT = 6
 
 
 class WhatIf(enum.Enum):
-    """What may be changed in an estimate's assumptions or data, to see if the answer holds; in words."""
+    """Kinds of change to an estimate's assumptions or data that show if the answer holds, in words."""
 
     RADIUS = "edge radius not given"
     TILT = "tilt of the table twice as uncertain"

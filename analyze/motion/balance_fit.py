@@ -236,7 +236,7 @@ def driven_theta(
         sin, cos = np.sin(psi), np.cos(psi)
         found = np.empty_like(state)
         speed = np.subtract(state[1], (cos + rolled) * s + sin * z, out=found[0])
-        # Rolling on the rounding, as in pendulum.trajectory.
+        # Rolling on the rounding, as in pendulum_motion.trajectory.
         pull = (
             sin * (k + by_rounding * (speed * speed)) / (1.0 - 2.0 * by_rounding * (1.0 - cos))
             if radius

@@ -46,7 +46,7 @@ ENERGY_RANGE = (0.8, 1.6)
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What the user asks of a plan: number of strikes or error of the centre of mass, and options."""
+    """Request for a plan: number of strikes or error of the centre of mass, and options."""
 
     strikes: int = 9
     """Number of (further) strikes; with a target the largest number, if more than `forecast.MAX_STRIKES`."""
