@@ -12,10 +12,9 @@ from analyze.estimation.joint import (
     TWO_ERRORS_AS_ONE,
     JointSolution,
     MomentModel,
-    MomentPrior,
-    UnitPrior,
     solve_joint,
     whitened,
+    widened,
 )
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
 from analyze.estimation.priors import ComPrior, SystematicErrors
@@ -175,7 +174,7 @@ def checked_left_out(
         One prediction of phi [rad] and of the rate constant k [rad/s^2] per strike, compared with the
         measured values, in the order of `solution.model.planes`.
     """
-    wide = replace(moments, prior=_widened(moments.prior))
+    wide = replace(moments, prior=widened(moments.prior, FILLING_FACTOR))
     found: list[LeaveOneOut] = []
     for i, linear in enumerate(leave_one_out(solution)):
         if not linear.agrees:
@@ -184,19 +183,6 @@ def checked_left_out(
             phi_is_open = math.sqrt(float(linear.by_others[0, 0])) > MAX_PREDICTED_PHI_SD
             found.append(replace(linear, checkable=not phi_is_open))
     return tuple(found)
-
-
-def _widened(prior: MomentPrior) -> MomentPrior:
-    """Prior of the inertia by the shape, with all its standard deviations times `FILLING_FACTOR`.
-
-    It is a function of the centre of mass (3,) [m], as `prior` is.
-    """
-
-    def wide(com: Array) -> UnitPrior:
-        shape = prior(com)
-        return UnitPrior(shape.mean, FILLING_FACTOR * shape.sd)
-
-    return wide
 
 
 def _judged_again(solution: JointSolution, linear: LeaveOneOut, index: int, refit: Refit) -> LeaveOneOut:
@@ -261,7 +247,7 @@ def estimated_gravity(
     Returns:
         Ratio of estimated to stated gravity, less 1, with its sd: 0 if they are equal.
     """
-    wide = _widened(moments.prior)
+    wide = widened(moments.prior, FILLING_FACTOR)
     scale = replace(
         moments.scale,
         gravity_sd=OPEN_GRAVITY_RELATIVE_SD * moments.scale.gravity,

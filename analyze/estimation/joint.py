@@ -54,6 +54,16 @@ MomentPrior = Callable[[Array], UnitPrior]
 """Prior of the inertia per kilogram as a function of c (3,) [m, in O]."""
 
 
+def widened(prior: MomentPrior, factor: float) -> MomentPrior:
+    """Prior of the inertia per kilogram with `factor` times its standard deviations."""
+
+    def wide(com: Array) -> UnitPrior:
+        shape = prior(com)
+        return UnitPrior(shape.mean, factor * shape.sd)
+
+    return wide
+
+
 @dataclass(frozen=True)
 class MomentModel:
     """Mass, gravity and prior of the inertia: the inputs needed to use the strikes' rate constants k.

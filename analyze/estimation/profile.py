@@ -18,20 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.estimation.joint import (
-    JointSolution,
-    MomentModel,
-    UnitPrior,
-    prior_start,
-    shape_rows,
-    solve_joint,
-    strikes_information,
-    whitened,
-)
+from analyze.estimation.damped_solve import WeightedProblem
+from analyze.estimation.joint import JointSolution, MomentModel, solve_joint, widened
 from analyze.estimation.joint_model import COM, SECOND, JointModel
 from analyze.estimation.posterior import Posterior, derived, linear_posterior, mixture_posterior
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.estimation.refit import moved
 from analyze.estimation.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array, EquiPlane
 
@@ -52,8 +43,6 @@ MAX_STEPS = 14
 """Largest number of Gauss-Newton steps at one point."""
 NEGLIGIBLE_WEIGHT = 1e-6
 """Probability below which a point is left out."""
-FIRST_DAMPING = 1e-4
-"""Smallest damping of a step, as a fraction of the information's diagonal (Marquardt 1963)."""
 CONVERGED_DECREASE = 3e-3
 """Decrease of the misfit in a step below which a point is solved."""
 
@@ -86,9 +75,7 @@ class _Problem:
     def __init__(self, solution: JointSolution, prior: ComPrior, moments: MomentModel) -> None:
         self.solution = solution
         self.prior = prior
-        self._moment_prior = moments.prior
-        self._start, self._diagonal = prior_start(solution.model, prior, moments)
-        self._weight = solution.weight / solution.spread
+        self._weighted = WeightedProblem(solution, prior, moments, solution.weight / solution.spread)
 
     def inside(self, x: Array) -> bool:
         """True if c, of the unknowns `x` (count,), lies in the box that its prior is made from.
@@ -114,22 +101,8 @@ class _Problem:
         free = _free_basis(directions, len(x))
         x = x.copy()
         x[COM] += directions.T @ (values - directions @ x[COM])
-        misfit, gradient, normal, shape = self._expansion(x)
-        damping = 0.0
-        for _ in range(MAX_STEPS):
-            inner = free.T @ normal @ free
-            damped = inner + damping * np.diag(np.diag(inner))
-            step = -free @ np.linalg.solve(damped, free.T @ gradient)
-            tried = moved(x, step)
-            there = self._expansion(tried)
-            if not there[0] <= misfit:
-                damping = max(10 * damping, FIRST_DAMPING)
-                continue
-            decrease = misfit - there[0]
-            x, damping = tried, (damping / 5 if damping > FIRST_DAMPING else 0.0)
-            misfit, gradient, normal, shape = there
-            if decrease < CONVERGED_DECREASE:
-                break
+        x, there = self._weighted.minimised(x, free, MAX_STEPS, CONVERGED_DECREASE)
+        misfit, normal, shape = there.misfit, there.normal, there.shape
         inner = free.T @ normal @ free
         covariance = np.asarray(free @ np.linalg.inv(inner) @ free.T, dtype=np.float64)
         # The density is that of the entries of the tensor, not of the logarithms that stand for them: a flat
@@ -141,22 +114,6 @@ class _Problem:
         lifted[:, COM] = directions
         slopes = lifted - lifted @ normal @ covariance
         return _Point(x, covariance, volume - normalised - misfit / 2, slopes)
-
-    def _expansion(self, x: Array) -> tuple[float, Array, Array, UnitPrior]:
-        """Misfit (sum of squares) at the unknowns `x` (count,), with what a Gauss-Newton step needs.
-
-        Returned are the misfit, half its gradient (count,), its Gauss-Newton matrix (count, count), and the
-        prior of the inertia by the shape at the centre of mass in `x`.
-        """
-        z, rows = whitened(self.solution.model, self.solution.data, x)
-        shape = self._moment_prior(x[COM])
-        off, by = shape_rows(shape, x)
-        apart = x - self._start
-        misfit = float(self._weight @ np.sum(z**2, axis=1) + self._diagonal @ apart**2 + off @ off)
-        flat = rows.reshape(-1, len(x))
-        gradient = flat.T @ (np.repeat(self._weight, 2) * z.ravel()) + self._diagonal * apart + by.T @ off
-        normal = np.diag(self._diagonal) + strikes_information(rows, self._weight) + by.T @ by
-        return misfit, gradient, normal, shape
 
 
 def profiled_posterior(
@@ -184,11 +141,7 @@ def profiled_posterior(
     if not len(open_directions(solution, prior)):
         return linear_posterior(solution)
 
-    def wide(com: Array) -> UnitPrior:
-        shape = moments.prior(com)
-        return UnitPrior(shape.mean, FILLING_FACTOR * shape.sd)
-
-    wide_moments = replace(moments, prior=wide)
+    wide_moments = replace(moments, prior=widened(moments.prior, FILLING_FACTOR))
     solution = solve_joint(planes, systematic, prior, wide_moments, solution)
     directions = open_directions(solution, prior)
     if not len(directions):

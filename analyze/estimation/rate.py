@@ -29,7 +29,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from analyze.estimation.checks import AXIS_K_FLOOR
-from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint
+from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint, widened
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
 from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.second_moments import symmetric_entries
@@ -332,9 +332,7 @@ def estimated_rate(
     """
     k_factor = approximate**2
 
-    def wide(com: Array) -> UnitPrior:
-        shape = moments.prior(com)
-        return UnitPrior(shape.mean, ANY_FILLING_FACTOR * shape.sd)
+    wide = widened(moments.prior, ANY_FILLING_FACTOR)
 
     open_scale = replace(
         moments.scale,

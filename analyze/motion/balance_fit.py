@@ -245,11 +245,13 @@ def driven_theta(
         np.subtract((sin * s - cos * z) * speed, pull, out=found[1])
         return found
 
-    for i in range(1, len(time)):
-        if jump is not None and i - 1 == jump[0]:
-            state[1] += jump[1]
-        gap = float(time[i] - time[i - 1])
-        s, z = by_g * ((slip[i] - slip[i - 1]) / gap), by_g * ((lift[i] - lift[i - 1]) / gap)
-        state = runge_kutta_state(partial(rate, s=s, z=z), state, gap, _MAX_STEP_S)
-        found[i] = state[0]
+    # A trial step of a fit may diverge; its misfit is then no number, and the step is refused.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for i in range(1, len(time)):
+            if jump is not None and i - 1 == jump[0]:
+                state[1] += jump[1]
+            gap = float(time[i] - time[i - 1])
+            s, z = by_g * ((slip[i] - slip[i - 1]) / gap), by_g * ((lift[i] - lift[i - 1]) / gap)
+            state = runge_kutta_state(partial(rate, s=s, z=z), state, gap, _MAX_STEP_S)
+            found[i] = state[0]
     return found

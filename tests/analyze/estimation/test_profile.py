@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analyze.estimation.damped_solve import moved
 from analyze.estimation.inertia import inertial_parameters_from_joint
 from analyze.estimation.joint import solve_joint
 from analyze.estimation.posterior import linear_posterior
 from analyze.estimation.profile import profiled_posterior
-from analyze.estimation.refit import moved
 from analyze.estimation.second_moments import log_cholesky
 from tests.analyze.estimation.bodies import SIX_AXES, Body, box_body
 from tests.analyze.estimation.drawn_sessions import (
