@@ -30,7 +30,7 @@ SCHEMA_VERSION = "1.0"
 POSE_TOLERANCE = 1e-3
 """Largest error of a rotation's column products: numbers typed by people have four digits."""
 MAX_TRANSLATION_M = 10.0
-"""Largest component of a pose's translation: no marker or camera of a table-top rig is farther away."""
+"""Largest component of a pose's translation [m]: no marker or camera of a table-top rig is farther away."""
 
 T = TypeVar("T", bound=BaseModel)
 

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MAX_THICKNESS_M = 0.1
-"""Largest wall thickness, edge radius or surface error: a larger value was probably given in millimetres."""
+"""Largest wall thickness, edge radius or surface error [m]: a larger value was probably given in
+millimetres."""
 
 
 class LengthUnit(enum.Enum):

@@ -54,15 +54,15 @@ class Quantity(Document):
     sd: float | list[float] | None = None
     """1 sigma of each component, in `unit`; nine numbers row by row for a matrix"""
     covariance: list[list[float]] | None = None
-    """(3, 3) covariance of a vector, in `unit` squared"""
+    """(3, 3) covariance of a vector, in `unit` squared; null if none is stated"""
     interval95: list[float] | list[list[float]] | None = None
-    """lower and upper end of the 95 % interval; one such pair per component of a vector"""
+    """lower and upper end of the 95 % interval, in `unit`; one such pair per component of a vector"""
     frame: str | None = None
     """frame of a vector or matrix, such as O; null for a scalar"""
     observed: bool = True
     """false if no strike determines the quantity, or one of its directions"""
     unobserved_direction: list[float] | None = None
-    """unit direction (3,) in which a vector is not observed"""
+    """unit direction (3,), in `frame`, in which a vector is not observed; null if there is none"""
     source: Literal["measured", "prior", "given"] = "measured"
     """origin of the number: the strikes (measured), an assumption (prior) or an input (given); prior as soon
     as one of several numbers is (`inertia_measured` has it entry by entry)"""

@@ -12,7 +12,7 @@ RUN_UP_S = 0.06
 The fastest strike accelerates over the whole angle from the cocked position.
 """
 ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S = 0.12, -0.6, 8.0
-"""Arm length, cocked angle and speed limit of the nominal striker."""
+"""Arm length [m], cocked (raised) angle [rad] and speed limit [rad/s] of the nominal striker."""
 MIN_TAG_EDGE_PX = 60.0
 """Smallest mean edge of a tag's black square in the image [px].
 

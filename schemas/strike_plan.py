@@ -55,11 +55,11 @@ class Range(Document):
     """
 
     min: float
-    """smallest feasible value"""
+    """smallest feasible value of the quantity"""
     target: float
-    """value to aim at"""
+    """value of the quantity to aim at"""
     max: float
-    """largest feasible value"""
+    """largest feasible value of the quantity"""
 
 
 class PlannedStrike(Document):
@@ -95,7 +95,7 @@ class PlannedStrike(Document):
     )
     phi_predicted_rad: float = Field(description="predicted balance angle phi")
     phi_predicted_sd_rad: float = Field(ge=0)
-    """1 sigma of the predicted phi"""
+    """1 sigma of the predicted phi [rad]"""
     phi_measured_sd_rad: float | None = Field(
         default=None, ge=0, description="expected 1 sigma of phi as this strike measures it"
     )
@@ -160,7 +160,7 @@ class PredictedRegion(Document):
 
     name: str
     mass_sd_kg: float = Field(ge=0)
-    """1 sigma of the mass"""
+    """1 sigma of the mass [kg]"""
     determined: bool
     """true if the strikes determine the mass"""
 
@@ -180,10 +180,10 @@ class Prediction(Document):
     """
 
     com_sd_m: Vector3
-    """standard deviation of c along O's axes"""
+    """standard deviation of c along O's axes [m]"""
     com_rms_m: float = Field(ge=0, description="root mean square error of c")
     target_com_m: float | None = Field(default=None, gt=0)
-    """largest com_rms_m that the user requested; null if none"""
+    """largest com_rms_m that the user requested [m]; null if none"""
     target_reached: bool | None = None
     """true if com_rms_m is at most the target; null without one"""
     moments: list[PredictedMoment] = Field(default=[])

@@ -86,4 +86,4 @@ class StrikeVerdict(Document):
         default=None, description="log time of the contact, estimated from the images [ns]"
     )
     contact_time_sd_ns: float | None = None
-    """1 sigma of contact_time_ns [ns]"""
+    """1 sigma of contact_time_ns [ns]; null if that is"""

@@ -37,7 +37,7 @@ LATCH_TRIES: Final = 8
 QUICK_RATIO: Final = 1.3
 """round trip of a quick latch, as a multiple of the shortest"""
 LOSS_REPORT_NS: Final = 1_000_000_000
-"""shortest time between two reports of lost frames"""
+"""shortest time between two reports of lost frames [ns]"""
 RETRY_S: Final = 0.5
 """interval between attempts to reconnect a lost camera [s]"""
 READ_TIMEOUT_S: Final = 0.1

@@ -50,7 +50,7 @@ class CaptureStatus:
     recording: Path | None
     """final path of the file being written; None if no recording is open"""
     first_frame_ns: int | None
-    """log time of this recording's first frame; None before it"""
+    """log time of this recording's first frame [ns]; None before it"""
     bytes_written: int
     """bytes of this recording's files so far"""
     receive_buffer_bytes: int

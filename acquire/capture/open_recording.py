@@ -23,7 +23,7 @@ from schemas.rig import RigConfig
 from schemas.session_manifest import MANIFEST_NAME, SessionManifest
 
 Attachments = list[tuple[str, str, bytes]]
-"""name, media type, content"""
+"""files to attach to a recording: (name, media type, content) of each"""
 
 
 def frame_format(rig: RigConfig) -> FrameFormat:

@@ -57,7 +57,7 @@ class SessionFiles:
     plan_sha256: str
     """SHA-256 of the plan's text"""
     attachments: tuple[tuple[str, str, bytes], ...]
-    """(name, media type, content)"""
+    """files to attach to the recording: (name, media type, content) of each"""
 
     @property
     def hashes(self) -> dict[str, str]:

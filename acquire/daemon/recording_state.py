@@ -23,7 +23,7 @@ class RecordingState:
     manifest: SessionManifest
     """object, plan, camera and clock, as written at the head of every file"""
     attachments: list[tuple[str, str, bytes]]
-    """(name, media type, content)"""
+    """files attached to the recording: (name, media type, content) of each"""
     owner: object
     """client that opened the recording"""
     watch: WatchSupervisor

@@ -32,7 +32,7 @@ from acquire.daemon.peer import read_peer
 from acquire.errors import AcquireError, DaemonBusy, DaemonError, DaemonNotRunning
 
 MAX_LINE_BYTES = 64 << 20
-"""greatest size of a request, which carries at most one shape file"""
+"""greatest size of a request [bytes], which carries at most one shape file"""
 BUSY_S = 1.0
 """interval between the busy reports of a request in progress [s]"""
 

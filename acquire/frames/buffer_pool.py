@@ -90,7 +90,7 @@ class BufferPool:
         return frame._replace(image=image, buffer=PooledBuffer(self, slot, borrowed=True))
 
     def replace(self) -> bool:
-        """Give the camera's stream a free buffer of the reserve, in place of a buffer to be borrowed.
+        """Give the camera's stream a free buffer of the reserve, in place of one that is to be borrowed.
 
         Returns:
             True if the stream got one; False if the reserve is empty or the pool is closed: the buffer then

@@ -30,7 +30,8 @@ CAMERA_LINES = ("camera", "camera settings", "frames", "camera clock", "light", 
 RATE_TOLERANCE = 0.01
 """largest relative difference of the measured frame rate from the one set"""
 MAPPING_SD_LIMIT_NS = 100_000
-"""largest standard deviation of the frame times: at 3 rad/s, 0.1 ms are 0.02 deg, below one frame's noise"""
+"""largest standard deviation of the frame times [ns]: at 3 rad/s, 0.1 ms are 0.02 deg, below one frame's
+noise"""
 SATURATED = 254
 """grey level from which a pixel counts as saturated"""
 SATURATED_LIMIT = 0.02

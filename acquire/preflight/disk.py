@@ -19,7 +19,7 @@ SPEED_MARGIN = 1.3
 """required write speed over the camera's data rate: a disk that is only as fast as the camera cannot catch up
 after a delay"""
 TEST_S = 2.0
-"""duration of the camera's data that the test of the write speed writes"""
+"""duration of the camera's data that the test of the write speed writes [s]"""
 MAX_TEST_BYTES = 256 << 20
 _BLOCK = 1 << 20
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 MIN_SUPPLY_V, MAX_SUPPLY_V = 10.0, 14.8
 """range of the supply voltage [V] (the vendor's, for XM430)"""
 TEMPERATURE_MARGIN_C = 10
-"""required margin below the limit at which the servo switches its torque off, so that no session ends that
-way"""
+"""required margin [deg C] below the limit at which the servo switches its torque off, so that no session ends
+that way"""
 SERVO_LINES = ("servo", "servo supply", "servo temperature", "servo health")
 """names of the servo's checks, in order"""
 

@@ -35,11 +35,12 @@ from acquire.preflight.read_video import VideoContent, read_video
 CLIP_S = 1.0
 """duration of the test video [s]"""
 WATCH_TIMEOUT_S = 12.0
-"""time for `analyze watch` to start and to reach the end of the video"""
+"""time for `analyze watch` to start and to reach the end of the video [s]"""
 _POLL_S = 0.1
 _MOTION_NS = 1_000_000_000
 _END_MARGIN_NS = 200_000_000
-"""margin at the end of the video; `analyze watch` evaluates an image every 83 ms"""
+"""part at the end of the video [ns] that no report of `analyze watch` need reach; it evaluates an image every
+83 ms"""
 
 OBJECT_TOML = """name = "object on the table"
 mass_kg = 0.05

@@ -107,9 +107,9 @@ class FileSeries:
         self._rotation_thread: threading.Thread | None = None
         self._next: McapWriter | None = None
         self._refused: RecorderError | None = None
-        """reason why the next file could not be opened"""
+        """error that kept the next file from being opened; None if there was none"""
         self._error: RecorderError | None = None
-        """reason why a full file could not be finished"""
+        """error that kept a full file from being finished; None if there was none"""
         self._writer = self._open_file(first_part)
 
     @property

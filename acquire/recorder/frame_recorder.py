@@ -62,11 +62,11 @@ class _Window:
 
     start_ns: int
     end_ns: int | None = None
-    """None while the window is open"""
+    """end of the window [ns]; None while the window is open"""
     first_ns: int = 0
-    """mid-exposure of the first image; 0 while there is none"""
+    """mid-exposure of the first image [ns]; 0 while there is none"""
     last_ns: int = 0
-    """mid-exposure of the last image; 0 while there is none"""
+    """mid-exposure of the last image [ns]; 0 while there is none"""
     frames: int = 0
     """number of images recorded"""
     lost: int = 0

@@ -21,7 +21,7 @@ class FrameTimes:
     lost: int
     """number of frames lost between the file's first and last frame"""
     last_ns: int | None
-    """log time of the last frame; None if the file has no frame"""
+    """log time of the last frame [ns]; None if the file has no frame"""
 
     @classmethod
     def read(cls, path: Path, camera: str) -> FrameTimes:

@@ -36,7 +36,7 @@ from schemas.topics import Topic
 PART_SUFFIX: Final = ".part"
 SMALL_CHUNK_BYTES: Final = 64 << 10
 SMALL_PART_BYTES: Final = 512
-"""size below which an image's first part is joined to the message head"""
+"""size below which an image's first part is joined to the message head [bytes]"""
 CHUNK_EXTRA: Final = 128
 """upper bound of a chunk's overhead, and of a message's entry in the index [bytes]"""
 FLUSH_S: Final = 0.1

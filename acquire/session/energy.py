@@ -61,7 +61,7 @@ class StrikerEstimate:
     """
 
     effective_mass_kg: float
-    """effective mass at the striker's tip"""
+    """effective mass at the striker's tip [kg]"""
     effective_mass_sd_kg: float
     restitution: float
     """coefficient of restitution of tip and object"""

@@ -30,7 +30,7 @@ STRIKER_MASS_KG, STRIKER_MASS_REL_SD = 0.2, 0.25
 RESTITUTION, RESTITUTION_SD = 0.4, 0.15
 """prior of the striker where the plan has no hypothesis"""
 MIN_RISE_M = 1e-4
-"""smallest rise of c up to the balance point; a body with less does not stand"""
+"""smallest rise of c up to the balance point [m]; a body with less does not stand"""
 
 
 class EnergyModel:

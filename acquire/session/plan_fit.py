@@ -13,8 +13,8 @@ from acquire.config import RigLimits
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MAX_CAMERA_SHIFT_M, MAX_CAMERA_TURN_RAD = 0.02, math.radians(2.0)
-"""differences from the plan's camera pose above which tags may leave the image: each shifts them by some 50
-of 656 pixels"""
+"""differences [m], [rad] from the plan's camera pose above which tags may leave the image: each shifts them
+by some 50 of 656 pixels"""
 MAX_STRIKES_NAMED = 4
 """largest number of strikes that a message lists by id"""
 

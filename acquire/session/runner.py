@@ -30,15 +30,16 @@ from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import StrikeVerdict, WatchEvent
 
 POSE_TIMEOUT_S = 8.0
-"""time for the object to come to rest and be seen after it was placed"""
+"""time for the object to come to rest and be seen after it was placed [s]"""
 WATCHER_RESTART_S = 1.5
-"""time the daemon needs to restart `analyze watch` after it died"""
+"""time the daemon needs to restart `analyze watch` after it died [s]"""
 POSE_TOLERANCE_RAD = 0.14
-"""largest error of a placement, 8 degrees: far above that of a careful one, far below that of a wrong face"""
+"""largest error of a placement [rad]: 8 degrees, far above that of a careful one, far below that of a wrong
+face"""
 SERVO_TIMEOUT_S = 120.0
-"""time for a person to mend the servo's cable or supply during a session"""
+"""time for a person to mend the servo's cable or supply during a session [s]"""
 SERVO_RETRY_S = 0.5
-"""interval between attempts to reach the servo meanwhile"""
+"""interval between attempts to reach the servo meanwhile [s]"""
 REST_TIMEOUT_S = 3.0
 """recorded time after the strike [s] after which the window is closed although the object moves: it has long
 landed and only rolls"""

@@ -127,11 +127,11 @@ class CalibrationOrder:
     """
 
     speeds_m_s: tuple[float, ...] | None
-    """tip speeds to command; None for the default_tip_speeds of the rig"""
+    """tip speeds to command [m/s]; None for the default_tip_speeds of the rig"""
     repeats: int
     """number of swings at each speed and target"""
     bodies_kg: tuple[float, ...]
-    """masses of the free bodies to strike; infinite for a wall"""
+    """masses of the free bodies to strike [kg]; infinite for a wall"""
 
 
 def default_tip_speeds(rig: RigConfig) -> tuple[float, ...]:

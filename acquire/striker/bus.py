@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
 MIN_ATTEMPTS = 3
 MIN_RETRY_S = 0.5
-"""a servo counts as lost after MIN_ATTEMPTS and this time [s], which allows for a busy host or a USB hub that
-restarts"""
+"""time [s], beside MIN_ATTEMPTS requests, without an answer after which a servo counts as lost; it allows for
+a busy host or a USB hub that restarts"""
 QUIET_S = 0.02
-"""silence on the line required after a time-out before the next request; longer than FTDI's 16 ms latency"""
+"""silence on the line required after a time-out before the next request [s]; longer than FTDI's 16 ms
+latency"""
 MAX_QUIET_WAIT_NS = 200_000_000
-"""longest wait for that silence; the next request is sent after it in any case"""
+"""longest wait for the silence of QUIET_S [ns]; the next request is sent after it in any case"""
 _SYNC_WRITE = 0x83
 _ALL = 0xFE
 _STATUS_TEXT = {

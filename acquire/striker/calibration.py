@@ -23,7 +23,7 @@ late"""
 MIN_SPEED_SD = 0.002
 """smallest relative standard deviation of a tip speed: the resolution of the velocity register"""
 MIN_MASS_SD_KG, MIN_RESTITUTION_SD = 1e-4, 1e-3
-"""lower limits of the prior's standard deviations of effective mass and restitution"""
+"""lower limits of the prior's standard deviations of effective mass [kg] and restitution"""
 MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
 """Gauss-Newton: largest number of iterations; step of the numerical derivatives, in natural logarithms"""
 
@@ -38,17 +38,17 @@ class MeasuredSwing:
     """
 
     command_m_s: float
-    """commanded tip speed"""
+    """commanded tip speed [m/s]"""
     speed_m_s: float
-    """reached tip speed"""
+    """reached tip speed [m/s]"""
     speed_sd_m_s: float
-    """standard deviation of the reached tip speed"""
+    """standard deviation of the reached tip speed [m/s]"""
     drop_m_s: float | None = None
-    """loss of tip speed at contact; None if it was not significant"""
+    """loss of tip speed at contact [m/s]; None if it was not significant"""
     drop_sd_m_s: float = 0.0
-    """standard deviation of the loss; without meaning if the loss is None"""
+    """standard deviation of the loss [m/s]; without meaning if the loss is None"""
     body_kg: float | None = None
-    """mass of the free body that was struck; None in the air, infinite for a wall"""
+    """mass of the free body that was struck [kg]; None in the air, infinite for a wall"""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class StrikerParameters:
     """Effective mass [kg] and coefficient of restitution of the striker's tip, with standard deviations."""
 
     effective_mass_kg: float
-    """effective mass of the tip: the arm's moment of inertia about its axis, over its length squared"""
+    """effective mass of the tip [kg]: the arm's moment of inertia about its axis, over its length squared"""
     effective_mass_sd_kg: float
-    """standard deviation of the effective mass"""
+    """standard deviation of the effective mass [kg]"""
     restitution: float
     """coefficient of restitution e of tip and object, 0-1"""
     restitution_sd: float

@@ -36,30 +36,30 @@ if TYPE_CHECKING:
     from acquire.striker.sample import Sample
 
 CONTACT_POSITION_SD_M = 0.001
-"""standard deviation of the tip's position at contact against angle 0 (the stand is set by hand)"""
+"""standard deviation of the tip's position at contact against angle 0 [m] (the stand is set by hand)"""
 CONTACT_DURATION_S, CONTACT_DURATION_SD_S = 0.003, 0.0005
-"""duration of the contact of a hard tip with a package"""
+"""duration of the contact of a hard tip with a package, and its standard deviation [s]"""
 DURATION_GRID = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 """contact durations tried, in standard deviations from the mean"""
 FORCE_EXPONENTS = (1.0, 1.5)
 """force laws tried, as the exponent of the depth: a linear spring (1); a sphere on a plane (1.5)"""
 FORCE_LAW_SD_S = 1e-4
-"""standard deviation of the contact time due to other force laws"""
+"""standard deviation of the contact time due to other force laws [s]"""
 SIMULATION_STEP, MAX_SIMULATION_STEPS = 0.02, 1000
 """integration of the contact force: time step, in the dimensionless time of `_contact_force`, and largest
 number of steps"""
 FIT_BEFORE_S = 0.04
-"""length of the fitted constant speed before the contact"""
+"""length of the fitted constant speed before the contact [s]"""
 SEARCH_BEFORE_S = 0.02
-"""start of the search for a contact, before the last sample of the swing"""
+"""start of the search for a contact [s], before the last sample of the swing"""
 RECOVERY_PER_S, RECOVERY_SD_PER_S = 150.0, 40.0
-"""rate at which the servo recovers a loss of speed (acceleration over loss), and its standard deviation; an
-XM430 with 0.0025 kg m2 has 149 by its data sheet"""
+"""rate at which the servo recovers a loss of speed (acceleration over loss), and its sd [1/s]; an XM430 with
+0.0025 kg m2 has 149 by its data sheet"""
 TYPICAL_DROP, DROP_SD = 0.2, 0.5
 """mean and standard deviation of the prior of the loss, as fractions of the speed: wide, because an arm that
 bounces back from a wall loses 1.5; with the prior, even few reads give no absurd loss"""
 CONTACT_TIME_STEP_S = 1e-4
-"""spacing of the contact times tried"""
+"""spacing of the contact times tried [s]"""
 MIN_NOISE = 0.4
 """lower limit of the residuals' variance relative to the expected one (the registers' rounding, doubled for a
 servo that differs); smaller values occur by chance"""

@@ -13,10 +13,10 @@ import sys
 import time
 
 DELAY_S = 0.13
-"""delay before the torque goes off: the servo's watchdog stops a swinging arm after a little over 100 ms; an
-arm without torque before that would swing on"""
+"""delay before the torque goes off [s]: the servo's watchdog stops a swinging arm after a little over 100 ms;
+an arm without torque before that would swing on"""
 REPETITIONS, REPETITION_PAUSE_S = 3, 0.005
-"""the packet is sent this often, because nothing confirms it"""
+"""number of times that the packet is sent, because nothing confirms it, and pause between them [s]"""
 READY, DISMISSED = b"!", b"."
 """byte that the process sends when it is ready, and byte that it receives when it is no longer needed"""
 

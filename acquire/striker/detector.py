@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from acquire.striker.sample import Sample
 
 OVERTRAVEL_M = 0.002
-"""distance beyond angle 0 at which the swing ends at the latest, whether or not a contact was detected"""
+"""distance [m] beyond angle 0 at which the swing ends at the latest, whether or not a contact was detected"""
 EARLY_CONTACT_M = 0.02
-"""distance before angle 0 from which a drop of speed counts, so that the early contact with an object placed
-this much too near is still detected"""
+"""distance [m] before angle 0 from which a drop of speed counts, so that the early contact with an object
+placed this much too near is still detected"""
 DROP_FRACTION = 0.08
 """fraction of the speed whose loss counts as a drop while the arm swings"""
 DROP_READS = 3
 """consecutive reads with a drop that end the swing"""
 MAX_TURN_NS = 30_000_000
-"""longest time from contact to the command to turn back within which a second contact is excluded"""
+"""longest time from contact to the command to turn back within which a second contact is excluded [ns]"""
 
 
 class ContactDetector:

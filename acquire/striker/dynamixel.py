@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from schemas.rig import StrikerConfig
 
 IDLE_S = 0.1
-"""interval at which the idle thread reads the servo"""
+"""interval at which the idle thread reads the servo [s]"""
 HEALTH_NS = 1_000_000_000
-"""interval between readings of supply voltage and temperature while nothing moves"""
+"""interval between readings of supply voltage and temperature while nothing moves [ns]"""
 RETRACT_RAD = 0.15
-"""angle of the first, fast part of the retraction"""
+"""angle of the first, fast part of the retraction [rad]"""
 DAMPED_S = 0.02
-"""time for a stopped arm to come to rest before its position is held"""
+"""time for a stopped arm to come to rest before its position is held [s]"""
 
 _NOT_REACHED = "the arm did not reach the impact point; check that it moves freely"
 _HOST_PAUSED = "this host paused for 100 ms, and the watchdog stopped the arm; take load off the host"

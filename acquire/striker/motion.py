@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from schemas.rig import StrikerConfig
 
 SLOW_RAD_S, SLOW_RAD_S2 = 0.8, 8.0
-"""velocity and acceleration of a slow motion"""
+"""velocity [rad/s] and acceleration [rad/s2] of a slow motion"""
 SLOW_READ_PERIOD_S = 0.01
-"""interval between reads while the arm moves slowly or settles"""
+"""interval between reads while the arm moves slowly or settles [s]"""
 SWING_READ_PERIOD_NS = 1_000_000
-"""interval between reads of a swing"""
+"""interval between reads of a swing [ns]"""
 DITHER_NS = 600_000
-"""range over which the reads of a swing are shifted within their period: the servo renews its registers at 1
-kHz too, and in step with it every read could fall on a renewal, so that its value would be ambiguous"""
+"""range over which the reads of a swing are shifted within their period [ns]: the servo renews its registers
+at 1 kHz too, and in step with it every read could fall on a renewal, so that its value would be ambiguous"""
 GOLDEN_RATIO_FRACTION = 0.6180339887498949
 """increment of the shift, as a fraction of its range: spreads any number of reads evenly"""
 SETTLED_TICKS = 4.5
@@ -34,16 +34,16 @@ SETTLED_READS = 20
 """the arm is settled if SETTLED_READS consecutive reads are within SETTLED_TICKS of the goal and within
 SETTLED_UNITS of rest, in units of the position and velocity registers"""
 MAX_SILENCE_NS = 200_000_000
-"""longest time without an answer in a swing: by then the servo's own watchdog (100 ms) has stopped it, if
-this host paused"""
+"""longest time without an answer in a swing [ns]: by then the servo's own watchdog (100 ms) has stopped it,
+if this host paused"""
 MAX_SAMPLE_AGE_NS = 80_000_000
-"""age above which a sample is useless for the arm's velocity"""
+"""age above which a sample is useless for the arm's velocity [ns]"""
 VELOCITY_LAG_S = 0.003
-"""age of the velocity register's value, within a millisecond or two (see velocity_register.py)"""
+"""age of the velocity register's value [s], within a millisecond or two (see velocity_register.py)"""
 REST_RAD_S = 0.3
-"""velocity below which no brake is needed"""
+"""velocity below which no brake is needed [rad/s]"""
 POLL_S = 0.002
-"""interval at which pauses check for a stop"""
+"""interval at which pauses check for a stop [s]"""
 
 
 class MotionStopped(Exception):

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 ALERT = 0x80
 """bit of an answer's error byte with which the servo reports a hardware error"""
 ANSWER_MARGIN_MS = 36.0
-"""time-out beyond the transmission of the bytes: FTDI's default latency of 16 ms, twice, and a busy host (the
-SDK's LATENCY_TIMER = 16 counts twice as well)"""
+"""time-out [ms] beyond the transmission of the bytes: FTDI's default latency of 16 ms, twice, and a busy host
+(the SDK's LATENCY_TIMER = 16 counts twice as well)"""
 POLL_S = 0.001
-"""interval at which a wait for an answer checks whether it was interrupted"""
+"""interval at which a wait for an answer checks whether it was interrupted [s]"""
 _ID, _LENGTH, _INSTRUCTION, _PARAMETERS = 4, 5, 7, 8
 """offsets in a packet; a status packet has its error where an instruction has its first parameter"""
 _PING, _READ = 1, 2

@@ -44,15 +44,15 @@ DAMPING_D_GAIN = 4000
 """gain of a stopped arm without a position goal: the remaining speed is lost in some 5 ms, and nothing pulls
 it back"""
 BRAKE_GOAL_OFFSET_RAD = 0.1
-"""distance of a brake's goal behind the arm: at POSITION_P_GAIN this demands more than any current limit
-allows; should this host fall silent now, the arm comes to rest there"""
+"""distance of a brake's goal behind the arm [rad]: at POSITION_P_GAIN this demands more than any current
+limit allows; should this host fall silent now, the arm comes to rest there"""
 BRAKE_TIME_FACTOR = 0.87
 """braking time over the time that the current limit alone would need: drag brakes too, and an arm that runs
 on a little stops sooner than one that is thrown back"""
 TORQUE_PER_AMPERE = {1020: 4.1 / 2.3, 1030: 3.0 / 2.3}
 """N m/A by model number (data sheets: stall torque and current at 12 V)"""
 RUN_THROUGH_RAD = 0.35
-"""goal of a swing beyond the impact point, so that the speed is constant there"""
+"""goal of a swing beyond the impact point [rad], so that the speed is constant there"""
 _BLOCK = struct.Struct(
     "<HBBhhii"
 )  # 120 Realtime Tick, Moving, Moving Status, Present PWM, Current, Velocity, 132 Position

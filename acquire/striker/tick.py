@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from acquire.striker.sample import Sample
 
 PERIOD_NS = 500_000_000
-"""interval between published clock samples"""
+"""interval between published clock samples [ns]"""
 
 
 class TickClock:

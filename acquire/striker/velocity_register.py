@@ -28,27 +28,27 @@ POSITION_SD = 0.4 * TICK_RAD
 VELOCITY_SD = 0.5 * VELOCITY_UNIT_RAD_S
 """standard deviation of one velocity reading [rad/s]"""
 RESPONSE_STEP_S = 1e-4
-"""time step of computed responses"""
+"""time step of computed responses [s]"""
 TAU_GRID_S = np.array([0.5, 1.0, 1.5, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 5.0, 6.0]) * 1e-3
-"""time constants of the filter that are tried"""
+"""time constants of the filter that are tried [s]"""
 LAG_GRID_S = np.arange(7) * 5e-4
-"""lags after the filter that are tried"""
+"""lags after the filter that are tried [s]"""
 LAG_PRIOR_S, LAG_PRIOR_SD_S = 7e-4, 5e-4
-"""prior of the lag: mean and standard deviation"""
+"""prior of the lag: mean and standard deviation [s]"""
 PERIOD_NS = 1_000_000
-"""renewal period of the register"""
+"""renewal period of the register [ns]"""
 PHASES_NS: tuple[int | None, ...] = (None, 0, 200_000, 400_000, 600_000, 800_000)
-"""phases of the register's renewal that are tried; None for an irregular renewal, at an age of 0-1 ms"""
+"""phases of the register's renewal that are tried [ns]; None for an irregular renewal, at an age of 0-1 ms"""
 PHASE_STEP_S = 2e-4
-"""spacing of the phases that are tried"""
+"""spacing of the phases that are tried [s]"""
 UNKNOWN_AGE_SD_S = 1e-3 / math.sqrt(12)
-"""standard deviation of an age distributed uniformly over 0-1 ms"""
+"""standard deviation of an age distributed uniformly over 0-1 ms [s]"""
 RUN_UP_S, BEFORE_RUN_UP_S = 0.06, 0.01
-"""fitted part of the run-up: length after the arm has begun to move, and before that"""
+"""fitted part of the run-up: length after the arm has begun to move, and before that [s]"""
 RETRACTION_DELAY_NS = 2_000_000
-"""start of the fitted smooth motion after the jerk with which the retraction begins"""
+"""start of the fitted smooth motion after the jerk with which the retraction begins [ns]"""
 KNOT_SPACING_S = 0.004
-"""distance between the knots of the cubic spline that describes the motion"""
+"""distance between the knots of the cubic spline that describes the motion [s]"""
 ROUGHNESS = 3.0
 """weight of the third differences of the spline's coefficients; it only bounds coefficients that no read
 determines"""

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from acquire.virtual.station import Station
 
 _FAR_EDGE_M = 0.55
-"""y of the table's far edge in W"""
+"""y of the table's far edge in W [m]"""
 _WALL_M = 1.4
-"""y of the wall in W"""
+"""y of the wall in W [m]"""
 _TABLE, _WALL = 148.0, 92.0
 """mean grey levels of table and wall at the reference exposure"""
 LIGHT_WORLD = np.array([-0.35, -0.55, 0.76]) / np.linalg.norm([-0.35, -0.55, 0.76])

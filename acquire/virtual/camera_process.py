@@ -39,7 +39,7 @@ WORLD_START_S = 10.0
 """longest wait for the first pose of the world [s]"""
 STATISTICS_FILE = "camera.json"
 LATE_NS = 60_000_000
-"""delay of the newest pose after the exposure's start above which an image is drawn with at most two
+"""delay [ns] of the newest pose after the exposure's start above which an image is drawn with at most two
 sub-exposures (poses): a busy computer first saves motion blur"""
 SWITCH_INTERVAL_S = 5e-4
 """switch interval of the interpreter's threads [s]: the longest that a due answer or frame waits for its

@@ -52,17 +52,17 @@ _SPEED_OF_TERMIOS = {
 
 WATCHDOG_UNIT_NS = 20_000_000
 REBOOT_NS = 150_000_000
-"""time during which a rebooting servo does not answer"""
+"""time during which a rebooting servo does not answer [ns]"""
 OVERLOAD_NS = 1_000_000_000
-"""time near the stall current after which the servo reports an overload"""
+"""time near the stall current after which the servo reports an overload [ns]"""
 POSITION_NOISE_TICKS = 0.15
 """standard deviation of the position reading"""
 CLOCK_DRIFT_MAX = 50e-6
 """largest relative rate error of the servo's clock"""
 STEP_NS = 1_000_000
-"""time between calls of `torque`; the plant's state is then that at the end of the step"""
+"""time between calls of `torque` [ns]; the plant's state is then that at the end of the step"""
 EXTRAPOLATION_MAX_NS = 1_000_000
-"""longest time over which the arm's position is extrapolated beyond the last step"""
+"""longest time over which the arm's position is extrapolated beyond the last step [ns]"""
 
 
 class HardwareError:

@@ -42,12 +42,12 @@ SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 DRIFT = 37e-6
 """default relative rate error of the camera's clock"""
 CLOCK_OFFSET_NS = 5_000_000_000
-"""default device time at which the camera is made"""
+"""default device time at which the camera is made [ns]"""
 QUEUE_SLOTS = 32
 """number of unsent slots at which the render thread pauses; it catches up later"""
 WIRE_BYTES_S = 125e6
-"""gigabit data rate, which also limits a camera that is behind: no receiver could take a burst of all late
-frames"""
+"""gigabit data rate [bytes/s], which also limits a camera that is behind: no receiver could take a burst of
+all late frames"""
 _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
 _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00

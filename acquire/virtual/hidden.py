@@ -35,7 +35,7 @@ class HiddenBody:
     """
 
     mass_kg: float
-    """total mass"""
+    """total mass [kg]"""
     com_object: NDArray[np.float64]
     """(3,) centre of mass [m]"""
     inertia_com: NDArray[np.float64]
@@ -45,7 +45,7 @@ class HiddenBody:
     region_plane: tuple[NDArray[np.float64], float]
     """dividing plane: unit normal n (3,) towards R2, and offset [m]; R2 is the interior where n.x > offset"""
     shell_thickness_m: float
-    """depth below the surface down to which the material belongs to the shell"""
+    """depth below the surface down to which the material belongs to the shell [m]"""
 
 
 def sample_body(

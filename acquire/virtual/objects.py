@@ -38,7 +38,7 @@ class _Lump:
     """
 
     centre_m: tuple[float, float, float]
-    """nominal centre in O, the object's frame"""
+    """nominal centre in O, the object's frame [m]"""
     radius_m: float
     share: float
     """fraction of the interior's mass on its side of the dividing plane"""
@@ -54,11 +54,11 @@ class _Recipe:
     """
 
     masses_kg: tuple[float, float, float]
-    """masses of the shell and of the interior's upper and lower part"""
+    """masses of the shell and of the interior's upper and lower part [kg]"""
     normal: tuple[float, float, float]
     """normal of the dividing plane towards the upper part, in O; normalised after perturbation"""
     offset_m: float
-    """offset of the dividing plane along its normal"""
+    """offset of the dividing plane along its normal [m]"""
     lumps: tuple[_Lump, ...] = ()
     """lumps that hold the interior mass instead of two uniform parts"""
 
@@ -80,7 +80,7 @@ _RECIPES = {
     ),
 }
 _LUMP_SHIFT_M = 0.003
-"""largest shift of a lump by the seed, along each axis"""
+"""largest shift of a lump by the seed [m], along each axis"""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class VirtualObject:
     convex_parts: tuple[NDArray[np.float64], ...]
     """corners (c, 3) of the convex parts whose union is the shape"""
     edge_radius_m: float
-    """radius of the rounding of all edges"""
+    """radius of the rounding of all edges [m]"""
     friction: float
     """coefficient of friction between object and table"""
     body: HiddenBody

@@ -21,11 +21,11 @@ from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 
 POSITION_SD_M = 0.0005
-"""standard deviation of the object's position, along x and y"""
+"""standard deviation of the object's position [m], along x and y"""
 YAW_SD_RAD = np.radians(0.3)
-"""standard deviation of the object's yaw"""
+"""standard deviation of the object's yaw [rad]"""
 STAND_SD_M = 0.0003
-"""standard deviation of the distance and height at which the striker's stand is set"""
+"""standard deviation of the distance and height at which the striker's stand is set [m]"""
 
 
 class VirtualOperator:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from acquire.virtual.station import Station
 
 PSF_SIGMA_PX = 0.6
-"""standard deviation of the lens's blur"""
+"""standard deviation of the lens's blur [px]"""
 _PSF_REACH = 3
 """distance over which the blur acts [px]"""
 _SHADOW = 0.38

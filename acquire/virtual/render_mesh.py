@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _PIECE_M = 0.016
-"""longest straight piece: at 2.6 px/mm the lens bends it by less than 0.03 px"""
+"""longest straight piece [m]: at 2.6 px/mm the lens bends it by less than 0.03 px"""
 _FLAT = 1e-7
 """height of a neighbour's corner over a face up to which both count as one plane [m]"""
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 REFERENCE_EXPOSURE_US = 1500.0
-"""exposure at 0 dB at which the scene's grey levels are defined"""
+"""exposure at 0 dB at which the scene's grey levels are defined [us]"""
 FULL_WELL_E = 6000.0
 """electrons at grey level 255 and 0 dB: shot noise of 3.1 levels on white paper"""
 READ_NOISE = 1.5

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 ARM_LENGTH_M = 0.12
-"""distance from the hinge to the tip sphere's centre"""
+"""distance from the hinge to the tip sphere's centre [m]"""
 TIP_RADIUS_M = 0.008
 ARM_INERTIA_KG_M2 = 0.0025
-"""moment of inertia about the hinge: 0.12 m arm, 8 mm tip and the reflected rotor of a geared servo"""
+"""moment of inertia about the hinge [kg m^2]: 0.12 m arm, 8 mm tip and the reflected rotor of a geared
+servo"""
 G_M_S2 = 9.81
 TABLE_FRICTION = (0.60, 0.80)
 """range of the coefficient of friction between objects and the strip of fine sandpaper under the pivot

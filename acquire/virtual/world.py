@@ -38,16 +38,16 @@ Motor = Callable[[float, float, int], float]
 """torque on the arm [N m] as a function of its angle [rad], velocity [rad/s] and the world time [ns]"""
 
 TICK_NS = 1_000_000
-"""period of calls of the motor, and of `on_tick`"""
+"""period of calls of the motor, and of `on_tick` [ns]"""
 _SUBSTEPS = round(TICK_NS * 1e-9 / TIMESTEP_S)
 _NEAR_M = 0.002
-"""clearance below which every time step is examined for contact"""
+"""clearance below which every time step is examined for contact [m]"""
 _REST_SPEED, _REST_RATE, _REST_TICKS = 2e-4, 2e-3, 200
 """an object slower than _REST_SPEED [m/s] and _REST_RATE [rad/s] for _REST_TICKS ms is at rest"""
 _CONTACT_GAP_NS = 2_000_000
-"""longest time without force within one contact"""
+"""longest time without force within one contact [ns]"""
 _DROP_M = 0.0001
-"""height from which an object is released"""
+"""height from which an object is released [m]"""
 
 
 class World:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from acquire.virtual.objects import VirtualObject
 
 TIMESTEP_S = 0.0002
-"""time step of the integration"""
+"""time step of the integration [s]"""
 ARM_MASS_KG = 0.05
-"""mass of the arm, at half its length"""
+"""mass of the arm [kg], at half its length"""
 ARM_DAMPING = 0.0005
 """damping of the hinge [N m s/rad]; the gear's drag is part of the motor's torque"""
 TABLE_CONTACT = 'solref="0.001 1" solimp="0.995 0.9995 0.0001"'

@@ -35,11 +35,11 @@ from acquire.virtual.world_state import StrikerContact, WorldState
 from schemas.proto import percuss_pb2 as pb
 
 _IDLE_NS = 4_000_000
-"""interval between wake-ups while nothing moves"""
+"""interval between wake-ups while nothing moves [ns]"""
 _SLICE_NS = 10_000_000
-"""simulated time between two readings of the servo's bus if the world has fallen behind"""
+"""simulated time between two readings of the servo's bus if the world has fallen behind [ns]"""
 _STILL_RAD_S = 0.02
-"""arm velocity below which the world counts as idle, if the object rests too"""
+"""arm velocity below which the world counts as idle [rad/s], if the object rests too"""
 _RESTING_POSE_TICKS = 50
 """the truth file holds every pose while the object moves, and one in this many while it rests"""
 _PARENT_CHECK_NS = 500_000_000

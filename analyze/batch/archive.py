@@ -37,7 +37,7 @@ class SourceFile:
     url: str
     """a local path, or a URL with its protocol"""
     size: int
-    """bytes"""
+    """size of the file [bytes]"""
     stamp: str
     """ETag, hash or time of change, as text; if it differs, the content may have changed; "" if unknown"""
 

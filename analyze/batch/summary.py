@@ -35,7 +35,8 @@ QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
     ("Iyy", "iyy_kg_m2", "iyy_sd_kg_m2", 1e7, "g cm²"),
     ("Izz", "izz_kg_m2", "izz_sd_kg_m2", 1e7, "g cm²"),
 )
-"""name, column, column of its sd, factor to the unit, unit"""
+"""per quantity: name, column of the results, column of its sd, factor from the column's unit to the shown
+one, shown unit"""
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,11 @@ class Repeated:
     sessions: int
     """number of sessions with a value"""
     mean: float
-    """mean of the sessions' values, each weighted by 1 / stated sd²"""
+    """mean of the sessions' values, each weighted by 1 / stated sd², in `unit`"""
     scatter: float
-    """sd of the values from session to session; NaN for one session"""
+    """sd of the values from session to session, in `unit`; NaN for one session"""
     stated: float
-    """median of the sd that the sessions' results state"""
+    """median of the sd that the sessions' results state, in `unit`"""
     chi_square: float
     """chi-square of the sessions about their mean, per degree of freedom; far above 1 if they scatter more
     than stated, NaN for one session"""
@@ -104,7 +105,8 @@ class Summary:
     repeated: tuple[Repeated, ...]
     """repeatability of each measured quantity of each object, by object"""
     objects: tuple[tuple[str, str, int, int, int, int], ...]
-    """name, SHA-256, sessions, strikes recorded, strikes used, sessions timed by no rig's clock"""
+    """per object: name, SHA-256, and numbers of sessions, of strikes recorded and used, and of sessions whose
+    frames no rig's clock timed"""
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:

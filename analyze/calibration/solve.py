@@ -142,9 +142,9 @@ class _Normal:
     """
 
     reduced: Array
-    """(p, p) normal matrix of the lens after elimination of the poses"""
+    """(p, p) normal matrix of the lens's p numbers after elimination of the poses"""
     gradient: Array
-    """(p,) right-hand side of the lens after elimination of the poses"""
+    """(p,) right-hand side of the lens's p numbers after elimination of the poses"""
     pose_information: list[Array]
     """per view (6, 6) normal matrix of the pose"""
     cross: list[Array]

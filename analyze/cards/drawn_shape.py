@@ -29,21 +29,21 @@ MAX_CUTS = 12
 class DrawnShape:
     """Triangles and edges of an object for drawing, with their normals, in the object frame O [m].
 
-    It also tells which edges are sharp, and whether the shape is convex.
+    It also states which edges are sharp, and whether the shape is convex.
     """
 
     triangles: Array
-    """(t, 3, 3) corners, counter-clockwise seen from outside."""
+    """(t, 3, 3) corners [m], counter-clockwise seen from outside."""
     normals: Array
-    """(t, 3) unit normals."""
+    """(t, 3) outward unit normals of the triangles."""
     edges: Array
-    """(e, 2, 3) end points."""
+    """(e, 2, 3) end points [m]."""
     edge_normals: Array
     """(e, 2, 3) unit normals of the two faces that meet there."""
     creases: tuple[bool, ...]
     """(e,) True for a sharp edge, drawn wherever visible; False for one drawn only as part of the outline."""
     hull: Array
-    """(h, 3) corners of the convex hull of the original model."""
+    """(h, 3) corners of the convex hull of the original model [m]."""
     convex: bool
     """True if the shape is convex: faces towards the eye then never hide each other."""
     size: float

@@ -30,18 +30,18 @@ class Setting:
     body: PlacedObject
     """Object, placed as planned."""
     low: Array
-    """(3,) least coordinates of the object."""
+    """(3,) least coordinates of the object in W [m]."""
     high: Array
-    """(3,) greatest coordinates of the object."""
+    """(3,) greatest coordinates of the object in W [m]."""
     edge: tuple[float, float] | None
-    """Ends (least, greatest) of the pivot edge along y; None for a rim, which touches in a point, or if no
-    edge is found."""
+    """Ends (least, greatest) of the pivot edge along W's y [m]; None for a rim, which touches in a point, or
+    if no edge is found."""
     hit: Array
-    """(3,) impact point."""
+    """(3,) impact point in W [m]."""
     strike_height: float
     """Height [m] of the impact over the table."""
     camera: Array
-    """(3,) centre of the camera."""
+    """(3,) centre of the camera in W [m]."""
     tag: int | str | None
     """Name of the best visible tag of the plan; None if there is none, or the strike is turned."""
     tip_angle: float

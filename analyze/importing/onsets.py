@@ -54,7 +54,7 @@ PAUSE_AFTER_STRIKE_NS = 1_000_000_000
 SEARCH_IMAGE_PX = 900
 """largest side of the images that markers are searched in [px]; larger images are thinned"""
 REGION_PX = 40
-"""least number of pixels along the longer side of a large region that is thinned to be compared"""
+"""least number of pixels along the longer side of a large region that is thinned to be compared [px]"""
 
 
 @dataclass(frozen=True)

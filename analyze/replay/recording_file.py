@@ -11,7 +11,7 @@ from analyze.errors import RecordingCut, RecordingError
 _MAGIC = b"\x89MCAP0\r\n"
 _PART = ".part"
 STILL_S = 10.0
-"""Time without a write after which a file counts as complete: the recorder writes several clock samples a
+"""Time without a write after which a file counts as complete [s]: the recorder writes several clock samples a
 second."""
 
 

@@ -33,14 +33,14 @@ DEFAULT_DATA: Final = Path("../shared/data/contactnets_tosses.npz")
 _DOCS: Final = "docs/reference/reproduce.md"
 FRAME_RATE_HZ: Final = 148.0
 EDGE_M: Final = 0.1048
-"""Width of the cube."""
+"""Width of the cube [m]."""
 CORNERS: Final = 0.5 * EDGE_M * np.array(list(product((-1.0, 1.0), repeat=3)))
 """(8, 3) corners of the cube [m] in the object frame O, whose origin is the middle of the cube."""
 EDGE_SD_M: Final = 0.0005
-"""1 sigma of the width, which the data do not state: half of its last printed digit."""
+"""1 sigma of the width [m], which the data do not state: half of its last printed digit."""
 MASS_KG: Final = 0.37
 GRAVITY_M_S2: Final = 9.8017
-"""Gravity at 39.95 deg north, where the cube was tossed (International Gravity Formula 1980)."""
+"""Gravity [m/s^2] at 39.95 deg north, where the cube was tossed (International Gravity Formula 1980)."""
 AIR_DRAG: Final = 1.2 * 0.95 * 1.5 * EDGE_M**2 / (2 * MASS_KG)
 """Drag per mass [1/m]. Drag coefficient of a cube: 0.8 (edge on) to 1.05 (face on) (Hoerner 1965); mean
 projected area: a quarter of the surface (Cauchy 1841)."""
@@ -48,10 +48,10 @@ AIR_DRAG_SD: Final = 0.2 * AIR_DRAG
 ROUNDING_M: Final = (0.002, 0.002)
 """Radius of the edges' rounding [m]: prior mean and 1 sigma. The radius is fitted."""
 CLEAR_M, TOUCH_M, LIFTED_M = 0.006, 0.006, 0.008
-"""Heights above the table: least of every corner in flight; greatest of an edge's two ends in contact; least
-of the other corners during an edge contact."""
+"""Heights above the table [m]: least of every corner in flight; greatest of an edge's two ends in contact;
+least of the other corners during an edge contact."""
 CORNER_TOUCH_M, CORNER_LIFTED_M = 0.004, 0.012
-"""Heights above the table: greatest of a corner in contact; least of the other corners meanwhile."""
+"""Heights above the table [m]: greatest of a corner in contact; least of the other corners meanwhile."""
 FLIGHT_GUARD, CONTACT_GUARD = 3, 2
 """Frames left out next to an impact: the file's motion is low-pass filtered, which spreads the impact over
 them."""

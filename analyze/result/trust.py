@@ -29,9 +29,9 @@ NEAR_POINT_SHARE = 0.2
 """largest distance of the struck edges from one point, over half the object's largest extent, at which they
 are said to meet there nearly"""
 EXACT_POINT_M = 1e-3
-"""the same [m] at which they are said to meet"""
+"""largest distance [m] of the struck edges from one point at which they are said to meet there"""
 WORD = ("trust", "doubt", "not determined")
-"""first words of a sentence, by class"""
+"""first words of the sentences on quantities, in the order of the sentences"""
 
 
 def quantity_sentences(estimate: Estimate, regions: str, *, sound: bool, moments_sound: bool) -> list[str]:

@@ -15,7 +15,7 @@ from analyze.tags import families
 PAPERS = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
 """Width and height [mm] of each paper."""
 MARGIN = 12.0
-"""Margin [mm] that printers can leave white."""
+"""Margin [mm] of the paper that is left white, because printers may not reach it."""
 RULER_MM = 100
 """Length [mm] of the printed rulers."""
 RULER_SIDE, RULER_FOOT, HEADING = 14.0, 24.0, 9.0
@@ -47,13 +47,13 @@ class Rect:
     """Black rectangle on a page: lower left corner and size [mm]."""
 
     x: float
-    """Left edge."""
+    """Left edge, from the page's left one [mm]."""
     y: float
-    """Lower edge."""
+    """Lower edge, from the page's lower one [mm]."""
     width: float
-    """Size across."""
+    """Size across [mm]."""
     height: float
-    """Size upwards."""
+    """Size upwards [mm]."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ class PlacedTag:
     tag: Tag
     """Tag to be printed."""
     x: float
-    """Left edge of the black square."""
+    """Left edge of the black square, from the page's left one [mm]."""
     y: float
-    """Lower edge of the black square."""
+    """Lower edge of the black square, from the page's lower one [mm]."""
 
     @property
     def quiet_zone(self) -> float:
@@ -104,9 +104,9 @@ class Page:
     """Contents of one sheet of paper; lengths in mm, positions from the lower left corner, y up."""
 
     width: float
-    """Width of the paper."""
+    """Width of the paper [mm]."""
     height: float
-    """Height of the paper."""
+    """Height of the paper [mm]."""
     heading: str
     """Text at the top."""
     tags: tuple[PlacedTag, ...] = ()
@@ -116,9 +116,9 @@ class Page:
     caption: str = ""
     """Text below a board."""
     caption_at: tuple[float, float] = (0.0, 0.0)
-    """Start of the caption."""
+    """Start (x, y) of the caption's base line [mm]."""
     origin: tuple[float, float] | None = None
-    """Origin of a board's frame, with x to the right and y up; None for sheets of tags."""
+    """Origin (x, y) [mm] of a board's frame, with x to the right and y up; None for sheets of tags."""
 
 
 def parse_ids(text: str) -> list[int]:

@@ -416,7 +416,7 @@ def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> 
 
 
 def _normal(z: Array) -> tuple[Array, Array]:
-    """Standard normal distribution function and density at `z`, two arrays of its shape.
+    """Standard normal distribution function and density at `z` (...), two arrays (...) of its shape.
 
     They are taken from tables, for speed, and are accurate to 1e-7.
     """

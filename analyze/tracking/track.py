@@ -51,7 +51,7 @@ class TrackingReport:
     """markers of the object's families that it does not carry, seen in at least two full searches (in one, if
     there was only one image)"""
     image_times_ns: IntArray
-    """log times of all images that were searched [ns]"""
+    """(n,) log times of all images that were searched [ns]"""
 
     @property
     def unmarked_ns(self) -> IntArray:

@@ -21,7 +21,7 @@ _ONE_CHUNK_INDEX: Final = struct.Struct("<BQQQQQIHQQIQQ")
 """chunk index record with one message index, uncompressed"""
 _PLAUSIBLE_BYTES: Final = 1 << 24
 _PLAUSIBLE_RATIO: Final = 1000
-"""a compressed chunk that claims more than both of these is not decompressed"""
+"""greatest ratio of claimed to stored size at which a chunk of over _PLAUSIBLE_BYTES is decompressed"""
 
 
 class ChunkEntry(NamedTuple):

@@ -17,7 +17,7 @@ from schemas.mcap.walk import walk_messages
 from schemas.topics import TRUTH_PREFIX
 
 LARGE_MESSAGE_BYTES: Final = 4096
-"""Messages of this size and above enter the hash by size and CRC-32."""
+"""Size [bytes] from which on messages enter the hash by size and CRC-32."""
 
 HashedMessage = tuple[int, int, Buffer, int | None]
 """Log time [ns], size, data, CRC-32 of the data.

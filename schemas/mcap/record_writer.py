@@ -19,7 +19,8 @@ from schemas.topics import Topic
 LIBRARY: Final = "percuss"
 """Library name in the header record."""
 _JOINED_BYTES: Final = 512
-"""A first buffer below this size is copied behind the chunk's head: one buffer less for the system call."""
+"""Size [bytes] below which a first buffer is copied behind the chunk's head: one buffer less for the system
+call."""
 
 Append = Callable[[Sequence[Buffer]], object]
 """Appends all of its buffers to the file, or raises and appends none."""

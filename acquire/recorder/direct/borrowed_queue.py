@@ -22,7 +22,7 @@ from acquire.recorder.messages import DiskBehind
 
 BATCH_FRAMES: Final = 12
 BATCH_NS: Final = 30_000_000
-"""Frames are written together, at most BATCH_FRAMES or those of BATCH_NS, measured between exposures."""
+"""span of exposures [ns] after which waiting frames are written together, even if fewer than BATCH_FRAMES"""
 STRAGGLER_S: Final = 0.05
 """interval between two checks for frames that wait while no more arrive [s]"""
 LATE_FRAME_TIMEOUT_S: Final = 1.0
@@ -57,8 +57,9 @@ class BorrowedQueue(FramePath):
     def take(self, frame: Frame) -> bool:
         """Queue a frame, borrowing its buffer, and write the queued frames if a batch of them is due.
 
-        A batch is due with BATCH_FRAMES frames in the queue, or BATCH_NS after the last one began. The call
-        does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue closes.
+        A batch is due with BATCH_FRAMES frames in the queue, or BATCH_NS after the last one began (in times
+        of exposure). The call does not wait for the disk, except up to LATE_FRAME_TIMEOUT_S while the queue
+        closes.
 
         Returns:
             True if the buffer was borrowed. False if the image was dropped because no buffer was free or the

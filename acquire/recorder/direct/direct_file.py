@@ -34,16 +34,16 @@ from schemas.mcap.records import Buffer
 
 GATHER_BYTES: Final = 4 << 20
 MOST_GATHER_BYTES: Final = 8 << 20
-"""Bytes written together, more of them where more may wait: a frame's share of a write of 8 MB is 12 us, of 2
-MB 18 us."""
+"""greatest number of bytes that gather before a write [bytes]; GATHER_BYTES is the least, where little memory
+may wait: a frame's share of a write of 8 MB is 12 us, of 2 MB 18 us"""
 MOST_WRITE_BYTES: Final = 16 << 20
-"""greatest size of one write"""
+"""greatest size of one write [bytes]"""
 FLUSH_S: Final = 0.1
 """bytes are written after this time even if too few have gathered [s]"""
 RESERVE_BYTES: Final = 8 << 20
-"""allocated space that images do not get: for small topics, seal and summary"""
+"""allocated space that images do not get [bytes]: for small topics, seal and summary"""
 ALLOCATE_BYTES: Final = 64 << 20
-"""step of the allocation of disk space"""
+"""step of the allocation of disk space [bytes]"""
 RESERVE_BLOCKS: Final = 2
 """blocks of memory that images do not get"""
 

@@ -18,7 +18,7 @@ from acquire.recorder.frame_path import FramePath
 
 BATCH_BYTES: Final = 3 << 19
 BATCH_S: Final = 0.02
-"""Frames are written together, up to BATCH_BYTES and after at most BATCH_S: one wake-up, one chunk.
+"""longest wait [s] of a frame for others, up to BATCH_BYTES, to be written with in one MCAP chunk.
 
 A buffered write of 1.3 MB takes a fifth less CPU per byte than one of 0.3 MB; above 2 MB ext4 (Linux 6.18)
 takes twice as much.

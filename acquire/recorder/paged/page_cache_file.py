@@ -14,7 +14,7 @@ from acquire.recorder.recording_file import BorrowedRun
 from schemas.mcap.records import Buffer
 
 RESERVE_BYTES: Final = 8 << 20
-"""space kept from other writers on the disk, so that a full disk still lets the summary be written"""
+"""space kept from other writers on the disk [bytes], so that a full disk still lets the summary be written"""
 
 
 class PageCacheFile:

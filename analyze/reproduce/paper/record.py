@@ -51,9 +51,9 @@ class AxisMoment(Document):
     i_edge_off: float = Field(description="relative error")
     i_edge_sd: float = Field(description="relative, as estimated")
     i_com_off: float
-    """Relative error."""
+    """Relative error of the moment about the parallel axis through the centre of mass."""
     i_com_sd: float
-    """Relative sd, as estimated; 0 for the paper's method, which states none."""
+    """Relative sd of that moment, as estimated; 0 for the paper's method, which states none."""
     i_edge_kg_m2: float | None = Field(default=None, description="ground truth")
     corrected_off: float | None = Field(
         default=None, description="relative error of the paper's corrected I about the edge (3.3.2)"
@@ -75,13 +75,13 @@ class MethodAnswer(Document):
     com_covariance_m2: Matrix3 | None = None
     """Its covariance; None for the paper's method."""
     masses_kg: Vector3 | None = None
-    """Region masses; None if the method found none."""
+    """Region masses [kg]; None if the method found none."""
     masses_sd_kg: Vector3 | None = None
-    """Their standard deviations; None for the paper's method."""
+    """Their standard deviations [kg]; None for the paper's method."""
     masses_low_kg: Vector3 | None = None
-    """Lower limits of their 95 % intervals; None for the paper's method."""
+    """Lower limits of their 95 % intervals [kg]; None for the paper's method."""
     masses_high_kg: Vector3 | None = None
-    """Upper limits of their 95 % intervals; None for the paper's method."""
+    """Upper limits of their 95 % intervals [kg]; None for the paper's method."""
     moments: list[AxisMoment] = Field(default=[])
     """Errors of the moments of inertia, one entry per axis."""
 
@@ -96,9 +96,9 @@ class Angle(Document):
     true_rad: float
     ours_rad: float
     ours_sd_rad: float
-    """Standard deviation that our estimate states."""
+    """Standard deviation that our estimate states [rad]."""
     paper_rad: float | None
-    """Angle at the sign change of the acceleration; None if the object did not tip over."""
+    """Angle at the sign change of the acceleration [rad]; None if the object did not tip over."""
     frame_residual_rad: float = Field(description="rms of theta(t) minus its fit")
 
 
@@ -119,16 +119,16 @@ class Profile(Document):
     """Tipping angle theta(t) of one strike with its rate and acceleration, by frame (paper, Fig. 6)."""
 
     time_s: list[float]
-    """Time since the fit's first frame."""
+    """Time since the fit's first frame [s]."""
     theta_rad: list[float]
     rate_rad_s: list[float]
     acceleration_rad_s2: list[float]
     phases: dict[str, tuple[int, int]]
     """Ranges [start, stop) of frames by name of the phase."""
     phi_rad: float
-    """Balance angle by our fit."""
+    """Balance angle by our fit [rad]."""
     phi_true_rad: float
-    """Balance angle, ground truth."""
+    """Balance angle [rad], ground truth."""
 
 
 class Section(Document):
@@ -139,9 +139,9 @@ class Section(Document):
     """
 
     outline_m: list[tuple[float, float]]
-    """Corners (x, z) of the convex outline."""
+    """Corners (x, z) [m] of the convex outline."""
     points_m: list[tuple[float, float]]
-    """Middles (x, z) of the slice's cells."""
+    """Middles (x, z) [m] of the slice's cells."""
     ours: list[int]
     """Estimated region of each cell."""
     true: list[int]
@@ -168,11 +168,11 @@ class OwnChoice(Document):
     )
     friction_needed: float = Field(default=0.0, description="least friction coefficient without sliding")
     paper_off_m: float | None = None
-    """Distance of the centre of mass by the paper's method from the true one."""
+    """Distance of the centre of mass by the paper's method from the true one [m]."""
     ours_off_m: float | None = None
-    """Distance of the centre of mass by our method from the true one."""
+    """Distance of the centre of mass by our method from the true one [m]."""
     ours_sd_m: float | None = None
-    """Standard deviation of the distance that our method states."""
+    """Standard deviation of the distance that our method states [m]."""
     ours_observed: bool = False
     """True if our method reports all directions as observed."""
 
@@ -194,15 +194,15 @@ class SessionRecord(Document):
     """Number of pivot axes among them."""
     singular: bool = Field(description="true if a direction of c is not observable")
     mass_kg: float
-    """True mass."""
+    """True mass [kg]."""
     volume_m3: float
-    """Volume of the shape."""
+    """Volume of the shape [m^3]."""
     centroid_m: Vector3
-    """Centroid of the volume in O."""
+    """Centroid of the volume in O [m]."""
     true_com_m: Vector3
-    """True centre of mass in O."""
+    """True centre of mass in O [m]."""
     true_masses_kg: Vector3
-    """True masses of shell, upper and lower part."""
+    """True masses of shell, upper and lower part [kg]."""
     cpu_s: float = Field(description="CPU time from phi and k to all results, one core")
     angles: list[Angle]
     """Balance angle of each strike used."""

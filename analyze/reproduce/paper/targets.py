@@ -14,7 +14,7 @@ from analyze.reproduce.paper.sensitivity import PAPER_NOISE_DEG
 from analyze.reproduce.paper.tables import Column, Table, objects_of
 
 SCAN_NOISE_M = 5e-3
-"""Level of scan noise that has a target."""
+"""Level of scan noise that has a target [m]."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ SEARCH_EVERY_FRAMES = 5
 RESCAN_EVERY_FRAMES = 4
 """frames between two searches while the tag is out of sight: it falls through the view in a few dozen"""
 SHARED_CORNER_SD_PX = 0.05
-"""standard deviation of a corner beside its noise, from lens, codec and blur"""
+"""standard deviation of a corner beside its noise [px], from lens, codec and blur"""
 WORLDWIDE_G = (9.81, 0.02)
 """g [m/s^2] and its standard deviation, between equator and poles"""
 STATED_G_SD = 0.002

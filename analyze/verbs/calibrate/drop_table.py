@@ -33,7 +33,7 @@ COMMON_FRAME_RATES_HZ = (
     1000.0,
     1920.0,
 )
-"""usual frame rates of cameras"""
+"""usual frame rates of cameras [Hz]"""
 MAX_DRAG_SHARE = 0.05
 """largest drag at the end of the fall, as a fraction of g"""
 MAX_BIRGE_RATIO = 3.0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from analyze.calibration.calibrate import Calibration
 
 COLOUR_LEVELS_PX = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Ticks of the colour scale."""
+"""Ticks of the colour scale [px]."""
 _ARROW_FRACTION = 0.06
 """Length of an arrow for the 95 % quantile of the residuals, as a fraction of the image's width."""
 

@@ -17,7 +17,7 @@ from schemas.output_file import write_bytes
 COLOUR = (0, 159, 230)
 """Colour of the strokes: blue, green, red (0 to 255)."""
 STROKE_OFFSET_PX = 4
-"""Distance of the two strokes from the string, which stays visible between them."""
+"""Distance of the two strokes from the string, which stays visible between them [px]."""
 
 
 def write_plumb_picture(

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from analyze.reading.mcap_contents import McapContents
 
 EARLIEST_REAL_TIME_NS = 946_684_800_000_000_000
-"""2000-01-01; earlier times are simulated, or from a computer without a clock"""
+"""beginning of the year 2000 [ns since 1970]; earlier times are simulated, or from a computer without a
+clock"""
 
 
 def inspect_contents(contents: McapContents) -> dict[str, Any]:

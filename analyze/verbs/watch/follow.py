@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from analyze.reading.indexed_file import RecordedMessage
 
 FRESH_NS = 1_000_000_000
-"""largest age, relative to the newest image, of an image that is evaluated.
+"""largest age [ns], relative to the newest image, of an image that is evaluated.
 
 A watcher that starts late or lags skips older ones.
 """
 POLL_INTERVAL_S = 0.04
 MAX_WAIT_FOR_IMAGES_S = 3.0
-"""time after which a strike is judged even if the end of its window is not in the file"""
+"""time after which a strike is judged even if the end of its window is not in the file [s]"""
 _NO_IMAGES = "the recording contains no images yet: is the capture running?"
 
 

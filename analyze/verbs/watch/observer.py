@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
 LOOK_INTERVAL_NS = 83_000_000
-"""shortest interval between two images that are decoded: at most twelve a second"""
+"""shortest interval between two images that are decoded [ns]: at most twelve a second"""
 KEPT_NS = 12_000_000_000
-"""time for which images are kept for a verdict"""
+"""time for which images are kept for a verdict [ns]"""
 REST_BEFORE_NS, TIP_AFTER_NS = 600_000_000, 1_800_000_000
-"""part of a strike's window that a verdict uses, before and after the contact.
+"""part of a strike's window [ns] that a verdict uses, before and after the contact.
 
 The slowest tip over the balance takes about 1 s.
 """
 MOVED_PX = 3.0
-"""distance of a corner from its position at rest above which the marker counts as moving.
+"""distance [px] of a corner from its position at rest above which the marker counts as moving.
 
 Hands near the object move it less.
 """
