@@ -217,6 +217,7 @@ height = {camera["height"]}
 K = {json.dumps(camera["K"])}
 distortion = {json.dumps(camera["distortion"])}
 T_world_camera = {json.dumps(camera["T_world_camera"])}
+strain_sd = 1e-4
 
 [striker]
 kind = "dynamixel"

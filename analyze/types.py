@@ -49,6 +49,9 @@ class CameraModel:
     """lens model: pinhole or fisheye"""
     line_time_s: float = 0.0
     """delay [s] between the readout of neighbouring rows; a frame's time is that of its middle row"""
+    strain_sd: float = 0.0
+    """standard deviation of the strain that the calibration leaves in the image: relative error of a length
+    in one direction against one across it"""
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,9 @@ class TipAngle:
     reduce it"""
     slow_sd: float = 0.0
     """standard deviation [rad] of the error of theta that frames at nearly the same theta share"""
+    strain_sd: float = 0.0
+    """standard deviation of the image's strain by the camera's calibration: relative error of a length in one
+    direction against one across it"""
 
 
 @dataclass(frozen=True)

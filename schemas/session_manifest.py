@@ -38,7 +38,7 @@ class CameraCalibrationSpec(SparseDocument):
     k1, k2, k3, k4.
     """
 
-    left_out: ClassVar[tuple[str, ...]] = ("line_time_s",)
+    left_out: ClassVar[tuple[str, ...]] = ("line_time_s", "strain_sd")
 
     model: LensModel = LensModel.PINHOLE
     width: int = Field(gt=0, description="width of the image, in pixels")
@@ -56,6 +56,13 @@ class CameraCalibrationSpec(SparseDocument):
     )
     rms_px: float | None = None
     """rms reprojection error of the calibration [px]; null if not known"""
+    strain_sd: float | None = Field(
+        default=None,
+        ge=0,
+        le=0.1,
+        description="1 sigma of the strain of the image that this lens leaves: relative error of a length in "
+        "one direction against one across it; not written if not known",
+    )
 
     @field_validator("T_world_camera")
     @classmethod

@@ -102,6 +102,16 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def strain_sd(self) -> float:
+        """Standard deviation of the strain that the lens leaves in an image, with that of a stretched print.
+
+        The strain is the relative error of a length in one direction against one across it. Pixels are
+        square, so that a difference of fx and fy shows an error of the print.
+        """
+        fx, fy = self.lens.numbers[:2]
+        return float(np.hypot(self.pixels.strain_sd, fx / fy - 1.0))
+
+    @property
     def rms_px(self) -> float:
         """Root mean square distance [px] of the observed corners from those predicted by lens and poses."""
         residual: Array = np.concatenate(self.bundle.residuals)

@@ -1,5 +1,8 @@
 """Uncertainty of a lens over its image: standard deviation of the pixel to which a direction projects.
 
+The standard deviation of the image's strain follows from it: that of the part of a lens error that shifts a
+tipping angle measured in the image.
+
 It is computed also where no board was seen. A lens error that a rotation of the camera compensates does no
 harm, because the camera's pose is found with the same lens. So the best rotation over the whole image is
 removed before the standard deviation is computed.
@@ -37,6 +40,9 @@ class PixelMap:
     """(ROWS,) rows [px]"""
     value: Array
     """(ROWS, COLUMNS) standard deviation, of column and row together [px]; NaN beyond a fisheye's range"""
+    strain_sd: float
+    """standard deviation of the image's strain: relative error of a length in one direction against one
+    across it, rms over the middle half of the image's width and height, where objects are filmed"""
 
     @property
     def worst(self) -> float:
@@ -76,7 +82,8 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 
     Returns:
         Standard deviations (rows, columns) [px], of column and row together, on a grid over the image, with
-        the grid's columns and rows [px]; NaN where a pixel has no direction (beyond a fisheye's range).
+        the grid's columns and rows [px]; NaN where a pixel has no direction (beyond a fisheye's range). Also
+        the standard deviation of the image's strain.
     """
     column, row, points = grid(lens)
     rays = (undistort(lens.camera(), points) - lens.numbers[2:4]) / lens.numbers[:2]
@@ -87,7 +94,31 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
     left = without_turn(by_lens, by_turn).reshape(int(seen.sum()), 2, -1)
     value = np.full(len(points), np.nan)
     value[seen] = np.sqrt(np.maximum(np.einsum("nip,pq,niq->n", left, covariance, left), 0.0))
-    return PixelMap(column, row, value.reshape(ROWS, COLUMNS))
+    moves = np.full((len(points), *left.shape[1:]), np.nan)
+    moves[seen] = left
+    strain = _strain_sd(moves.reshape(ROWS, COLUMNS, 2, -1), column, row, covariance)
+    return PixelMap(column, row, value.reshape(ROWS, COLUMNS), strain)
+
+
+def _strain_sd(moves: Array, column: Array, row: Array, covariance: Array) -> float:
+    """Standard deviation of the image's strain, rms over the middle half of its width and height.
+
+    With the displacement (u, v) of pixels (x, y), the strain's two components are du/dx - dv/dy and
+    du/dy + dv/dx; the strain is the root of their squares' sum.
+
+    Args:
+        moves: (ROWS, COLUMNS, 2, p) derivatives of the pixels by the lens's p numbers.
+        column: (COLUMNS,) columns of the grid [px].
+        row: (ROWS,) rows of the grid [px].
+        covariance: (p, p) covariance of the lens's numbers.
+    """
+    by_row: Array = np.asarray(np.gradient(moves, row, axis=0), dtype=np.float64)
+    by_column: Array = np.asarray(np.gradient(moves, column, axis=1), dtype=np.float64)
+    stretch = by_column[..., 0, :] - by_row[..., 1, :]
+    shear = by_row[..., 0, :] + by_column[..., 1, :]
+    middle = np.stack([stretch, shear])[:, ROWS // 4 : -(ROWS // 4), COLUMNS // 4 : -(COLUMNS // 4)]
+    variance: Array = np.einsum("crxp,pq,crxq->rx", middle, covariance, middle)
+    return float(np.sqrt(np.nanmean(np.maximum(variance, 0.0))))
 
 
 def without_turn(moves: Array, by_turn: Array) -> Array:

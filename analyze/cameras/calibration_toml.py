@@ -50,7 +50,8 @@ def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
     # The line time is a property of the sensor, not of the lens.
     if answer.rig is not None and answer.rig.camera.calibration.line_time_s:
         entries["line_time_s"] = repr(answer.rig.camera.calibration.line_time_s)
-    return entries | {"rms_px": f"{answer.calibration.rms_px:.4f}"}
+    strain_sd = f"{answer.calibration.strain_sd:.1e}"
+    return entries | {"rms_px": f"{answer.calibration.rms_px:.4f}", "strain_sd": strain_sd}
 
 
 def _matrix_toml(rows: Any, digits: int) -> str:

@@ -5,6 +5,9 @@ rim shift the tipping angle theta by some thousandths of a degree, alike in fram
 same. Averaging frames does not reduce such an error, and the fit absorbs most of it, so that the residuals do
 not show it. The frames of a strike that passes balance lie on both sides of phi. One that rocked back
 extrapolates to phi, and so multiplies the error by 5 (energy ratio 0.95) to 100 (0.5).
+
+The camera's calibration leaves a strain in the image: an edge at the angle b in the image appears turned by
+0.5 strain sin 2b. As the object tips, theta is therefore off by 0.5 strain (sin 2(theta + b) - sin 2b).
 """
 
 from __future__ import annotations
@@ -40,12 +43,27 @@ _RCOND = 1e-9
 """least singular value that counts, over the largest"""
 
 
+def strain_modes(theta: Array, strain_sd: float) -> Array:
+    """Errors (n, 2) [rad] of the tipping angle by one standard deviation of the image's strain.
+
+    The columns are those of two strains whose directions in the image differ by 45 deg, independent of each
+    other and each of 0.71 `strain_sd`, since the strain's direction is unknown.
+
+    Args:
+        theta: (n,) tipping angle [rad].
+        strain_sd: standard deviation of the strain that the calibration leaves in the image.
+    """
+    size = 0.5 * strain_sd / math.sqrt(2.0)
+    return size * np.column_stack([np.sin(2.0 * theta), np.cos(2.0 * theta) - 1.0])
+
+
 def with_slow_error(fit: MotionFit, motion: PlanarMotion, rolls: bool, radius: float) -> MotionFit:
     """Copy of a strike's fit whose covariance includes errors of theta that change slowly with theta.
 
     theta is the tipping angle. The error is a Gaussian process over theta with the correlation
-    exp(-d^2 / 2 L^2) at a difference d, where L is `CORRELATION_RAD`. Its effect on phi and k is that on a
-    pendulum fitted to the same frames, also for fits that follow the motion of the edge.
+    exp(-d^2 / 2 L^2) at a difference d, where L is `CORRELATION_RAD`, and the effect of the image's strain
+    (see `strain_modes`). Its effect on phi and k is that on a pendulum fitted to the same frames, also for
+    fits that follow the motion of the edge.
 
     Args:
         fit: balance angle phi [rad] and rate constant k [rad/s^2] of theta'' = -k sin(phi - theta).
@@ -58,7 +76,7 @@ def with_slow_error(fit: MotionFit, motion: PlanarMotion, rolls: bool, radius: f
         error.
     """
     sd = slow_error_sd(fit, motion, rolls)
-    if fit.k is None or sd == 0.0:
+    if fit.k is None or (sd == 0.0 and motion.angle.strain_sd == 0.0):
         return fit
     angle, used = motion.angle, slice(*fit.window)
     theta, noise = angle.theta[used], np.maximum(angle.sd[used], 1e-6)
@@ -67,7 +85,10 @@ def with_slow_error(fit: MotionFit, motion: PlanarMotion, rolls: bool, radius: f
     inverse = np.linalg.pinv(jacobian * _SCALE / noise[:, None], rcond=_RCOND)
     solve = (inverse * _SCALE[:, None])[:2] / noise
     correlation = np.exp(-0.5 * ((theta[:, None] - theta) / CORRELATION_RAD) ** 2)
-    added: Array = np.asarray(sd * sd * solve @ correlation @ solve.T, dtype=np.float64)
+    strained = solve @ strain_modes(theta, angle.strain_sd)
+    added: Array = np.asarray(
+        sd * sd * solve @ correlation @ solve.T + strained @ strained.T, dtype=np.float64
+    )
     return replace(fit, covariance=fit.covariance + added)
 
 

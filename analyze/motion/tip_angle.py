@@ -186,6 +186,7 @@ def tip_angle(
         slip=motion[:, 1] - placement.radius * motion[:, 0],
         zero_sd=math.hypot(systematic, float(np.median(random[at_rest])) / math.sqrt(np.sum(at_rest))),
         slow_sd=_SLOW_SHARE * systematic,
+        strain_sd=camera.strain_sd,
     )
     position_sd = (
         np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad

@@ -53,7 +53,7 @@ _DISTORTION = (
     "d",
 )
 _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
-ADDED_NAMES = ("tworldcamera", "linetimes")
+ADDED_NAMES = ("tworldcamera", "linetimes", "strainsd")
 """names, in lower case without underscores, of entries that users may add to another program's file"""
 _SIZE = ("resolution", "imagesize", "imgsize")
 
@@ -63,11 +63,12 @@ def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
 
     A file named .json is read as JSON, any other as YAML. Beside the program's own entries it may contain
     `T_world_camera`, the pose of the camera in the world frame (4 x 4, from camera to world coordinates,
-    translation in m; the unit matrix by default), and `line_time_s`, the delay between the readout of
-    neighbouring rows [s].
+    translation in m; the unit matrix by default), `line_time_s`, the delay between the readout of
+    neighbouring rows [s], and `strain_sd`, the standard deviation of the strain that the lens leaves in the
+    image (relative error of a length in one direction against one across it).
 
     Returns:
-        The calibration (lens, image size, pose, row delay); True if the file has `T_world_camera`.
+        The calibration (lens, image size, pose, row delay, strain); True if the file has `T_world_camera`.
 
     Raises:
         CalibrationError: the file cannot be read, contains several cameras, or no lens of a known model.
@@ -119,8 +120,8 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
     """Convert one camera's entries, under any of the known names, to a calibration.
 
     Args:
-        entries: camera matrix [px] and image size [px]; distortion, lens model, `T_world_camera` and
-            `line_time_s` may be missing (no distortion, pinhole, unit matrix, 0).
+        entries: camera matrix [px] and image size [px]; distortion, lens model, `T_world_camera`,
+            `line_time_s` and `strain_sd` may be missing (no distortion, pinhole, unit matrix, 0, unknown).
         name: name of the file or topic, for error messages.
 
     Returns:
@@ -129,7 +130,7 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
     Raises:
         CalibrationError: camera matrix or image size is missing, the lens model is not known, an entry has
             the wrong number or kind of values, or the principal point lies outside the image.
-        DocumentError: `T_world_camera` is not a pose, or `line_time_s` is not allowed.
+        DocumentError: `T_world_camera` is not a pose, or `line_time_s` or `strain_sd` is not allowed.
     """
     K = _camera_matrix(entries, name)
     width, height = _size(entries, name)
@@ -150,9 +151,10 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
         if place is None
         else _numbers(place, name, "T_world_camera", (16,)).reshape(4, 4).tolist(),
     }
-    line_time = _first(entries, ADDED_NAMES[1:])
-    if line_time is not None:
-        spec["line_time_s"] = line_time
+    for key, plain in zip(("line_time_s", "strain_sd"), ADDED_NAMES[1:], strict=True):
+        stated = _first(entries, (plain,))
+        if stated is not None:
+            spec[key] = stated
     return validate(CameraCalibrationSpec, spec, name), place is not None
 
 
@@ -285,7 +287,7 @@ def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
     """Entries of the only camera in the parsed content `found` of a camera file.
 
     They are under cam0, cam1, … (Kalibr), under `calibration`, or at the top level. Top-level
-    `T_world_camera` (camera's pose) and `line_time_s` (row delay) are added to them.
+    `T_world_camera` (camera's pose), `line_time_s` (row delay) and `strain_sd` are added to them.
 
     Raises:
         CalibrationError: the content is no mapping, or contains several cameras.
@@ -306,7 +308,7 @@ def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
             "took the images"
         )
     inner = found[cameras[0]] if cameras else found.get("calibration")
-    # T_world_camera and line_time_s may be beside the camera's own entries, or among them.
+    # The entries that users add may be beside the camera's own entries, or among them.
     return (
         {**{key: value for key, value in found.items() if _plain(key) in ADDED_NAMES}, **inner}
         if isinstance(inner, dict)

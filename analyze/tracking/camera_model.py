@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 _NEWTON_STEPS = 12
 """number of Newton steps on a fisheye's theta"""
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+UNSTATED_STRAIN_SD = 5e-4
+"""standard deviation of the image's strain by a calibration that does not state it: 0.1 px over 200 px, as
+left by a usual calibration with a board"""
 MAX_FISHEYE_ANGLE_RAD = math.radians(80.0)
 """largest angle off a fisheye's axis [rad]; there an ideal pixel is 1/33 of a raw one, and a marker's edge
 cannot be fitted"""
@@ -37,7 +40,8 @@ cannot be fitted"""
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
     """Camera model (size, matrix, lens, pose in the world frame W, line time) of a stored calibration.
 
-    The line time is the delay [s] from one image row to the next.
+    The line time is the delay [s] from one image row to the next. A calibration that does not state how far
+    it may strain the image is given `UNSTATED_STRAIN_SD`.
     """
     return CameraModel(
         width=spec.width,
@@ -47,6 +51,7 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
         T_world_camera=np.array(spec.T_world_camera, dtype=float),
         model=spec.model,
         line_time_s=spec.line_time_s,
+        strain_sd=UNSTATED_STRAIN_SD if spec.strain_sd is None else spec.strain_sd,
     )
 
 

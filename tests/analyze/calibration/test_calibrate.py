@@ -162,3 +162,23 @@ def test_a_camera_rotation_is_removed_from_the_pixel_sd():
     # A middle that is 1 px off is a turn by 1/2000, but for what perspective adds towards the borders.
     assert pixel_sd(lens, only_middle).worst < 0.05
     assert pixel_sd(lens, only_focal).worst == pytest.approx(np.hypot(327.5, 245.5) / 2000, rel=1e-3)
+
+
+def test_strain_of_the_image_is_what_the_lens_errors_leave():
+    lens = plain_lens(LensModel.PINHOLE, 656, 492, 2000.0)
+    unequal = np.zeros((9, 9))
+    unequal[:2, :2] = [[1.0, -1.0], [-1.0, 1.0]]
+    assert pixel_sd(lens, unequal).strain_sd == pytest.approx(1e-3, rel=0.01)
+    ratios = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        found = calibrated(LENS, all_over(rng, many=10), rng)
+        off = found.lens.numbers - truth(LENS)
+        ratios.append(pixel_sd(found.lens, np.outer(off, off)).strain_sd / found.pixels.strain_sd)
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+def test_stretched_print_is_in_the_strain():
+    rng = np.random.default_rng(8)
+    stretched = TrueLens(656, 492, 1430.0, 1430.0 * 1.002, 331.0, 242.0, LENS.k)
+    assert calibrated(stretched, all_over(rng), rng).strain_sd == pytest.approx(2e-3, rel=0.1)

@@ -46,6 +46,20 @@ def test_a_good_strike(how):
     assert [fit.estimator for fit in motion.alternatives] == ["sign_change"]
 
 
+def test_strain_that_the_calibration_states_widens_phi():
+    tip = simulate(1.05)
+    track = track_of(tip, np.random.default_rng(4))
+    task = StrikeTask(
+        "s1.1", planned(0.002), int(tip.contact * 1e9) + ANCHOR, int(tip.time[-1] * 1e9) + ANCHOR
+    )
+    exact, strained = (
+        analyse_strike([track], [marker()], replace(camera(), strain_sd=sd), task).fit for sd in (0.0, 2e-3)
+    )
+    assert strained.phi == exact.phi
+    by_strain = np.sqrt(strained.covariance[0, 0] - exact.covariance[0, 0])
+    assert by_strain == pytest.approx(2e-3 * np.sin(exact.phi) / np.sqrt(2), rel=0.15)
+
+
 @pytest.mark.parametrize("slower", [8.0, 0.5])
 def test_slow_motion_taken_for_true_is_a_good_strike_with_another_k(slower):
     tip = simulate(1.05)

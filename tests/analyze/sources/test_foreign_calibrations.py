@@ -16,7 +16,7 @@ from analyze.cameras.calibration_toml import toml_entries
 from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError
 from analyze.sources.foreign_calibrations import parse_calibration
-from analyze.tracking.camera_model import camera_from_spec, distort, undistort
+from analyze.tracking.camera_model import UNSTATED_STRAIN_SD, camera_from_spec, distort, undistort
 from schemas.document import DocumentError
 from schemas.session_manifest import LensModel
 
@@ -264,13 +264,22 @@ def test_any_content_is_a_lens_or_one_line(data, as_json):
         camera_from_spec(parse_calibration(data, "lens", as_json=as_json)[0])
 
 
+def test_strain_is_that_of_the_file_or_that_of_a_usual_calibration():
+    stated = parse_calibration(json.dumps(PYTHONS | {"strain_sd": 3e-4}).encode(), "lens")[0]
+    assert camera_from_spec(stated).strain_sd == 3e-4
+    assert "strain_sd" not in spec_of(json.dumps(PYTHONS)).model_dump(mode="json")
+    assert camera_from_spec(spec_of(json.dumps(PYTHONS))).strain_sd == UNSTATED_STRAIN_SD
+
+
 def test_new_calibration_keeps_the_line_time():
     calibration = parse_calibration(json.dumps(PYTHONS | {"line_time_s": 9.3e-6}).encode(), "lens")[0]
     lens = SimpleNamespace(
         model=LensModel.PINHOLE, width=1920, height=1080, camera_matrix=np.array(K), distortion=np.array(BENT)
     )
     rig = SimpleNamespace(camera=SimpleNamespace(calibration=calibration))
-    answer = SimpleNamespace(calibration=SimpleNamespace(lens=lens, rms_px=0.1), world_camera=None, rig=rig)
+    found = SimpleNamespace(lens=lens, rms_px=0.1, strain_sd=2.34e-4)
+    answer = SimpleNamespace(calibration=found, world_camera=None, rig=rig)
+    assert toml_entries(answer)["strain_sd"] == "2.3e-04"
     assert toml_entries(answer)["line_time_s"] == "9.3e-06"
     answer.rig = None
     assert "line_time_s" not in toml_entries(answer)

@@ -34,8 +34,10 @@ class Disturbance:
     tag_turn: float = math.radians(0.05)
     unplaced: float | None = None
     """error of the object's placing on the table, where the tags' places are not given; None if they are"""
-    lens: float = 0.0
-    """strain of the image"""
+    lens: float = 1e-4
+    """strain that the calibration leaves in the image, by default that of a good one"""
+    lens_stated: bool = True
+    """True if the calibration states it, as one of `analyze calibrate` does"""
     mass: float = 0.0
     """relative error of the mass, stated"""
     rest: float = 0.0
@@ -60,7 +62,7 @@ DISTURBANCES = {
     "cloud": Disturbance(covered=True, scan="cloud", scan_sd=1.5e-4),
     "tag_place": Disturbance(covered=True, tag_place=3e-4, tag_turn=math.radians(0.3)),
     "tags_unplaced": Disturbance(covered=True, unplaced=1e-3),
-    "lens": Disturbance(lens=1e-3),
+    "lens": Disturbance(covered=True, lens=1e-3),
     "mass": Disturbance(covered=True, mass=0.01),
     "rest_pose": Disturbance(rest=math.radians(0.3)),
     "mislabelled": Disturbance(mislabelled=True),
@@ -80,5 +82,6 @@ DISTURBANCES = {
         rest=math.radians(0.03),
     ),
     "radius_per_edge": Disturbance(covered=True, radius="per edge"),
+    "lens_unstated": Disturbance(lens=1e-3, lens_stated=False),
 }
 """all disturbances, by name"""

@@ -46,7 +46,8 @@ def analyse_images(
         view: frame rate, and errors of the lens.
         rng: generator of the images' noise and of the frames' phase.
     """
-    camera, markers = turned_camera(default_camera(), task.planned.heading_rad), list(tags.markers)
+    calibrated = replace(default_camera(), strain_sd=view.strain_sd)
+    camera, markers = turned_camera(calibrated, task.planned.heading_rad), list(tags.markers)
     report = track_markers(_frames(motion, tags, made, view, rng), camera, markers)
     task = replace(task, images_end_ns=report.images_end_ns, unmarked_ns=report.unmarked_ns)
     return analyse_strike(report.tracks, markers, camera, task)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from analyze.motion.tip_angle import PlanarMotion
+from analyze.tracking.camera_model import UNSTATED_STRAIN_SD
 from analyze.types import TipAngle
 from schemas.strike_plan import PlannedStrike
 from tests.benchmarks.honesty.disturbances import Disturbance
@@ -39,6 +40,8 @@ class View:
     """noise of theta per frame [rad]"""
     strain: float
     """strain of the image"""
+    strain_sd: float
+    """its standard deviation as the calibration states it, or as it is taken where that states none"""
     tags: dict[tuple[int, ...], np.ndarray]
     """(6,) error of place [m] and turn [rad] in O of the tag seen along each direction"""
 
@@ -50,7 +53,8 @@ def draw_view(disturbance: Disturbance, rng: np.random.Generator) -> View:
     for axis in np.ndindex(3, 3, 3):
         place, turn = rng.normal(0, disturbance.tag_place, 3), rng.normal(0, disturbance.tag_turn, 3)
         tags[tuple(np.array(axis) - 1)] = np.concatenate([place, turn])
-    return View(float(rng.choice([120.0, 240.0])), noise, rng.normal(0, disturbance.lens), tags)
+    stated = disturbance.lens if disturbance.lens_stated else UNSTATED_STRAIN_SD
+    return View(float(rng.choice([120.0, 240.0])), noise, rng.normal(0, disturbance.lens), stated, tags)
 
 
 def tag_error(view: View, direction: np.ndarray) -> np.ndarray:
@@ -121,6 +125,7 @@ def observe(
         np.hypot(yaw, roll) + np.abs(rng.normal(0, 2 * view.noise, n)),
         slip - slip[rest].mean(),
         zero_sd=math.hypot(ZERO_SD, view.noise / math.sqrt(rest.sum())),
+        strain_sd=view.strain_sd,
     )
     place_sd = np.full(n, math.hypot(LEVER * view.noise, 1e-5))
     return (
