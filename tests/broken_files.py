@@ -29,13 +29,16 @@ KINDS = {
 
 
 def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
-    """Write a damaged recording of the given kind.
+    """Write a damaged recording of the given kind, and return its path.
 
     Args:
-        whole: a recording.
-        folder: where.
-        kind: a key of KINDS.
-        number: distinguishes several of a kind, in name and in fault.
+        whole: an intact recording.
+        folder: folder for the damaged one.
+        kind: kind of damage, a key of KINDS.
+        number: number that distinguishes several files of a kind, in name and in damage.
+
+    Raises:
+        ValueError: the kind is unknown.
     """
     path = folder / f"broken-{kind}-{number}.mcap"
     data = whole.read_bytes()

@@ -15,7 +15,8 @@ import os
 import socket
 
 VARIABLE = "PERCUSS_TEST_NETWORK"
-"""environment variable with the first three numbers, such as 127.77.0; chosen automatically if not set"""
+"""environment variable with the first three numbers of the test network, such as 127.77.0; chosen
+automatically if not set"""
 
 
 def loopback(host: int) -> str:

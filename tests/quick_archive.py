@@ -41,7 +41,7 @@ DETAIL = 4
 """sub-pixels per pixel, along each axis, over which a drawn tag is averaged"""
 SHAPES = ((0.08, 0.06, 0.15), (0.07, 0.05, 0.12), (0.09, 0.07, 0.13))
 FIRST, AFTER = 15, 8
-"""frame that a window begins with (the strike is at frame 29), and frames after the landing"""
+"""frame with which a window begins (the strike is at frame 29), and number of frames after the landing"""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class QuickSession:
 
     path: Path
     com: np.ndarray
-    """(3,) m, in O"""
+    """(3,) centre of mass in O [m]"""
     mass: float
 
 
@@ -70,15 +70,15 @@ def body_of(number: int) -> Body:
 def quick_session(
     path: Path, body: Body, number: int, strikes: int = 4, *, packed: bool = False
 ) -> QuickSession:
-    """Write a recording.
+    """Write a recording of a simulated session, and return the object's true mass properties.
 
     Args:
-        path: to be written.
-        body: that was struck.
-        number: of the session: its time, its identity, its noise of placement.
-        strikes: how many, about the axes on which the tag stays in view, in turn.
-        packed: PNG whose runs of one grey are packed, not as the recorder writes it: a tenth of the size, a
-            third of the time.
+        path: recording to write.
+        body: object that is struck.
+        number: number of the session, from which follow its time, its identity and its placement noise.
+        strikes: number of strikes, about the axes on which the tag stays in view, in turn.
+        packed: True for PNG whose runs of one grey are packed, not as the recorder writes it: a tenth of the
+            size, a third of the time.
     """
     rng = np.random.default_rng((78, number))
     lens = station(1)

@@ -52,7 +52,7 @@ class Faults:
 
 
 class MarkedBuffer(PooledBuffer):
-    """Marks the pixels of a released frame, so that a later reader is noticed."""
+    """Buffer that marks the pixels of a released frame, so that a later reader is noticed."""
 
     __slots__ = ("_image",)
 
@@ -151,7 +151,10 @@ _faults = Faults.from_environment()
 
 
 def make(config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> Camera:
-    """One set of faults for the process: a camera that died once lives after the reconnection."""
+    """Camera with the faults of CAMERA_FAULTS, one set of them for the whole process.
+
+    Therefore a camera that died once lives after the reconnection.
+    """
     return SyntheticCamera(config, clock, _faults, borrowable_frames)
 
 

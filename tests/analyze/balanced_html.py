@@ -1,4 +1,4 @@
-"""Whether HTML is well formed, as far as tags go."""
+"""Check that the tags of an HTML page are balanced."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from html.parser import HTMLParser
 
 
 class Balanced(HTMLParser):
-    """Fails where a tag closes that was not the last to open; `open` holds those that never closed."""
+    """HTML parser that fails where a tag closes that was not the last to open.
+
+    `open` lists the tags that were never closed.
+    """
 
     VOID = frozenset({"meta", "br", "img", "path", "circle", "rect", "use"})
 

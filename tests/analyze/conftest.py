@@ -1,4 +1,4 @@
-"""What the tests of the analysis share."""
+"""Fixtures that the tests of the analysis share."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from tests.places import RECORDINGS
 
 @pytest.fixture(scope="session", autouse=True)
 def samples_are_tracked_once() -> Iterator[None]:
-    """Many tests look at the committed sample: a strike of it is tracked once for the same markers and
-    object. A copy is another file."""
+    """Track a strike of the committed sample once for the same markers and object; many tests read it.
+
+    A copy of the sample is another file.
+    """
     from analyze.pipeline import read_evidence as evidence
 
     track, known = evidence._strike, {}
@@ -37,7 +39,7 @@ def samples_are_tracked_once() -> Iterator[None]:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For what a report says beside its plots: making and drawing them is nine tenths of its time."""
+    """Leave the plots of a report empty, for tests of its texts: plots take nine tenths of its time."""
     for figure in ("regions", "voxel", "moments", "prediction", "sources", "influence", "strike"):
         monkeypatch.setattr(f"analyze.report.report.{figure}_figure", lambda *_: None)
     monkeypatch.setattr("analyze.report.report.projection_figures", lambda *_: [None] * 3)

@@ -1,5 +1,7 @@
-"""A session on a virtual box without images: motions by a Runge-Kutta pendulum with frame noise; written
-apart from the estimators."""
+"""Session on a virtual box without images: motions of a Runge-Kutta pendulum with frame noise.
+
+It is independent of the estimators.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,11 @@ def session(
     time_source: TimeSource = TimeSource.DEVICE_MAPPED,
     axes: tuple[tuple[int, int, int, int], ...] = SIX_AXES,
 ) -> Evidence:
-    """Strikes on six axes of `body`, or on `axes`; phi [rad] and k (relative) drawn with errors of `sd`, tilt
-    [rad] of the table added to all, times stretched by `slow`."""
+    """Evidence from strikes on `axes` of `body`, with drawn errors.
+
+    phi [rad] and k (relative) have errors of 1 sigma `sd`; `tilt` [rad] of the table is added to all phi;
+    times are stretched by `slow`.
+    """
     sd_phi, sd_k = sd
     spec = object_spec(body)
     strikes = [planned_strike(body, *axis, repeat) for axis in axes for repeat in range(repeats)]
@@ -63,7 +68,7 @@ def session(
 def motion(
     strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: float, rng: np.random.Generator
 ) -> TipMotion:
-    """Rest, strike, both stages and the landing, with 0.05 deg of frame noise."""
+    """Motion of one strike with rest, both stages and the landing, and 0.05 degrees of frame noise."""
     truth, omega = tipping(phi, k)
     passed = int(np.argmax(np.array(truth) > phi))
     landed = len(truth)
@@ -100,8 +105,10 @@ def motion(
 
 
 def tipping(phi: float, k: float, energy: float = 1.05) -> tuple[list[float], float]:
-    """Theta [rad] at 120 frames per second until 0.6 rad past the balance, struck just after frame 29; the
-    rate [rad/s] it begins with."""
+    """Tipping angles [rad] at 120 frames per second, and the angular speed at their start [rad/s].
+
+    The strike is just after frame 29; the angles end 0.6 rad past the balance.
+    """
     omega = float(np.sqrt(2 * k * (1 - np.cos(phi)) * energy))
     truth, theta, rate = [0.0] * 30, 0.0, omega
     while theta < phi + 0.6 and len(truth) < 400:
@@ -114,7 +121,7 @@ def tipping(phi: float, k: float, energy: float = 1.05) -> tuple[list[float], fl
 
 
 def object_spec(body: Body) -> ObjectSpec:
-    """What the user would know of `body`."""
+    """Object file that a user would write for `body`."""
     return ObjectSpec(
         name="test box",
         mass_kg=body.mass,
@@ -128,7 +135,7 @@ def object_spec(body: Body) -> ObjectSpec:
 
 
 def manifest(spec: ObjectSpec, time_source: TimeSource = TimeSource.DEVICE_MAPPED) -> SessionManifest:
-    """Of a rig with one camera and a table level to 0.05 deg."""
+    """Manifest of a recording by a rig with one camera and a table level to 0.05 degrees."""
     calibration = CameraCalibrationSpec(
         width=656,
         height=492,
@@ -153,5 +160,5 @@ def manifest(spec: ObjectSpec, time_source: TimeSource = TimeSource.DEVICE_MAPPE
 
 
 def carton(edge_radius: float = 1e-3) -> Body:
-    """80 x 60 x 150 mm, 44 g, three regions with a tilted border."""
+    """Box of 80 x 60 x 150 mm and 44 g, with three regions and a slanted dividing plane."""
     return box_body((0.08, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), edge_radius)

@@ -1,5 +1,4 @@
-"""A finished recording as the row of files that it would be, had the process that wrote it died on the
-way."""
+"""Finished recordings split into several files, as if the process that wrote them had died."""
 
 from __future__ import annotations
 
@@ -33,7 +32,11 @@ KNOWN = [
 
 
 def split_recording(source: Path, first: Path, at_ns: int) -> list[Path]:
-    """Write `first` with what `source` holds up to a log time, and `<first>-0002.mcap` with the rest."""
+    """Write messages of `source` up to a log time to `first`, the rest to `<first>-0002.mcap`.
+
+    Returns:
+        Paths of both files.
+    """
     second = first.with_name(f"{first.stem}-0002{first.suffix}")
     _write(source, first, (None, at_ns), (None, at_ns), {"part": 1})
     _write(source, second, (at_ns + 1, None), (at_ns + 1, None), {"part": 2})
@@ -41,8 +44,10 @@ def split_recording(source: Path, first: Path, at_ns: int) -> list[Path]:
 
 
 def as_two_sessions(source: Path, first: Path, second: Path, at_ns: int) -> None:
-    """Write what `source` holds up to a log time, and the rest, as recordings of their own; both know what is
-    hidden in the object."""
+    """Write messages of `source` up to a log time, and the rest, as two recordings of their own.
+
+    Both contain the true mass properties of the object.
+    """
     _write(
         source,
         first,
@@ -60,7 +65,7 @@ def as_two_sessions(source: Path, first: Path, second: Path, at_ns: int) -> None
 
 
 def rewritten(source: Path, path: Path, changed: dict[str, object]) -> None:
-    """Write all that `source` holds, with other entries in its manifest."""
+    """Write all messages of `source` with changed entries in its manifest."""
     _write(source, path, (None, None), (None, None), changed)
 
 

@@ -1,4 +1,4 @@
-"""A page in a browser, and all that went wrong on it."""
+"""A page in a browser, with all problems that occur on it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 DESKTOP = (1280, 900)
 PHONE = (390, 844)
 A4_PX = (703, 1032)
-"""within margins of 12 mm, at CSS's 96 px per inch"""
+"""width and height of a printed page within margins of 12 mm [px], at CSS's 96 px per inch"""
 HERE = ("file:", "data:")
 PATIENCE_MS = 60_000
 LEAST_INK = 0.004
-"""of a plot's pixels, that differ from its background"""
+"""least share of a plot's pixels that must differ from its background"""
 
 OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')].filter(each => {
     const box = each.getBoundingClientRect();
@@ -47,23 +47,26 @@ class WatchedPage:
     problems: list[str] = field(default_factory=list)
 
     def overflowing(self, scrolls: bool = True) -> list[str]:
-        """Elements beyond the right edge; with `scrolls` not those within a part that scrolls by itself."""
+        """Elements that reach beyond the page's right edge, in words.
+
+        With `scrolls`, those within a part that scrolls by itself do not count.
+        """
         return self.page.evaluate(OVERFLOWING, scrolls)
 
     def cut_text(self) -> list[str]:
-        """Text in cards that does not fit."""
+        """Texts of cards that are wider than their card."""
         return self.page.evaluate(CUT_TEXT)
 
     def picture(self) -> np.ndarray:
-        """What it shows, (height, width, 3)."""
+        """Screenshot of the visible part of the page, (height, width, 3) uint8."""
         return cv2.imdecode(np.frombuffer(self.page.screenshot(), dtype=np.uint8), cv2.IMREAD_COLOR)
 
     def plots(self) -> int:
-        """How many there are."""
+        """Number of plots on the page."""
         return len(self.page.evaluate(PLOTS))
 
     def empty_plots(self) -> list[str]:
-        """Those that draw nothing, by their place on the page."""
+        """Plots in which nothing is drawn, in words: their number and place on the page."""
         boxes = self.page.evaluate(PLOTS)
         picture = cv2.imdecode(
             np.frombuffer(self.page.screenshot(full_page=True), dtype=np.uint8), cv2.IMREAD_COLOR
@@ -91,7 +94,7 @@ def ink(picture: np.ndarray) -> float:
 
 @contextmanager
 def watched(browser: Browser, size: tuple[int, int] = DESKTOP) -> Iterator[WatchedPage]:
-    """A new page of the browser, for files: all that it asks for elsewhere is a problem."""
+    """Context with a new page of the browser for local files; requests to other places are problems."""
     with _page(browser, size) as found:
         found.page.on(
             "console",
@@ -110,9 +113,9 @@ def watched(browser: Browser, size: tuple[int, int] = DESKTOP) -> Iterator[Watch
 
 @contextmanager
 def watched_viewer(browser: Browser, size: tuple[int, int], elsewhere: set[str]) -> Iterator[WatchedPage]:
-    """A new page for rerun's web viewer, which logs thousands of lines: only its errors are kept.
+    """Context with a new page for rerun's web viewer, of whose thousands of lines only errors are kept.
 
-    It wants to call home; it does not get out, and the hosts it asked for are added to `elsewhere`.
+    Its requests to hosts elsewhere are blocked, and the hosts added to `elsewhere`.
     """
 
     def shut(route: Route) -> None:

@@ -72,7 +72,7 @@ def ours(images):
 
 
 def opencv(images):
-    """Lens and stated sd by OpenCV's defaults."""
+    """Lens and its stated sd by OpenCV's default settings."""
     tags = cv2.aruco.getPredefinedDictionary(PRINTED.family)
     board = cv2.aruco.CharucoBoard(
         (PRINTED.columns, PRINTED.rows), PRINTED.square, 0.7 * PRINTED.square, tags
@@ -91,13 +91,13 @@ def opencv(images):
 
 
 def say(line):
-    """One line, at once."""
+    """Print one line at once."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 
 
 def row(name, unit, mine, theirs, digits):
-    """One line of the table: median and worst of both, and errors over the stated sd (rms)."""
+    """Print one line of the table: median and worst of both, and errors over the stated sd (rms)."""
     cells = [
         f"{np.median(np.abs(errors)):.{digits}f} ({np.abs(errors).max():.{digits}f})"
         for errors, _ in (mine, theirs)

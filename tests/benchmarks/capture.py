@@ -59,15 +59,19 @@ FORMAT = FrameFormat("main", WIDTH, HEIGHT, RATE_HZ)
 PERIOD_NS = 10**9 // RATE_HZ
 T0_NS = 1_700_000_000_000_000_000
 BUFFERS = 128
-"""the 64 of a rig file's default, and some of the further buffers that may be borrowed"""
+"""number of frame buffers: the 64 of a rig file's default, and some of those that may be borrowed in
+addition"""
 BATCH = BATCH_BYTES // (WIDTH * HEIGHT)
 Frames = list[NDArray[np.uint8]]
 Calls = Iterator[float]
-"""0 when the writer is ready, then the duration [s] of each call"""
+"""Yields 0 when the writer is ready, then the duration [s] of each call."""
 
 
 def raw_write(path: Path, frames: Frames, sync_bytes: int) -> Calls:
-    """Call write() for each frame; with `sync_bytes` 0 the kernel decides when data goes to the disk."""
+    """Call write() for each frame, and yield the durations.
+
+    With `sync_bytes` 0 the kernel decides when data goes to the disk.
+    """
     fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
     waiting = 0
     yield 0.0
@@ -122,7 +126,7 @@ class PoolBuffer:
         self._pool = pool
 
     def borrow(self) -> bool:
-        """Borrow the buffer: it is not filled again before its release."""
+        """Borrow the buffer: it is not filled again before its release; always True."""
         return True
 
     def release(self) -> None:
@@ -240,11 +244,11 @@ class Turn:
     system_s: float
     worst_s: float
     kernel_s: float
-    """CPU time of the kernel's threads until everything is on the disk"""
+    """CPU time of the kernel's threads until everything is on the disk [s]"""
 
     @property
     def cpu_s(self) -> float:
-        """User and system CPU time."""
+        """User and system CPU time [s]."""
         return self.user_s + self.system_s
 
 

@@ -47,13 +47,13 @@ class FrameTimes:
     """A recording's frames and clock readings; arrays of one entry each."""
 
     error_us: NDArray[np.float64]
-    """recorded start of exposure minus the true one"""
+    """(n,) recorded start of exposure minus the true one [us]"""
     sd_us: NDArray[np.float64]
-    """recorded 1 sigma of that time"""
+    """(n,) recorded 1 sigma of that time [us]"""
     since_start_s: NDArray[np.float64]
     round_trip_us: NDArray[np.float64]
     drift: float
-    """drift of the camera's clock, from the readings"""
+    """relative rate error of the camera's clock, from the readings"""
     lost: int
 
 
@@ -73,7 +73,7 @@ def rig(address: str) -> RigConfig:
 
 @contextlib.contextmanager
 def busy(programs: int) -> Iterator[None]:
-    """Run `programs` programs that use a whole core each."""
+    """Context in which `programs` programs use a whole core each."""
     with contextlib.ExitStack() as cleanup:
         for _ in range(programs):
             loop = cleanup.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 NOISES = ((0.05, 0.1), (0.1, 0.2), (0.2, 0.5))
-"""ranges of noise [deg]"""
+"""ranges [deg per frame] of the noise of the tipping angle"""
 MAX_BOUND = math.radians(1.0)
 """Cramer-Rao bound of phi [rad] above which a strike is left out, and counted"""
 

@@ -67,7 +67,7 @@ class Sessions:
     bodies: list[Body]
     planes: list[list[EquiPlane]]
     rise: list[float]
-    """slope of the table towards +x [rad]"""
+    """slope of the table towards +x in each session [rad]"""
     many: int
 
     def parts(self) -> dict[str, Callable[[list[EquiPlane]], list[EquiPlane]]]:

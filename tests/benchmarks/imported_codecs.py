@@ -173,7 +173,7 @@ def formats(rate: int) -> list[Format]:
 
 
 def strikes_of(recording_path: Path, file_format: Format, folder: Path) -> tuple[list[Path], list[str]]:
-    """Write a file per strike; the files, and the planned strike of each."""
+    """Write a file per strike; return the files, and the id of the planned strike of each."""
     files, planned = [], []
     with open_recording(recording_path) as recording:
         for record in recording.strikes:

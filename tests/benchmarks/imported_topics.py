@@ -45,7 +45,7 @@ def ros_colour_bag(path: Path, frames: Iterable[ImageFrame]) -> None:
 
 
 def ros_jpeg_bag(path: Path, frames: Iterable[ImageFrame]) -> None:
-    """One sensor_msgs/CompressedImage (JPEG, quality 95) per image, in MCAP."""
+    """Write one sensor_msgs/CompressedImage (JPEG, quality 95) per image, in MCAP."""
     _bag(path, frames, StoragePlugin.MCAP, "sensor_msgs/msg/CompressedImage")
 
 

@@ -18,7 +18,8 @@ from tests.analyze.importing.tip_videos import REST, angles, picture
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240
 STRIKES, LARGE_STRIKES = 9, 4
-"""strikes in a gigabyte, and in one of half-megabyte pictures, so that the object rests before each strike"""
+"""number of strikes in a video of a gigabyte, and in one of half-megabyte pictures, so that the object rests
+before each"""
 GIGABYTE = 10**9
 
 

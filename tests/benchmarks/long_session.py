@@ -19,7 +19,7 @@ STRIKES, SECONDS = 10, 600
 LAST_STRIKE = "s2.3"
 _PERIOD_NS = 8_333_333
 _BEFORE, _AFTER = 110, 64
-"""frames at rest that are added before and after the sample's"""
+"""numbers of frames at rest that are added before and after the sample's frames"""
 _NOISE = 1.5
 """noise [grey levels, 1 sigma] that distinguishes repeated frames"""
 

@@ -31,15 +31,16 @@ class EdgeErrors:
     """Errors of the edges from one cloud, in mm."""
 
     fitted: np.ndarray
-    """distance of each true edge from the edge found for it"""
+    """(n,) distance of each true edge from the edge found for it [mm]"""
     sd: np.ndarray
-    """sd that the plan would state"""
+    """(n,) sd that the plan would state [mm]"""
     edges: int
     """number of true edges"""
     raw_found: int
-    """true edges that the raw hull's planes have"""
+    """number of true edges that the raw hull's planes have"""
     raw_shift: float
-    """mean distance of the raw hull outside the true faces, times root 2 for an edge of two such faces"""
+    """mean distance of the raw hull outside the true faces [mm], times root 2 for an edge of two such
+    faces"""
 
 
 def noisy_cloud(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool) -> np.ndarray:

@@ -37,7 +37,7 @@ class Found:
     turn: list[float] = field(default_factory=list)
     place: list[float] = field(default_factory=list)
     by_sd: list[float] = field(default_factory=list)
-    """each of the six errors of each tag, over its sd"""
+    """each of the six errors (rotation, position) of each tag, over its sd"""
     undetermined: int = 0
     cases: int = 0
 

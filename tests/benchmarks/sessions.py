@@ -59,7 +59,7 @@ def main(objects: str, seeds: str, keep: Path | None, json_path: Path | None) ->
 
 
 def session(name: str, seed: int, path: Path) -> dict:
-    """Run one demo session; its report or error, ready for JSON."""
+    """Run one demo session; return its report or error, ready for JSON."""
     start = time.monotonic()
     demo = _run(
         "acquire", "demo", "--object", name, "--seed", str(seed), "-o", str(path), "--force", "--json"

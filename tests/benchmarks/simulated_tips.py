@@ -68,9 +68,10 @@ class Truth:
     com: np.ndarray
     inertia: np.ndarray
     regions: np.ndarray | None
-    """(3,) [kg] shell, above, below; None for a body that is not a shell and two uniform parts"""
+    """(3,) true masses of shell, part above and part below the dividing plane [kg]; None for a body that is
+    not a shell and two uniform parts"""
     dividing_plane_normal: np.ndarray
-    """(3,) normal"""
+    """(3,) unit normal of the dividing plane in O"""
     points: np.ndarray
     masses: np.ndarray
     in_shell: np.ndarray
@@ -178,7 +179,7 @@ def _drawn_truth(body: PlannedBody, rng: np.random.Generator) -> Truth | None:
 
 
 def _in_class(body: PlannedBody, rng: np.random.Generator) -> Filled:
-    """A wall and two even parts on either side of a plane; one in six leaves a part empty."""
+    """Filling with a wall and two uniform parts on either side of a plane; one in six leaves a part empty."""
     surface, upper = rng.uniform(0.1, 0.7), rng.uniform(0.1, 0.9)
     if rng.random() < 1 / 6:
         upper = float(rng.integers(2))

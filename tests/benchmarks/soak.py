@@ -56,9 +56,9 @@ class Reader:
     frames: int = 0
     size: int = 0
     missing: int = 0
-    """frames missing by the number in the pixels"""
+    """number of frames missing by the number in the pixels"""
     missing_ids: int = 0
-    """frames missing by frame id and device time"""
+    """number of frames missing by frame id and device time"""
     wrong: list[str] = field(default_factory=list)
     _number: int | None = None
 
@@ -197,7 +197,7 @@ def main(
 
 
 def soak(path: Path, seconds: float, rig: RigConfig) -> dict:
-    """Record for `seconds`; all figures, ready for JSON."""
+    """Record for `seconds`, and return all figures, ready for JSON."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": environment}
     reading = [sys.executable, __file__, "--verify", str(path), "--rate", str(rig.camera.frame_rate_hz)]

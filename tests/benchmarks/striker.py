@@ -34,13 +34,13 @@ from tests.acquire.virtual.world_link import WorldLink
 
 STAND_SD_M = 0.0003
 IMPACT_HEIGHT = 0.75
-"""height of the strike, as a fraction of the object's"""
+"""height of the strike, as a fraction of the object's height"""
 AT_1_KHZ = 900.0
 """reads per second, of 1000 requested, above which a swing counts as sampled at 1 kHz"""
 WINDOW_S = (-0.02, 0.01)
 """time around the contact, from whose reads the contact time is determined [s]"""
 MAX_GAP_S = 0.002
-"""longest gap between two reads: 1 kHz with its deliberate spread of 0.6 ms gives 1.6 ms plus one read"""
+"""longest gap between two reads [s]: 1 kHz with its deliberate spread of 0.6 ms gives 1.6 ms plus one read"""
 
 
 @dataclass(frozen=True)
@@ -51,20 +51,20 @@ class Swing:
     time_error_ms: float
     time_sd_ms: float
     speed_error: float
-    """relative"""
+    """relative error of the tip speed"""
     impulse_ratio: float
-    """stated over true; NaN if not measured"""
+    """stated over true impulse; NaN if not measured"""
     impulse_sd: float
-    """relative"""
+    """relative stated sd of the impulse"""
     contacts: int
     true_contacts: int
     reads_hz: float
     gap_s: float
-    """longest time between two reads around the contact"""
+    """longest time between two reads around the contact [s]"""
     cpu: float
     """load of one core while the arm swings"""
     stale_ms: float
-    """delay of the states that the virtual servo reported, because the physics fell behind"""
+    """delay of the states that the virtual servo reported, because the physics fell behind [ms]"""
 
 
 class Rig:

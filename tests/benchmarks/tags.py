@@ -130,7 +130,7 @@ def render_clip(px: float, view: str, seed: int, rest: int = REST, after: int = 
 
 
 def ours(seen: Clip) -> Array:
-    """Errors [deg] of our angles in the frames after the rest."""
+    """Errors (n,) [deg] of our angles in the frames after the rest."""
     report = track_markers(seen.frames, seen.camera, [seen.marker], [7])
     placement = Placement(np.eye(3), np.zeros(3), np.zeros(3), 0.0)
     angle = tip_angle(report.tracks, [seen.marker], seen.camera, placement, REST * FRAME_NS).angle
@@ -139,7 +139,7 @@ def ours(seen: Clip) -> Array:
 
 
 def opencvs(seen: Clip, refinement: int) -> Array:
-    """Errors [deg] of a plain OpenCV script in the frames after the rest."""
+    """Errors (n,) [deg] of a plain OpenCV script in the frames after the rest."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = refinement
     detector = cv2.aruco.ArucoDetector(
@@ -169,7 +169,7 @@ def opencvs(seen: Clip, refinement: int) -> Array:
 
 
 def timed(measure: Callable[[], Array]) -> tuple[Array, float]:
-    """Result of a function, and its CPU time [s]."""
+    """Errors (n,) that a function returns, and its CPU time [s]."""
     start = time.process_time()
     result = measure()
     return result, time.process_time() - start

@@ -49,7 +49,7 @@ class Tool:
     file_com: Array
     """(3,) centre of mass in the file [m]"""
     size: float
-    """longest edge [m]"""
+    """length of the longest edge [m]"""
     open_edges: int
 
     @property
@@ -60,7 +60,7 @@ class Tool:
 
     @property
     def file_difference(self) -> tuple[float, float]:
-        """Relative difference of the mass from the file's, and of the centre of mass over the size."""
+        """Differences from the tool's file: of the mass, relative, and of the centre of mass over the size."""
         return abs(self.masses.sum() / self.file_mass - 1), float(
             np.linalg.norm(self.com - self.file_com)
         ) / self.size

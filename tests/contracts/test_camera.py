@@ -28,7 +28,7 @@ CLOSE_S = 12.0
 BUFFERS = 16
 BORROWABLE = 20
 STALL_S = 10.0
-"""a loaded machine may pause"""
+"""time without frames after which the camera counts as lost [s]; long, because a loaded machine may pause"""
 
 
 def config(address: str) -> CameraConfig:

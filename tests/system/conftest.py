@@ -18,7 +18,8 @@ from tests.loopback import loopback
 from tests.system.fault_rig import FaultRig, fault_rig
 
 HANG_S = 210.0
-"""a demo of four strikes takes 45 s on two idle cores, and strikes again what a busy machine spoilt"""
+"""time after which a demo of four strikes counts as hung [s]: it takes 45 s on two idle cores, and repeats
+strikes that a busy machine spoilt"""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ from tests.rig_text import CALIBRATION
 SLOW_M_S, FAST_M_S = 0.15, 0.3
 """tip speeds of strikes to break and of strikes to come through"""
 TABLE_VARIABLE = "PERCUSS_FAULT_TABLE"
-"""names the file that rows are added to, as JSON lines"""
+"""environment variable that names the file to which rows are added, as JSON lines"""
 RATE_HZ = 120.0
 ADDRESS, OTHER_ADDRESS = loopback(121), loopback(122)
 
@@ -97,7 +97,7 @@ class Frames:
     longest_gap_s: float
     first_ns: int
     last_ns: int
-    """log times"""
+    """log time of the last frame [ns]"""
 
     @classmethod
     def of(cls, path: Path) -> Frames:

@@ -21,13 +21,14 @@ from tests.system.fault_rig import add_row
 
 CASES = 150
 EARLY, EARLY_BYTES = 10, 400
-"""of them in the first bytes, where there is nothing to save yet"""
+"""number of damaged files that are cut or wrong in the first bytes, where nothing can be saved yet; number of
+these bytes"""
 LOST, REFUSED = 3, 1
-"""exit codes"""
+"""exit codes of `acquire recover`: data lost; nothing to save"""
 CHUNK_END = 256
-"""bytes behind an image's last pixel up to which its record may reach"""
+"""number of bytes behind an image's last pixel up to which its record may reach"""
 OTHER_IMAGES = 1
-"""that a wrong byte may cost besides its own: the one whose record it makes look longer"""
+"""number of images that a wrong byte may cost besides its own: the one whose record it makes look longer"""
 
 
 @pytest.fixture(scope="module")

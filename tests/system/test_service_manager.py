@@ -19,7 +19,7 @@ from tests.system.fault_rig import FaultRig, Frames, add_row, alive, wait_until,
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
 PATIENCE_S = 2.0
-"""after which the manager would end a daemon that says nothing"""
+"""watchdog time [s], after which the manager would end a daemon that sends no notification"""
 
 
 class Manager:

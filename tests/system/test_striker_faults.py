@@ -101,8 +101,8 @@ PASSING = {
     "miss": "the arm held by a hand in its swing",
     "verify": "signalled at its event: its few ms pass before the signal is looked at",
 }
-"""reached by SIGTERM alone: what kill -9 meets there, an arm under the bus watchdog or one that stands, are
-`released` and `settled`"""
+"""states that only a test with SIGTERM reaches, each with the reason; kill -9 would meet an arm under the bus
+watchdog, or one that stands, as in the states `released` and `settled`"""
 
 
 @pytest.mark.parametrize("state", [*STATES, *PASSING])

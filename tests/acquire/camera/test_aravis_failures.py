@@ -147,7 +147,7 @@ def test_lost_packets_are_requested_again(pattern_camera, camera_config) -> None
 def test_opening_that_hangs_is_abandoned_and_closed_when_it_returns(
     camera_config, pattern_camera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Stands for Aravis waiting for ever: opening is abandoned, and a late connection is closed."""
+    """A fake that blocks stands for Aravis: opening is abandoned, and a late connection is closed."""
     monkeypatch.setattr(aravis, "OPEN_S", 0.2)
     goes_on = threading.Event()
     camera = AravisCamera(camera_config(loopback(48)), SystemClock())

@@ -22,8 +22,8 @@ CALIBRATION = CameraCalibrationSpec(
 )
 RATE = 120.0
 LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
-"""9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's
-buffers"""
+"""calibration with images of 9213 bytes: two pages and a piece, so that a continuous recording writes frames
+from the camera's buffers"""
 
 
 def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) -> RigConfig:

@@ -184,7 +184,7 @@ def open_folder():
 
 
 def test_another_user_is_refused(open_folder):
-    """By the kernel's word on who the peer is, with both file modes out of the way.
+    """Refused by the user id of the peer that the kernel reports, with both file modes out of the way.
 
     Root can be another user for a moment; an ordinary user cannot, so there the server serves another one:
     the peer's credentials are the kernel's in both cases.

@@ -29,7 +29,7 @@ UNIT_INERTIA = np.diag(
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 X, Y, Z = np.eye(3)
 AXES = {"zx": (Z, X), "zX": (Z, -X), "zy": (Z, Y), "xz": (X, Z), "xZ": (X, -Z), "yz": (Y, Z)}
-"""up and tip directions in O"""
+"""directions up and of tipping in O, by name of the axis"""
 REPEATS = 0.02
 """standard deviation of ln E between strikes"""
 

@@ -39,7 +39,7 @@ class Touch:
     """One contact of the tip with the box."""
 
     time_ns: int
-    """time of first contact"""
+    """time of first contact [ns]"""
     tip_speed: float
     impulse: float = 0.0
     open: bool = True

@@ -20,11 +20,12 @@ from tests.acquire.striker.conftest import Heard, home_arm_and_cock, wait_for
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
 ARM_STEP_MS = 1.0
-"""step of the simulated arm"""
+"""step of the simulated arm [ms]"""
 CONTACT_SD_MS = 0.3
-"""standard deviation of the contact time expected at 1 kHz"""
+"""standard deviation of the contact time expected at 1 kHz [ms]"""
 WELL_READ_MS = 2.2
-"""longest time between reads for which that is required; nominally 1.4 ms plus the duration of a read"""
+"""longest time between reads [ms] for which CONTACT_SD_MS is required; nominally 1.4 ms plus the duration of
+a read"""
 
 
 def bracket_ms(heard: Heard, time_ns: int) -> float:

@@ -20,7 +20,7 @@ TORQUE = SimpleNamespace(address=64, size=1, name="Torque Enable", encode=lambda
 
 
 class LateServo:
-    """Fake servo that answers pings and reads, the next read late, or writes not at all.
+    """Fake servo whose next `late_reads` answers to reads come late, or that answers no write.
 
     Models no registers: a read gives its own address.
     """

@@ -18,7 +18,7 @@ from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
 LIMIT_S = 0.02
 STILL_RAD_S = 0.3
-"""36 mm/s at the tip: from there the arm stops within 2 mm"""
+"""speed below which the arm counts as still [rad/s]: 36 mm/s at the tip, from which it stops within 2 mm"""
 
 
 def frame_lost(plant: Plant) -> None:

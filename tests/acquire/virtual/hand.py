@@ -21,11 +21,11 @@ from acquire.errors import AcquireError
 from tests.acquire.virtual.world_link import WorldLink
 
 REACTION_S = (0.3, 0.8)
-"""range of the time from the release to the tap"""
+"""range of the time from the release to the tap [s]"""
 IMPULSE_SD = 0.03
 """relative standard deviation of the impulse"""
 CONTACT_S = 0.006
-"""duration of the contact"""
+"""duration of the contact [s]"""
 HARDER, SOFTER = 1.15, 0.85
 """factors on the last impulse if the session asks for more or less"""
 

@@ -20,7 +20,7 @@ from acquire.virtual.world import World
 G = 9.81
 UPRIGHT = np.eye(3)
 ON_SIDE_X = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""O's x points up, its z lies along W's y"""
+"""rotation (3, 3) from O to W of an object whose O's x points up, and whose z lies along W's y"""
 
 
 def parked(position, velocity, _time_ns):
@@ -34,14 +34,14 @@ class Tip:
     phi: float
     k: float
     gain: float
-    """J, m g (h2 - h1)"""
+    """potential energy gained by c up to the balance, m g (h2 - h1) [J]"""
     energy: float
-    """J, m g (R + rho)"""
+    """potential energy of c at the balance, m g (R + rho) [J]"""
     time: np.ndarray
     theta: np.ndarray
     states: list
     edge_path: np.ndarray
-    """(n, 3) m, of the edge's centre line in W"""
+    """(n, 3) path of the edge's centre line in W [m]"""
 
 
 def object_of(name, friction, seed=1):

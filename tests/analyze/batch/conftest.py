@@ -28,7 +28,7 @@ def archive(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def finished(archive, tmp_path_factory):
-    """(folder of the results, report of the run)"""
+    """Folder of the results, and report of the run, as a pair."""
     output = tmp_path_factory.mktemp("results") / "out"
     output.mkdir()
     settings, options = BatchSettings(), BatchOptions(jobs=2)

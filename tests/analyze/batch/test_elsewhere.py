@@ -30,7 +30,7 @@ OF_PLACE = ("url", "source_id", "size_bytes")
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
-    """Archive that is smaller than that of the other tests."""
+    """Archive with fewer recordings than that of the other tests."""
     folder = tmp_path_factory.mktemp("small")
     (folder / "a").mkdir()
     whole = quick_session(folder / "a" / "session-0.mcap", body_of(0), 0, 3).path

@@ -40,7 +40,7 @@ def run_again(archive, output, **options):
 
 
 def plain(output):
-    """Rows without the columns that may differ between two runs."""
+    """Rows of results without the columns that may differ between two runs."""
     return sorted(
         read_recording_rows(output).drop_columns([*STAMPS, "url"]).to_pylist(),
         key=lambda row: (row["key"] or "", row["source_id"]),

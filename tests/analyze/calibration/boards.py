@@ -1,10 +1,10 @@
-"""Pictures of a ChArUco board with known corners, independent of the estimator: own lens formulas, exact area
-coverage, blur before the pixels add up.
+"""Images of a ChArUco board with known corners, independent of the estimator.
 
-The board's own frame: x right, y up the page, z out of its face; origin at the lower left corner of the
-squares [m]. Upper left square black, tags in the white ones row by row (OpenCV's pattern since 4.6). Models
-perspective, lens, blur, noise, a white rim round the board and the grey around it; no shading, no depth of
-field, no bent paper unless `bend` is given. Integer coordinates are pixel centres.
+Lens formulas of their own, exact area coverage, blur before the pixels add up. The board's own frame: x
+right, y up the page, z out of its face; origin at the lower left corner of the squares [m]. Upper left square
+black, tags in the white ones row by row (OpenCV's pattern since 4.6). Models perspective, lens, blur, noise,
+a white rim round the board and the grey around it; no shading, no depth of field, no bent paper unless `bend`
+is given. Integer coordinates are pixel centres.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from schemas.session_manifest import LensModel
 from tests.analyze.tracking.rendering import FINE, Look, add_border
 
 UNITS = 20
-"""raster units per square: a tag of 0.7 squares with 5 x 5 bits and its border has cells of two units, and 3
-units of white round it"""
+"""raster units per square: a tag of 0.7 squares with 5 x 5 bits and its border has cells of two units, and a
+white rim of 3 units"""
 RIM = 16
-"""units of white paper round the squares"""
+"""width of the white paper round the squares [raster units]"""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class TrueLens:
     cx: float
     cy: float
     k: tuple[float, ...]
-    """k1, k2, p1, p2, k3; of a fisheye k1, k2, k3, k4"""
+    """distortion coefficients k1, k2, p1, p2, k3; of a fisheye k1, k2, k3, k4"""
     model: LensModel = LensModel.PINHOLE
 
     def project(self, points):
-        """(..., 2) px of points in C (..., 3) m."""
+        """Pixels (..., 2) of points (..., 3) [m] in the camera frame C."""
         X, Y, Z = np.moveaxis(np.asarray(points, float), -1, 0)
         if self.model is LensModel.FISHEYE:
             radius = np.hypot(X, Y)
@@ -60,14 +60,14 @@ class TrueLens:
 
 @dataclass(frozen=True)
 class TrueBoard:
-    """A printed board."""
+    """A printed board: numbers of squares, edge of a square [m], tag family and bend."""
 
     columns: int = 7
     rows: int = 9
     square: float = 0.022
     family: int = cv2.aruco.DICT_5X5_100
     bend: float = 0.0
-    """m, how far its middle stands out of the plane of its left and right edges"""
+    """distance [m] of its middle from the plane of its left and right edges"""
     lines: tuple = field(init=False, compare=False)
 
     def __post_init__(self):
@@ -78,21 +78,25 @@ class TrueBoard:
         return np.array([self.columns, self.rows]) * self.square
 
     def corners(self):
-        """((columns - 1) (rows - 1), 3) inner corners, row by row from the top, as OpenCV counts them from
-        the top left."""
+        """Inner corners ((columns - 1) (rows - 1), 3) [m] in the board's frame, row by row from the top left.
+
+        The order is OpenCV's.
+        """
         x, y = np.meshgrid(np.arange(1, self.columns), self.rows - np.arange(1, self.rows))
         return self.surface(np.stack([x.ravel(), y.ravel()], 1) * self.square)
 
     def surface(self, points):
-        """Points of the paper (n, 3) m."""
+        """Points (n, 3) [m] of the bent paper at places `points` (n, 2) [m] of the flat one."""
         x = points[:, 0] / self.size[0]
         return np.column_stack([points, 4 * self.bend * x * (1 - x)])
 
 
 @cache
 def _borders(columns, rows, square, family):
-    """Where the grey changes: start, end (n, 2) m, and greys inside and outside (n, 2); 0 black, 1 white, NaN
-    beyond the paper."""
+    """Borders at which the grey of a board changes: start and end (n, 2) [m], and greys (n, 2).
+
+    The greys are those inside and outside: 0 black, 1 white, NaN beyond the paper.
+    """
     paper = np.ones((rows * UNITS, columns * UNITS))
     tags = cv2.aruco.getPredefinedDictionary(family)
     tag = 0
@@ -126,7 +130,10 @@ def _borders(columns, rows, square, family):
 
 
 def _runs(inside, outside):
-    """Stretches, of two units at most, along which the greys on either side differ and do not change."""
+    """Yield stretches [first, end) along which the greys on either side differ and do not change.
+
+    A stretch has two units at most.
+    """
     differ = (inside != outside) & ~(np.isnan(inside) & np.isnan(outside))
     changes = [True, *(~(_alike(inside) & _alike(outside))).tolist(), True]
     first = 0
@@ -138,12 +145,12 @@ def _runs(inside, outside):
 
 
 def _alike(grey):
-    """(n - 1,) whether each is as the one before."""
+    """True (n - 1,) where a grey of `grey` (n,) equals the one before it."""
     return (grey[1:] == grey[:-1]) | (np.isnan(grey[1:]) & np.isnan(grey[:-1]))
 
 
 def picture(lens, board, R, p, look=None, pieces=1):
-    """Grey values (height, width) without noise. R (3, 3) and p (3,) map the board's frame to C."""
+    """Grey values (height, width) of a board without noise; R (3, 3) and p (3,) map its frame to C."""
     look = look or Look()
     start, end, step = board.lines
     greys = np.where(np.isnan(step), look.background, look.black + (look.white - look.black) * step)
@@ -166,15 +173,17 @@ def picture(lens, board, R, p, look=None, pieces=1):
 
 
 def photograph(lens, board, R, p, rng, look=None, pieces=1):
-    """Image (height, width) as the camera records it, uint8."""
+    """Image (height, width), uint8, of a board as the camera records it, with noise."""
     look = look or Look()
     image = picture(lens, board, R, p, look, pieces)
     return np.clip(np.rint(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)
 
 
 def facing(board, middle, tilt=0.0, towards=0.0, spin=0.0):
-    """R, p of a board whose middle is at `middle` (3,) in C, tilted about `towards` in the image and spun in
-    its own plane [rad]."""
+    """Rotation R (3, 3) and translation p (3,) [m] of a board whose middle is at `middle` (3,) in C.
+
+    It is tilted about the direction `towards` in the image, and spun in its own plane [rad].
+    """
     lean = cv2.Rodrigues(tilt * np.array([np.cos(towards), np.sin(towards), 0.0]))[0]
     turn = cv2.Rodrigues(np.array([0.0, 0.0, spin]))[0]
     R = lean @ turn @ np.diag([1.0, -1.0, -1.0])

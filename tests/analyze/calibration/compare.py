@@ -1,4 +1,4 @@
-"""A lens that was found beside the true one."""
+"""Comparison of an estimated lens with the true one."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from analyze.tracking.camera_model import undistort
 
 
 def truth(lens):
-    """The numbers of a TrueLens as analyze.calibration.lens has them."""
+    """Numbers (p,) of a TrueLens in the order of analyze.calibration.lens: fx, fy, cx, cy, distortion."""
     return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *lens.k])
 
 
 def pixel_errors(found, lens):
-    """Distance (n,) px, over the image's grid, of the pixel that each direction falls on from where it should
-    be, the best turn taken out.
+    """Distances (n,) [px] between the pixels on which a direction falls by both lenses, over a grid.
+
+    The best rotation of the camera is removed.
 
     Args:
-        found: Lens.
+        found: estimated Lens.
         lens: TrueLens.
     """
     _, _, points = grid(found)

@@ -1,9 +1,8 @@
-"""Pictures of strings that hang plumb over a table that slopes: own lens formulas, blur before the pixels add
-up.
+"""Images of strings that hang plumb over a table that slopes, independent of the estimator.
 
-Models perspective, lens, strings as thick as so many pixels, an uneven ground, a box with a tag-like square
-before it, blur, noise; no depth of field, no swinging unless `swing` is given. Integer coordinates are pixel
-centres.
+Lens formulas of their own; blur before the pixels add up. Models perspective, lens, strings of a width in
+pixels, an uneven ground, a box with a tag-like square before it, blur, noise; no depth of field, no swinging.
+Integer coordinates are pixel centres.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from tests.analyze.calibration.boards import TrueLens
 FINE = 4
 LENS = TrueLens(656, 492, 1430.0, 1431.0, 330.5, 243.0, (-0.12, 0.10, 3e-4, -2e-4, 0.0))
 WORLD_CAMERA = np.array([[1.0, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]])
-"""the nominal camera, that looks along y"""
+"""(4, 4) pose of the nominal camera in W [m], which looks along y"""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Appearance of the strings and the background."""
+    """Appearance of strings and background: widths and blur [px], greys and noise [grey levels]."""
 
     width_px: float = 2.0
     string: float = 40.0
@@ -34,14 +33,17 @@ class Scene:
 
 
 def turned(pose, by):
-    """The camera turned by the rotation vector `by` (3,) in W about its own centre."""
+    """Pose (4, 4) of the camera turned by the rotation vector `by` (3,) [rad] in W about its own centre."""
     T = pose.copy()
     T[:3, :3] = cv2.Rodrigues(np.asarray(by, float))[0] @ pose[:3, :3]
     return T
 
 
 def photograph(strings, slope, rng, scene=None, pose=WORLD_CAMERA, lens=LENS):
-    """Strings hang through the points (x, y) of W's table; the vertical leans by `slope` (2,)."""
+    """Image (height, width), uint8, of strings through points (x, y) [m] of the table's plane in W.
+
+    The vertical, along which they hang, leans by `slope` (2,) [rad] towards W's x and y.
+    """
     scene = scene or Scene()
     cells, rows = np.arange(lens.width * FINE), np.arange(lens.height * FINE)[:, None]
     image = (scene.ground + 12.0 * np.sin(cells / (90.0 * FINE)) + 8.0 * np.cos(rows / (70.0 * FINE))).astype(

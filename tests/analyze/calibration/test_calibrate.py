@@ -1,5 +1,7 @@
-"""A lens from the corners of many views: what it says of itself holds, and what the views do not determine is
-refused by name."""
+"""Lens estimated from the corners of many views: its stated errors hold.
+
+Views that do not determine the lens are refused, with the quantities that they leave open.
+"""
 
 import numpy as np
 import pytest

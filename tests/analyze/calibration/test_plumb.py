@@ -53,7 +53,7 @@ def test_the_sd_includes_the_rotation_of_the_camera():
 
 
 def test_a_lean_far_beyond_what_was_known_is_doubted():
-    """The prior would pull a table that slopes by 1.4 degrees back by more than the interval says."""
+    """The prior would pull the estimate of a table tilted by 1.4 degrees back by more than its interval."""
     image = photograph(TWO, np.array([0.025, 0.0]), np.random.default_rng(1))
     lines = upright(find_plumb_lines(image, CAMERA), CAMERA)
     far = table_lean(lines, CAMERA, PRIOR, np.radians(0.1))

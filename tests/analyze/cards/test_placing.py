@@ -20,7 +20,7 @@ from schemas.object_spec import Box, ObjectSpec, Shape
 quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1)
 STANDING = np.eye(3)
 ROUND = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-"""a quarter turn anticlockwise, seen from above"""
+"""rotation (3, 3) by a quarter turn anticlockwise, seen from above"""
 
 
 def carried_out(steps):

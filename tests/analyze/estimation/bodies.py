@@ -128,7 +128,10 @@ def planned_strike(body: Body, face: int, sign: int, along: int, side: int, repe
 def tip(
     body: Body, strike: PlannedStrike, moved: Array | None = None, radius: float | None = None
 ) -> tuple[float, float]:
-    """True (phi, k) about the strike's edge; `moved` (3,) shifts its centre line, `radius` is its radius."""
+    """True phi [rad] and k [rad/s^2] about the strike's edge, in this order.
+
+    `moved` (3,) [m] shifts its centre line; `radius` [m] replaces that of its rounding.
+    """
     R_world_object = np.array(strike.R_world_object)
     rho = body.edge_radius if radius is None else radius
     arm = R_world_object @ (

@@ -20,7 +20,7 @@ def mesh_of(triangles, unit="mm", mass=0.05, name="thing.stl"):
 
 
 def notched() -> np.ndarray:
-    """L-shaped prism: 40 x 40 x 30 without its corner x > 0, y > 0."""
+    """Triangles of an L-shaped prism: 40 x 40 x 30 mm without its corner x > 0, y > 0."""
     outline = np.array([[-20, -20], [20, -20], [20, 0], [0, 0], [0, 20], [-20, 20]], dtype=float)
     flat = [(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)]
     triangles = []

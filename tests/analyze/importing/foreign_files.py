@@ -88,9 +88,9 @@ def access_units(frames):
 def write_foxglove(
     path, frames, kind="mono8", topic="/cam/image", stamps=None, calibrated=True, more=(), intrinsics=None
 ):
-    """An MCAP file of Foxglove's messages; kind.
+    """Write an MCAP file of Foxglove's messages.
 
-    An encoding of raw images, "jpeg", "png", "h264" or "json".
+    `kind` is an encoding of raw images, "jpeg", "png", "h264" or "json".
     """
     context = foxglove.Context()
     logged = times(len(frames))
@@ -151,7 +151,7 @@ def ros_header(stamp_ns):
 
 
 def lens(intrinsics):
-    """K and D of the messages; without distortion where K is given."""
+    """Entries K and D of the calibration messages; without distortion where K is given."""
     return {"K": K, "D": D} if intrinsics is None else {"K": intrinsics, "D": [0.0] * 5}
 
 
@@ -185,7 +185,7 @@ def write_bag(
     compressed=False,
     intrinsics=None,
 ):
-    """A ROS 2 bag; kind: an encoding of sensor_msgs/Image, "jpeg" or "png"."""
+    """Write a ROS 2 bag; `kind` is an encoding of sensor_msgs/Image, "jpeg" or "png"."""
     kinds, logged = ROS.types, times(len(frames))
     of_file = kind in {"jpeg", "png"}
     name = "sensor_msgs/msg/CompressedImage" if of_file else "sensor_msgs/msg/Image"

@@ -44,7 +44,7 @@ class Numbered:
 
 
 def passed(source, folder, windows):
-    """Spool after the source was searched.
+    """Store of images (spool) after the source was searched.
 
     Args:
         source: source of numbered images.

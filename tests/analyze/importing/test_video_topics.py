@@ -42,7 +42,7 @@ def images():
 
 @cache
 def coded(kind="h264", b_frames=0, more=""):
-    """(number of the image, access unit) in decoding order."""
+    """List of (number of the image, access unit) in decoding order."""
     name, key, params = CODECS[kind]
     encoder = av.CodecContext.create(name, "w")
     assert isinstance(encoder, av.VideoCodecContext)

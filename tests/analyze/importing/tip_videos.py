@@ -54,7 +54,7 @@ T_WORLD_CAMERA = np.array(
 
 
 def angles() -> Array:
-    """Theta [rad] of each frame: rest, tip, the box on its side."""
+    """Tipping angle theta (n,) [rad] of each frame: rest, tip, the box on its side."""
     truth, _ = tipping(PHI, K)
     return np.array(truth[30 - REST :] + [np.pi / 2] * 10)
 
@@ -96,7 +96,7 @@ def write_video(
     captured: str | None = None,
     **options: str,
 ) -> Path:
-    """Encode images, with their times; `captured`: what an Android phone says of slow motion's rate."""
+    """Encode images with their times; `captured` is the capture rate that an Android phone would state."""
     times = range(0, len(images) * 10**6 // RATE + 1, 10**6 // RATE) if times_us is None else times_us
     more = (
         {"video_track_timescale": "1000000", "movflags": "use_metadata_tags"} if path.suffix == ".mp4" else {}

@@ -51,7 +51,7 @@ def strikes(count: int = 4) -> list[PlannedStrike]:
 
 
 def angles(strike: PlannedStrike, rate: float) -> Array:
-    """Theta [rad] of each frame: rest, tip, the box on its side."""
+    """Tipping angle theta (n,) [rad] of each frame: rest, tip, the box on its side."""
     phi, k = phi_and_k(BODY, strike)
     theta, turn, step = 0.0, float(np.sqrt(2 * k * (1 - np.cos(phi)) * ENERGY)), 1 / rate / 20
     found = [0.0] * round(REST_S * rate)

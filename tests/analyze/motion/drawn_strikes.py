@@ -1,9 +1,8 @@
-"""Strikes of all kinds, drawn at random, simulated in the plane (sliding.py), as cameras see them: for tests
-and `make bench-motion`.
+"""Strikes of all kinds, drawn at random and simulated in the plane, as cameras see them.
 
-What a strike is called here follows from what the simulation did, with the limits that the manual states;
-between "clearly" and "clearly not" lies a stretch where either word is right, and such strikes are drawn
-again.
+For tests and `make bench-motion`; the simulation is sliding.py. The kind of a strike follows from its
+simulated motion, by the limits that the manual states. Between "clearly" and "clearly not" lies a range in
+which either verdict is right; such strikes are drawn again.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from tests.analyze.motion.tipping import planned
 
 T0 = 10**18
 LEVER = 0.1
-"""m, from the edge to the marker: an error of the angle moves the edge's place by so much"""
+"""distance from the edge to the marker [m], over which an error of the angle moves the edge's place"""
 KINDS = (
     "good",
     "rocked back",
@@ -61,7 +60,7 @@ class Strike:
     motion: PlanarMotion
     task: StrikeTask
     noise: float
-    """rad"""
+    """1 sigma of the measured angle in one frame [rad]"""
     energy: float
 
     def analysed(self) -> TipMotion:
@@ -70,7 +69,7 @@ class Strike:
 
 
 def draw_body(rng: np.random.Generator) -> Body:
-    """A body of 80 to 260 mm, tipping at 12 to 50 degrees."""
+    """Random body of 80 to 260 mm that tips at 12 to 50 degrees."""
     height = rng.uniform(0.08, 0.26)
     phi = math.radians(rng.uniform(12, 50))
     R = 0.5 * height / math.cos(phi) * rng.uniform(0.8, 1.2)
@@ -85,8 +84,10 @@ def draw_body(rng: np.random.Generator) -> Body:
 
 
 def holding_height(body: Body) -> float:
-    """Height of push [m] at which the edge slides neither forwards nor backwards: the centre of percussion,
-    or the top."""
+    """Height of a push [m] at which the edge slides neither forwards nor backwards.
+
+    It is the centre of percussion, or the top of the body.
+    """
     return min(0.98 * body.height, (body.inertia + body.R**2) / (body.R * math.cos(body.phi)))
 
 
@@ -98,8 +99,10 @@ def seen(
     rolls: bool = False,
     contact_known: bool = True,
 ) -> tuple[PlanarMotion, StrikeTask]:
-    """Noise on every frame: of the angle, and what that does to the edge's place at a marker LEVER above
-    it."""
+    """Simulated motion with noise in every frame, as a camera would measure it, and its task.
+
+    The noise of the angle (`noise` [rad]) also moves the edge's place, as seen at a marker LEVER above it.
+    """
     n = len(course.time)
     error = rng.normal(0, noise, n)
     time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
@@ -136,7 +139,7 @@ def seen(
 
 
 def draw(kind: str, rng: np.random.Generator, noise: float | None = None) -> Strike:
-    """A strike of this kind."""
+    """Random strike of this kind."""
     while True:
         strike = _drawn(kind, rng, noise)
         if strike is not None:
@@ -198,8 +201,10 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
 
 
 def draw_free(rng: np.random.Generator, slides: bool) -> Strike:
-    """Energy 0.8 to 3, friction 0.2 to 0.8, rounding 0 to 5 mm, noise 0.05 to 0.5 degrees; the edge slides by
-    0.2 to 6 mm or not."""
+    """Random strike whose edge slides by 0.2 to 6 mm, or does not slide.
+
+    Energy ratio 0.8 to 3, friction 0.2 to 0.8, rounding 0 to 5 mm, noise 0.05 to 0.5 degrees.
+    """
     while True:
         body = draw_body(rng)
         noise, energy = math.radians(0.05 * 10 ** rng.uniform(0, 1)), rng.uniform(0.8, 3.0)

@@ -1,7 +1,7 @@
-"""A tag that is held, dropped and lands, seen by a camera; written apart from the fit.
+"""Simulated tag that is held, dropped and lands, seen by a camera; independent of the fit.
 
-Models gravity, drag that goes with the square of the speed, steady turning, an arm from the centre of mass to
-the tag, rolling shutter and the noise of corners. Does not model blur, flutter, or the hand's touch.
+Models gravity, drag proportional to the square of the speed, steady turning, an arm from the centre of mass
+to the tag, rolling shutter and the noise of corners. Does not model blur, flutter, or the hand's touch.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ class Drop:
     fps: float = 240.0
     stated_fps: float = 240.0
     fall: float = 0.7
-    """m"""
+    """height of the fall [m]"""
     size: float = 0.04
     distance: float = 1.3
     drag: float = 0.0
-    """1/m, beta"""
+    """deceleration by air over the square of the speed, beta [1/m]"""
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """rad/s"""
+    """angular velocity in C [rad/s]"""
     arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """m, from the centre of mass to the tag, in M"""
+    """vector from the centre of mass to the tag, in M [m]"""
     down: tuple[float, float, float] = (0.03, 1.0, 0.05)
-    """in C"""
+    """direction of gravity in C, of any length"""
     line_time: float = 0.0
-    """s"""
+    """delay between the readout of neighbouring rows [s]"""
     corner_sd: float = 0.05
     bounces: bool = True
     held_s: float = 0.4
@@ -51,7 +51,7 @@ CAMERA = CameraModel(
 
 
 def pose(drop: Drop, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R (n, 3, 3) and position (n, 3) of the tag at true times, released at 0."""
+    """Rotation R (n, 3, 3) and position (n, 3) [m] of the tag in C at true times [s], released at 0."""
     down = np.array(drop.down) / np.linalg.norm(drop.down)
     start = np.array([0.02, -drop.fall / 2, drop.distance])
     till = float(max(time.max(), 0.0)) + 0.01
@@ -89,7 +89,7 @@ def pose(drop: Drop, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_px(drop: Drop, time: np.ndarray) -> np.ndarray:
-    """(n, 4, 2) without noise, each row read later by the line time."""
+    """Corners (n, 4, 2) [px] without noise, each row read later by the line time."""
     points, K = marker_corners(drop.size), CAMERA.K
     seen = np.zeros((len(time), 4, 2))
     for _ in range(4 if drop.line_time else 1):
@@ -118,7 +118,7 @@ def moved(p: np.ndarray, drop: Drop) -> MarkerTrack:
 
 
 def followed(seen: np.ndarray, stated_s: np.ndarray, drop: Drop) -> MarkerTrack:
-    """Track from corners (n, 4, 2) without noise."""
+    """Track of the tag from corners (n, 4, 2) [px] without noise, to which noise is added."""
     seen = seen + np.random.default_rng(drop.seed).normal(0, drop.corner_sd, seen.shape)
     pairs = [pair for pair in solve_poses(seen, drop.size, CAMERA.K) if pair is not None]
     assert len(pairs) == len(seen)

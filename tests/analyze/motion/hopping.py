@@ -2,8 +2,8 @@
 
 A prism's corners carry contact spheres of the radius of its edges; contacts are hard or soft. A half-sine
 push tips it, and the edge may be thrown up at its end. Nothing of the estimators is used: MuJoCo integrates
-Newton's equations of a free body. Places in the plane across the edge are seen from the planned edge's centre
-line at rest: x where it tips to, z up.
+Newton's equations of a free body. Places in the plane across the edge are relative to the planned edge's
+centre line at rest: x in the direction of tipping, z up.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ CONTACTS = {
     "springy": ("-400000 -30", "0.3 0.3 0.001"),
     "soft": ("0.02 1", "0.9 0.95 0.001"),
 }
-"""MuJoCo's solref and solimp: next to rigid; bounces by 0.1 mm; MuJoCo's own, which creeps by 0.2 mm"""
+"""MuJoCo's parameters solref and solimp of three contacts: nearly rigid; one that bounces by 0.1 mm; MuJoCo's
+default, which creeps by 0.2 mm"""
 
 
 @dataclass(frozen=True)
@@ -39,33 +40,36 @@ class Prism:
     """Prism whose section's corners (centres of their rounding) begin with the planned edge, at (0, 0)."""
 
     corners: np.ndarray
-    """(n, 2) [m]"""
+    """(n, 2) corners of the section without its rounding [m]"""
     rho: float
     com: np.ndarray
     """(2,) centre of mass [m]"""
     inertia: float
-    """about the centre of mass, per mass [m^2]"""
+    """moment of inertia about the centre of mass, per mass [m^2]"""
     friction: float = 0.6
 
     @property
     def height(self) -> float:
-        """[m]"""
+        """Height of the prism at rest [m]."""
         return float(np.max(self.corners[:, 1])) + 2 * self.rho
 
     def about(self, corner: np.ndarray) -> Body:
-        """Pendulum over one corner, with the true R, phi and k."""
+        """Body that turns about one corner, with the true R, phi and k."""
         arm = self.com - corner
         R = float(np.hypot(*arm))
         return Body(R, math.atan2(-arm[0], arm[1]), self.inertia, self.rho, self.friction, self.height)
 
     def outline(self) -> np.ndarray:
-        """(n, 2) corners without the rounding [m]."""
+        """Corners (n, 2) [m] of the outline as if sharp, without its rounding."""
         middle = self.corners.mean(axis=0)
         return self.corners + self.rho * np.sign(self.corners - middle)
 
 
 def chamfered(rng: np.random.Generator) -> Prism:
-    """Prism with a chamfer of 1.5 to 7 mm beyond the planned edge, at 3 to 40 deg, that tips at 8 to 38."""
+    """Random prism with a chamfer of 1.5 to 7 mm beyond the planned edge, at 3 to 40 degrees.
+
+    It tips over the planned edge at 8 to 38 degrees.
+    """
     while True:
         width, height = rng.uniform(0.05, 0.09), rng.uniform(0.09, 0.2)
         slope, length = math.radians(rng.uniform(3, 40)), rng.uniform(0.0015, 0.007)
@@ -98,7 +102,10 @@ def struck(
     push_s: float = 0.003,
     over: int = 0,
 ) -> Struck:
-    """Push with `energy` times what tipping over corner `over` needs; `hop` throws the edge up [m/s]."""
+    """Simulate a strike with `energy` times the energy that tipping over corner `over` needs.
+
+    `hop` [m/s] throws the edge up at the end of the push.
+    """
     model = mujoco.MjModel.from_xml_string(_xml(prism, contact))
     data = mujoco.MjData(model)
     first, last = prism.about(prism.corners[0]), prism.about(prism.corners[over])
@@ -135,7 +142,7 @@ def struck(
 
 
 def _carried(prism: Prism, reached: float) -> int | None:
-    """The lowest corner when the centre of mass first stands above it."""
+    """Index of the lowest corner when the centre of mass first stands above it; None if it never does."""
     for theta in np.arange(0.0, reached, math.radians(0.02)):
         cos, sin = math.cos(theta), math.sin(theta)
         low = int(np.argmin(-sin * prism.corners[:, 0] + cos * prism.corners[:, 1]))

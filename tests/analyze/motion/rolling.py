@@ -1,10 +1,9 @@
-"""An independent simulation of bodies that roll on a curved flank: Newton's equations with the table's two
-forces as unknowns.
+"""Independent simulation of bodies that roll on a curved flank, by Newton's equations.
 
-The section is a quarter ellipse (or circle) between a flat bottom and a wall; the touching point is the
-ellipse's own, and rolling is the condition that the body's point there stands still. Nothing of the estimator
-is used: no support function, no energy, no facets. Models no sliding and no lifting; it says what friction
-and what load that needs. Coordinates as in sliding.py.
+The table's two forces are unknowns. The section is a quarter ellipse (or circle) between a flat bottom and a
+wall; the contact is the ellipse's own point, and rolling is the condition that the body's point there stands
+still. Nothing of the estimator is used: no support function, no energy, no facets. Models no sliding and no
+lifting, but gives the friction and the load that the motion requires. Coordinates as in sliding.py.
 """
 
 from __future__ import annotations
@@ -28,23 +27,26 @@ G = 9.80665
 
 @dataclass(frozen=True)
 class RollingBody:
-    """Body with an elliptic flank; positions from the ellipse's centre, at rest."""
+    """Body with an elliptic flank; positions are relative to the ellipse's centre, at rest."""
 
     a: float
-    """m, half axis along the table"""
+    """half axis of the ellipse along the table [m]"""
     b: float
-    """m, half axis off the table"""
+    """half axis of the ellipse across the table [m]"""
     com: tuple[float, float]
-    """m"""
+    """centre of mass c: along the table in the direction of tipping, and up [m]"""
     inertia: float
-    """m^2, about c, per mass"""
+    """moment of inertia about c, per mass [m^2]"""
     top: float = 0.15
-    """m, of the body over the table"""
+    """height of the body over the table [m]"""
     back: float = 0.06
-    """m, how far it reaches back"""
+    """extent of the body against the direction of tipping, from the ellipse's centre [m]"""
 
     def touching(self, theta: float) -> tuple[float, float, float]:
-        """x, z [m] from c of the touching point in W, and the radius there [m]."""
+        """Contact with the table at angle theta [rad]: x and z in W relative to c, and its radius [m].
+
+        The radius is that of curvature.
+        """
         sin, cos = math.sin(theta), math.cos(theta)
         reach = math.hypot(self.a * sin, self.b * cos)
         x, z = self.a**2 * sin / reach - self.com[0], -(self.b**2) * cos / reach - self.com[1]
@@ -52,29 +54,29 @@ class RollingBody:
 
     @cached_property
     def phi(self) -> float:
-        """rad, at which c stands over the touching point."""
+        """Balance angle [rad], at which c stands above the contact."""
         return float(brentq(lambda theta: self.touching(theta)[0], 0.0, 1.4, xtol=1e-13))
 
     @cached_property
     def R(self) -> float:
-        """m, of c from the centre of curvature at phi."""
+        """Distance of c from the centre of curvature at the balance angle [m]."""
         _, z, radius = self.touching(self.phi)
         return -z - radius
 
     @property
     def k(self) -> float:
-        """rad/s^2."""
+        """Rate constant of the motion near balance [rad/s^2]."""
         _, z, _ = self.touching(self.phi)
         return G * self.R / (self.inertia + z * z)
 
     def omega_for(self, energy: float) -> float:
-        """Speed at theta = 0 that is `energy` times what standing up takes."""
+        """Angular speed at theta = 0 [rad/s] with `energy` times the energy that reaching balance needs."""
         x, z, _ = self.touching(0.0)
         need = -self.touching(self.phi)[1] + z
         return math.sqrt(2 * G * need * energy / (self.inertia + x * x + z * z))
 
     def outline(self, facets: int) -> np.ndarray:
-        """(n, 2) m: what a mesh has of it."""
+        """Corners (n, 2) [m] of the section as a mesh with so many facets on its flank has them."""
         t = np.linspace(0, math.pi / 2, facets + 1)
         arc = np.stack([self.a * np.sin(t), -self.b * np.cos(t)], axis=-1)
         return np.vstack(
@@ -88,13 +90,13 @@ class Rolled:
 
     theta: np.ndarray
     friction: float
-    """most |F| / N"""
+    """largest ratio of friction to normal force"""
     load: float
-    """least N per weight"""
+    """smallest normal force, over the weight"""
 
 
 def roll_on(body: RollingBody, time: np.ndarray, theta0: float, omega0: float) -> Rolled:
-    """Theta at `time` (n,) from the state at time[0]."""
+    """Rolling motion at times `time` (n,) [s], from theta0 [rad] and omega0 [rad/s] at time[0]."""
 
     def forces(theta: float, omega: float) -> tuple[float, float, float]:
         x, z, radius = body.touching(theta)
@@ -118,7 +120,10 @@ def roll_on(body: RollingBody, time: np.ndarray, theta0: float, omega0: float) -
 
 @dataclass(frozen=True)
 class SeenRoll:
-    """One noisy strike, release to 25 deg past phi (or until it comes back)."""
+    """Noisy measurement of one rolling strike, from the release to 25 degrees past phi.
+
+    It ends earlier if the body falls back.
+    """
 
     body: RollingBody
     time: np.ndarray
@@ -126,15 +131,18 @@ class SeenRoll:
     angle: TipAngle
     noise: float
     omega0: float
-    """rad/s at time[0], where theta is clean[0]"""
+    """angular speed [rad/s] at time[0], where theta is clean[0]"""
 
     @property
     def window(self) -> tuple[int, int]:
         return 0, len(self.time)
 
     def bound(self, com_sd: float, inertia_sd: float = 0.5) -> tuple[float, float]:
-        """Cramer and Rao's 1 sigma of phi [rad] and k [relative]; of the body itself c is known to `com_sd`
-        [m], J to `inertia_sd`."""
+        """Cramer-Rao bounds, 1 sigma, of phi [rad] and of k (relative).
+
+        Of the body itself c is known to `com_sd` [m], and its inertia about the contact to `inertia_sd`
+        (relative).
+        """
         steps = np.array([1e-6, 1e-6, 1e-7, 1e-6, 1e-5])
         scale = np.array([1e-2, 1e-2, 1e-3, 0.02, 0.2])
 
@@ -175,7 +183,7 @@ class SeenRoll:
 def seen_roll(
     body: RollingBody, energy: float, noise: float, rng: np.random.Generator, rate: float = 120.0
 ) -> SeenRoll | None:
-    """A strike at `energy`; None where it would slide (friction above 0.8) or lift."""
+    """Strike at an energy ratio, with noise [rad]; None if it would slide (friction above 0.8) or lift."""
     time = rng.uniform(2.0, 3.0) / rate + np.arange(round(1.2 * rate)) / rate
     fine = roll_on(body, np.concatenate([[0.0], time]), 0.0, body.omega_for(energy))
     theta = fine.theta[1:]
@@ -196,7 +204,7 @@ def seen_roll(
 
 
 def draw_rolling(rng: np.random.Generator, a: float, b: float) -> RollingBody:
-    """A body on that flank that tips at 12 to 45 degrees."""
+    """Random body on a flank with half axes a and b [m] that tips at 12 to 45 degrees."""
     while True:
         phi, R = math.radians(rng.uniform(12, 45)), rng.uniform(0.05, 0.12)
         flank = RollingBody(a, b, (0.0, 0.0), 0.0)
@@ -218,8 +226,10 @@ def section_of_body(body: RollingBody, facets: int = 24) -> SupportFunction:
 def as_tracked(
     body: RollingBody, energy: float, noise: float, rng: np.random.Generator, slide: float = 0.0
 ) -> tuple[PlanarMotion, StrikeTask]:
-    """A whole strike of which a camera follows the ellipse's centre; `slide`: m that it slides on top of
-    rolling, in 0.2 s."""
+    """Whole strike, of which a camera follows the ellipse's centre, and its task.
+
+    `slide` is the distance [m] that the body slides, in addition to rolling, in 0.2 s.
+    """
     rate = 120.0
     time = (np.arange(round(1.45 * rate)) - round(0.25 * rate) + 0.3) / rate
     after = time > 0

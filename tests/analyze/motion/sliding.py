@@ -1,10 +1,9 @@
-"""An independent simulation of struck, tipping, sliding bodies in the plane across the edge: Newton's
-equations with dry friction.
+"""Independent simulation of struck, tipping, sliding bodies in the plane across the edge.
 
-A body with a circular edge rounding of radius rho stands on a face, is pushed by a half-sine force of some
-milliseconds, and turns about its edge, which sticks (rolls on its rounding) or slides. Nothing of the
-estimators is used: no energy integral, no pendulum. Coordinates: x along the table, + is where it tips to; z
-up; theta + tips.
+Newton's equations with dry friction. A body with a circular edge rounding of radius rho stands on a face, is
+pushed by a half-sine force of some milliseconds, and turns about its edge, which sticks (rolls on its
+rounding) or slides. Nothing of the estimators is used: no energy integral, no pendulum. Coordinates: x along
+the table in the direction of tipping, z up; theta is positive as the body tips.
 """
 
 from __future__ import annotations
@@ -20,8 +19,11 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class Body:
-    """c as seen from the rounding's centre line: R at angle phi behind the vertical; inertia about c per
-    mass."""
+    """Body in the plane across its edge: place of its centre of mass c, inertia, rounding, friction.
+
+    c lies at the distance R [m] from the rounding's centre line, at the angle phi [rad] behind the vertical;
+    the moment of inertia is about c, per mass [m^2]; rho is the rounding's radius [m].
+    """
 
     R: float = 0.103
     phi: float = 0.28
@@ -29,25 +31,25 @@ class Body:
     rho: float = 0.001
     friction: float = 0.5
     height: float = 0.2
-    """m, of the body, for where it can be struck"""
+    """height of the body [m], the highest place at which it can be struck"""
 
     @property
     def k(self) -> float:
-        """m g R / I_contact [rad/s^2]."""
+        """Rate constant m g R / I_contact of the tip [rad/s^2]."""
         return G * self.R / (self.inertia + (self.R + self.rho) ** 2)
 
 
 @dataclass(frozen=True)
 class Push:
-    """A horizontal force over the table: half a sine."""
+    """Horizontal force at a height over the table: half a sine over time."""
 
     impulse: float
-    """N s per kg"""
+    """impulse per mass of the body [N s/kg]"""
     height: float
-    """m"""
+    """height over the table [m]"""
     seconds: float = 0.003
     at: float = 0.0
-    """s, of its beginning"""
+    """time at which it begins [s]"""
 
 
 @dataclass
@@ -55,22 +57,22 @@ class Course:
     """Simulated motion, sampled at the camera's times."""
 
     time: np.ndarray
-    """(n,) s, 0 is the push"""
+    """(n,) times of the frames [s]; 0 is the beginning of the first push"""
     theta: np.ndarray
     slip: np.ndarray
-    """(n,) m, of the contact against rolling"""
+    """(n,) displacement of the contact beyond rolling [m]"""
     lift: np.ndarray
-    """(n,) m, of the rounding over the table"""
+    """(n,) height of the rounding over the table [m]"""
     slid: float = 0.0
-    """m, most of it until 5 deg past phi"""
+    """largest slip until 5 degrees past phi [m]"""
     flown: float = 0.0
-    """m, most that it was off the table until then"""
+    """largest lift until 5 degrees past phi [m]"""
     over: bool = False
     events: list[str] = field(default_factory=list)
 
 
 def push_for(body: Body, energy: float, height: float | None = None) -> Push:
-    """Impulse that gives `energy` times what tipping needs, if the edge held."""
+    """Push that gives `energy` times the energy that tipping needs, if the edge held."""
     height = 0.75 * body.height if height is None else height
     edge = body.inertia + body.R**2 + body.rho**2 + 2 * body.rho * body.R * math.cos(body.phi)
     need = G * body.R * (1 - math.cos(body.phi))
@@ -85,7 +87,10 @@ def simulate(
     phase: float = 0.3,
     land: float = math.pi / 2,
 ) -> Course:
-    """Integrate until it lies at `land`, or `seconds` have passed; frames start 0.25 s before the push."""
+    """Integrate until the body lies at angle `land` [rad], or `seconds` have passed.
+
+    The frames begin 0.25 s before the push.
+    """
     x, z, th, vx, vz, om = 0.0, body.rho, 0.0, 0.0, 0.0, 0.0
     frames = np.arange(-round(0.25 * rate), round(seconds * rate)) / rate + phase / rate
     log: list[tuple[float, float, float, float]] = []
@@ -137,7 +142,7 @@ def simulate(
 
 
 def _course(body: Body, table: np.ndarray, frames: np.ndarray) -> Course:
-    """The course at the times of the frames, of (t, theta, slip, lift) in every step."""
+    """Motion at the times of the frames, from rows (t, theta, slip, lift) of every time step."""
     at = np.clip(np.searchsorted(table[:, 0], frames), 0, len(table) - 1)
     seen = np.where(frames[:, None] < 0, 0.0, table[at, 1:])
     near = table[:, 1] < body.phi + math.radians(5)
@@ -161,8 +166,10 @@ def _force(push: Push, t: float) -> float:
 def _acceleration(
     body: Body, state: tuple[float, ...], force: float, height: float, *, contact: bool, stick: bool
 ) -> tuple[float, float, float, float, bool]:
-    """(ax, az of the centre line, alpha, normal force per mass, sticks) under a push per mass at `height`
-    over the table."""
+    """Accelerations ax, az of the centre line and alpha, normal force per mass, and whether it sticks.
+
+    `force` is that of the push per mass, at `height` [m] over the table.
+    """
     _, z, th, vx, _, om = state
     s, c = body.R * math.sin(body.phi - th), body.R * math.cos(body.phi - th)
     # c is at (-s, c) from the centre line; its acceleration is (ax + c alpha + s om^2, az + s alpha - c
@@ -175,7 +182,7 @@ def _acceleration(
     at_rest_on_face = th <= 0.0 and om <= 0.0
 
     def solve(friction: float | None, sign: float) -> tuple[float, float, float, float]:
-        """(ax, alpha, N, F); friction None: the contact rolls."""
+        """Acceleration ax, alpha, normal force N and friction F per mass; `friction` None: it rolls."""
         # Unknown alpha; N = G + s alpha - c om^2; F = ax + c alpha + s om^2 - force.
         # inertia alpha = -(c + rho) F - s N + force (height - level)
         if friction is None:
@@ -214,8 +221,10 @@ def _acceleration(
 
 
 def _impact(body: Body, th: float, vx: float, vz: float, om: float) -> tuple[float, float, float]:
-    """Velocities after the edge has hit the table without bouncing, friction limited by Coulomb's law in its
-    impulse form."""
+    """Velocities (vx, vz, angular) after the edge has hit the table without bouncing.
+
+    Friction is limited by Coulomb's law for impulses.
+    """
     s, c = body.R * math.sin(body.phi - th), body.R * math.cos(body.phi - th)
     # Impulse (P, N) at the contact: centre of mass gains (P, N), turn gains (-(c + rho) P - s N) / inertia.
     arm = c + body.rho

@@ -90,8 +90,10 @@ def test_hinge_and_moment_balance_agree_where_the_edge_holds():
 
 
 def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
-    """The same strike of a body whose bevel [m] comes to lie on the table at an angle [rad], about whose far
-    edge it turns from then on."""
+    """The same strike of a body whose bevel comes to lie on the table at an angle.
+
+    `bevel` is its width [m], `at` the tipping angle [rad] from which on the body turns about its far edge.
+    """
     ahead, above = body.R * math.sin(at - body.phi) - bevel, body.R * math.cos(at - body.phi)
     far = math.hypot(ahead, above)
     met = int(np.argmax(course.theta > at))

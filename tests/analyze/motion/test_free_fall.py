@@ -40,7 +40,10 @@ def falls_of(drop, setup=SETUP, missing=()):
 
 
 def off(drop, setup=SETUP, missing=()):
-    """Relative error of q, and its standardised one without the tag's size and g, which are exact here."""
+    """Relative error of q (true over stated time), and this error over its sd.
+
+    The sd leaves out the tag's size and g, which are exact here.
+    """
     answer = true_time(falls_of(drop, setup, missing), setup)
     true = drop.stated_fps / drop.fps
     return answer.time_ratio / true - 1, (answer.time_ratio - true) / answer.by_noise

@@ -15,7 +15,7 @@ SD = np.radians(0.02)
 
 
 def tip(jumps: dict[float, float], seed: int = 1, energy: float = 1.15, seconds: float = 0.36) -> TipAngle:
-    """A pendulum's tip whose speed jumps by so many rad/s at so many seconds."""
+    """Tip of a pendulum whose angular speed jumps: [rad/s] by time of the jump [s]."""
     state = np.array([0.0, np.sqrt(2 * K * (1 - np.cos(PHI)) * energy)])
     times = np.arange(0.0, seconds, 1 / RATE)
     theta, begin = [], 0.0

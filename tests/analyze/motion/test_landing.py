@@ -25,8 +25,10 @@ def strike(rounding=0.001, sd=5e-5, phi=0.6):
 
 
 def chamfered(length, degrees=45.0):
-    """(n, 2) m: a box whose lower front edge, at 0, is followed by a face of that length, rising at that
-    angle."""
+    """Outline (n, 2) [m] of a box with a chamfer of `length` [m] ahead of its lower front edge at 0.
+
+    The chamfer rises at the given angle.
+    """
     slope = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
     return np.array([[-BACK, 0.0], [0.0, 0.0], length * slope, [length * slope[0], TOP], [-BACK, TOP]])
 
@@ -44,7 +46,7 @@ def lands(points, degrees, rounding=0.001, **known):
 
 
 def along(corners, each, noise, rng):
-    """Points on the outline as a scan has them."""
+    """Points on the outline as a scan has them, with noise."""
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     points = np.concatenate(
         [a + np.linspace(0, 1, each, endpoint=False)[:, None] * (b - a) for a, b in sides]

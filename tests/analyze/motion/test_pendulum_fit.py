@@ -55,10 +55,10 @@ class Draws:
     phi_error: np.ndarray
     k_error: np.ndarray
     phi_sd: np.ndarray
-    """as reported"""
+    """(n,) reported sd of phi [rad]"""
     k_sd: np.ndarray
     bound: np.ndarray
-    """Cramer-Rao's sd of (phi, k)"""
+    """Cramer-Rao bounds of the sd of (phi, k)"""
 
     @property
     def phi_inside(self):

@@ -14,8 +14,10 @@ from analyze.types import TipAngle
 
 
 def squat_body(energy, k=141.0, phi=0.68, rate=120.0):
-    """Theta(t) of the pendulum's equation, for a body so small that near its top it loses a third of its
-    speed in a frame."""
+    """Tipping angle theta(t) of the pendulum's equation, for a small body.
+
+    Near its top it loses a third of its speed in a frame.
+    """
 
     def falls(t, y):
         return y[0] if t > 0.02 else 1.0
@@ -38,7 +40,7 @@ def squat_body(energy, k=141.0, phi=0.68, rate=120.0):
 
 
 def steady(theta):
-    """As tracked at 120 fps, from rest."""
+    """TipAngle of `theta` (n,) as tracked at 120 fps, with its zero at rest."""
     n = len(theta)
     return TipAngle(np.arange(1, n + 1) * 8_333_333, theta, np.full(n, 5e-4), np.zeros(n), np.zeros(n))
 

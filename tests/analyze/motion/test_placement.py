@@ -67,7 +67,7 @@ def test_object_that_fits_no_strike_of_the_plan_is_described(session):
 
 
 def _turned(plan, angle):
-    """Turn (4, 4) of the object about the vertical of a strike's rest pose, in O."""
+    """Rotation (4, 4) of the object in O, about the vertical of a strike's rest pose."""
     R = np.array(plan.R_world_object)
     T = np.eye(4)
     T[:3, :3] = R.T @ boxes.about([0, 0, 1], angle) @ R

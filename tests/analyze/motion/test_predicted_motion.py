@@ -11,11 +11,14 @@ NOISE = np.radians(0.05)
 OTHERS = np.diag([np.radians(0.1) ** 2, 0.01**2])
 FRAME_S = 1 / 120
 FAR = 12.7
-"""chi^2 of two that is 3 sd as one"""
+"""chi squared of two quantities that is as improbable as 3 sd of one"""
 
 
 def seen(rng, energy=1.1, phi=PHI, k=K, speed_jump=0.0):
-    """Theta(t) until 25 deg past phi, by another integrator; `speed_jump` [rad/s] after 0.2 s."""
+    """Simulated theta(t) until 25 degrees past phi, by another integrator.
+
+    `speed_jump` [rad/s] is added after 0.2 s.
+    """
 
     def rate(_, y):
         return [y[1], -k * np.sin(phi - y[0])]

@@ -22,7 +22,7 @@ from tests.analyze.motion.rolling import G, RollingBody, as_tracked, draw_rollin
 from tests.analyze.motion.tipping import planned
 
 SECTIONS = [(0.005, 0.005), (0.015, 0.015), (0.04, 0.04), (0.04, 0.02), (0.025, 0.05)]
-"""half axes [m] along and off the table"""
+"""half axes of the flanks' ellipses along and across the table [m]"""
 FLANKS = pytest.mark.parametrize(("a", "b"), SECTIONS)
 
 
@@ -152,7 +152,7 @@ def test_sliding_beside_rolling_is_seen():
 
 
 def in_mujoco(a, b, com, inertia, omega, rate=120.0):
-    """Theta of an ellipsoid (a cylinder, where it is round) that rolls on a plane."""
+    """Tipping angle theta of an ellipsoid (a cylinder if it is round) that rolls on a plane."""
     form = f'cylinder" size="{a} 0.05" euler="90 0 0"' if a == b else f'ellipsoid" size="{a} 0.3 {b}"'
     steps = 80
     world = mujoco.MjModel.from_xml_string(f"""

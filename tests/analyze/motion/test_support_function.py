@@ -18,7 +18,7 @@ FLANKS = pytest.mark.parametrize(("a", "b"), [(0.015, 0.015), (0.04, 0.04), (0.0
 
 
 def uneven_outline(body, facets, rng, noise=0.0):
-    """Corners anywhere on the flank, and off it by `noise` [m]."""
+    """Corners anywhere on the flank, with noise of 1 sigma `noise` [m]."""
     t = np.concatenate([[0, math.pi / 2], rng.uniform(0, math.pi / 2, facets - 1)])
     arc = np.stack([body.a * np.sin(t), -body.b * np.cos(t)], axis=-1)
     points = np.vstack(
@@ -28,7 +28,7 @@ def uneven_outline(body, facets, rng, noise=0.0):
 
 
 def off(flank, a, b):
-    """Most that the contact lies aside [m], and rms error of the radius over itself."""
+    """Largest displacement of the contact [m], and rms relative error of the radius."""
     _, ahead, radius = flank.evaluate(THETA)
     exact = np.hypot(a * np.sin(THETA), b * np.cos(THETA))
     aside = ahead - (a * a - b * b) * np.sin(THETA) * np.cos(THETA) / exact

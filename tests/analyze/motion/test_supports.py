@@ -13,7 +13,7 @@ MM = 1e-3
 
 
 def lines(corners, rounding=0.0, **more):
-    """Support lines in mm and degrees: along, up, take-over angle."""
+    """Support lines of an outline in mm and degrees: along, up, angle at which each takes over."""
     found = support_lines(MM * np.array(corners, dtype=np.float64), rounding * MM, 5e-5, **more)
     return [(each.along_m / MM, each.up_m / MM, math.degrees(each.takes_over_rad)) for each in found]
 

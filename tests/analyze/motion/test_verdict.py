@@ -21,7 +21,7 @@ COURSE = Course(moved_frame=10, released_frame=13, top_frame=N - 1, end_frame=N,
 
 
 def motion(theta_max=1.2, slip=0.0, lift=0.0, off_axis=0.0):
-    """A smooth tip over 60 frames, with the given slip, lift and turn from frame 20 on."""
+    """Smooth tip over 60 frames, with the given slip, lift and rotation off the axis from frame 20 on."""
     theta = np.where(np.arange(N) < 10, 0.0, theta_max * (np.arange(N) - 9) / (N - 10))
     late = np.arange(N) >= 20
     angle = TipAngle(

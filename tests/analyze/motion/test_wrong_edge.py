@@ -15,12 +15,15 @@ from schemas.strike_result import Verdict
 from tests.analyze.motion.hopping import CONTACTS, chamfered, filmed, struck
 
 PLACE_SD = 6e-4
-"""of a marker 0.1 m from the edge, placed to 0.3 mm and 0.3 deg"""
+"""1 sigma of the edge's place [m] by a marker 0.1 m from it, placed to 0.3 mm and 0.3 degrees"""
 USED = (Verdict.GOOD, Verdict.ROCKED_BACK)
 
 
 def verdicts(seeds, place_sd):
-    """Motions of strikes over another line, and of those over the planned one that keeps for 3 deg more."""
+    """Motions of strikes over another line, and of strikes over the planned one.
+
+    The latter stay on the planned line for 3 degrees past balance.
+    """
     wrong, right = [], []
     for seed in seeds:
         rng = np.random.default_rng((seed, 11))

@@ -1,8 +1,8 @@
-"""An independent simulation of a tip, and a view of it: the rolling body of method 3, solved by
-scipy's adaptive integrator.
+"""Independent simulation of a tip, and its view by a camera: a body that rolls on its rounding.
 
-Models a box with a circular edge rounding that rolls without slip, started by a speed; no striker, no air, no
-friction limit. Slip, lift and twist may be added as given motions.
+Its motion (method, section 3) is solved by scipy's adaptive integrator. Models a box with a circular edge
+rounding that rolls without slip, started by a speed; no striker, no air, no friction limit. Slip, lift and
+twist may be added as given motions.
 """
 
 from __future__ import annotations
@@ -35,8 +35,10 @@ class Tip:
 def simulate(
     energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, length=1.2, speed_change=None, phase=0.3
 ):
-    """com: (x behind the virtual corner, z over the table). speed_change: (seconds after contact, factor on
-    omega)."""
+    """Tip of a box with the centre of mass `com`: (x behind the virtual corner, z over the table) [m].
+
+    `speed_change`: time after the contact [s], and factor on the angular speed then.
+    """
     a, b = com[0] - rho, com[1] - rho
     R, phi = np.hypot(a, b), np.arctan2(a, b)
     inertia = (W * W + H * H) / 12
@@ -99,7 +101,7 @@ def camera():
 
 
 def marker(marker_id=3, x=0.0, z=0.03, spin=0.0):
-    """On the face y = -D/2 of a box centred on O; looks at the camera, glued on turned by `spin`."""
+    """Marker on the face y = -D/2 of a box centred on O, which faces the camera; `spin` [rad] turns it."""
     T = np.eye(4)
     T[:3, :3] = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
     c, s = np.cos(spin), np.sin(spin)
@@ -134,8 +136,10 @@ def planned(rho=0.002, phi=0.28, rolls=False):
 
 
 def marker_poses(tip, mark=None, rho=0.002, yaw=0.0, offset=(0.0, 0.0), slip=None, lift=None, twist=None):
-    """R_camera_marker (n, 3, 3), p_camera_marker (n, 3); the object stands yawed and offset against the
-    plan."""
+    """Rotation (n, 3, 3) and position (n, 3) [m] of the marker in the camera frame, in each frame.
+
+    The object stands turned by `yaw` [rad] and shifted by `offset` [m] against the plan.
+    """
     mark = mark or marker()
     plan = planned(rho)
     R_cw, t_cw = world_to_camera(camera())
@@ -166,7 +170,7 @@ def marker_poses(tip, mark=None, rho=0.002, yaw=0.0, offset=(0.0, 0.0), slip=Non
 
 
 def track_of(tip, rng, sd=0.011, mark=None, **how):
-    """A track with noisy corners, without rendering; poses are the true ones blurred by 0.3 deg."""
+    """Track with noisy corners, made without images; its poses are the true ones."""
     mark = mark or marker()
     cam = camera()
     R, p = marker_poses(tip, mark, **how)
@@ -181,7 +185,7 @@ def track_of(tip, rng, sd=0.011, mark=None, **how):
 
 
 def free_part(energy, noise_deg, rng, past_deg=25.0, com=(0.03, 0.1)):
-    """A noisy TipAngle of the gravity-only part, with the truth."""
+    """Simulated tip, and a noisy TipAngle of its part in which only gravity acts."""
     tip = simulate(energy, com=com)
     used = (tip.time > tip.contact + 0.016) & (tip.theta < tip.phi + np.radians(past_deg))
     first = int(np.argmax(used))

@@ -1,5 +1,4 @@
-"""A cube thrown on a table in a rigid-body simulation (MuJoCo): what it does is not known to the estimators,
-only what it is."""
+"""Cube thrown on a table in a rigid-body simulation (MuJoCo), which shares no code with the estimators."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ G = 9.8017
 MASS = 0.37
 RATE = 148.0
 STEPS = 68
-"""per frame"""
+"""time steps of the simulation per frame"""
 
 
 _CUBE_TURNS = [turn.as_matrix() for turn in Rotation.create_group("O")]
@@ -25,19 +24,21 @@ _CUBE_TURNS = [turn.as_matrix() for turn in Rotation.create_group("O")]
 @dataclass(frozen=True)
 class Cube:
     com: np.ndarray
-    """(3,) m from its middle"""
+    """(3,) centre of mass c from the cube's middle [m]"""
     moments: np.ndarray
-    """(3,) kg m^2 about c, its axes"""
+    """(3,) moments of inertia about c along the cube's axes [kg m^2]"""
     friction: float = 0.25
     rounding: float = 0.0
-    """m, of edges and corners"""
+    """radius of edges and corners [m]"""
 
 
 def tossed(
     cube: Cube, tosses: int, seed: int, start: str = "air", noise_m: float = 0.0, noise_rad: float = 0.0
 ) -> list[BodyMotion]:
-    """Motions of `tosses` throws with white noise on every pose; they start in the air, or sliding on an edge
-    or a corner."""
+    """Motions of `tosses` throws with white noise on every pose [m, rad].
+
+    They start in the air, or sliding on an edge or a corner.
+    """
     rng = np.random.default_rng(seed)
     model = mujoco.MjModel.from_xml_string(_xml(cube))
     corners = EDGE / 2 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])

@@ -43,7 +43,10 @@ def footed_body(kind: str, seed: int) -> np.ndarray:
 def _bevel(
     rng: np.random.Generator, low: float, high: float, flat: float, steep: float
 ) -> tuple[float, float]:
-    """Inset and rise [mm] of a bevel of random width [mm] and angle to the table [deg]."""
+    """Inset and rise [mm] of a bevel of random width, `low` to `high` [mm], and angle to the table.
+
+    The angle is between `flat` and `steep` [deg].
+    """
     width, angle = rng.uniform(low, high), np.radians(rng.uniform(flat, steep))
     return float(width * np.cos(angle)), float(width * np.sin(angle))
 

@@ -22,6 +22,8 @@ FAR_TAG = {"id": 0, "size_m": 0.03}
 
 @dataclass(frozen=True)
 class RandomBody:
+    """Random body with its shape, object file and true mass properties."""
+
     kind: str
     spec: ObjectSpec
     model: ObjectModel

@@ -175,7 +175,10 @@ def _angle(state: WorldState, R: np.ndarray) -> float:
 
 
 class _Arm:
-    """Torque that holds the arm back, accelerates it, lets it coast through the contact and catches it."""
+    """Torque of the arm's motor, as a function of time and state.
+
+    It holds the arm back, accelerates it, lets it coast through the contact and catches it.
+    """
 
     def __init__(self, speed: float) -> None:
         self._rate, self._caught = speed / ARM_LENGTH, False

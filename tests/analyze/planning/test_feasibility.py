@@ -16,7 +16,7 @@ WIDTH, HEIGHT, MASS = 0.06, 0.2, 0.5
 R, PHI = np.hypot(WIDTH, HEIGHT) / 2, np.arctan2(WIDTH, HEIGHT)
 I_COM = MASS * (WIDTH**2 + HEIGHT**2) / 12
 I_EDGE = I_COM + MASS * R**2
-"""moment of a box of 200 mm height about its bottom edge: the example of method 1.4"""
+"""moment of inertia of a box of 200 mm height about its bottom edge [kg m^2]: the example of method 1.4"""
 
 
 def box(height, friction, energy=1.15, **more):

@@ -27,7 +27,7 @@ def box_axes(**more):
 
 
 def frustum(low: float, high: float, height: float) -> np.ndarray:
-    """Square frustum, half edges `low` at z = 0 and `high` at `height` [mm]."""
+    """Triangles of a square frustum, half edges `low` at z = 0 and `high` at `height` [mm]."""
     triangles = box_triangles(np.full(3, 2.0)).copy()
     z = triangles[..., 2]
     half = np.where(z < 0, low, high)
@@ -35,7 +35,7 @@ def frustum(low: float, high: float, height: float) -> np.ndarray:
 
 
 def hexagon(radius: float, height: float) -> np.ndarray:
-    """Upright prism on a regular hexagon [mm]."""
+    """Triangles of an upright prism on a regular hexagon [mm]."""
     turn = np.arange(6) * np.pi / 3
     ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(6)])
     after, up = np.roll(ring, -1, axis=0), np.array([0.0, 0.0, height])

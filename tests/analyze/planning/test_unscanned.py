@@ -25,7 +25,7 @@ from tests.analyze.planning.random_bodies import FAR_TAG
 SIZE = np.array([75.0, 65.0, 130.0])
 RADIUS = 0.001
 LEVEL, SLOPE = -57.0, 0.15
-"""height [mm] of the cut in the middle, 8 mm above the bottom, and its slope along x"""
+"""height [mm] of the cut in the middle, 8 mm above the bottom, and slope of the cut along x"""
 
 
 def spec_of_scan(name: str, mass: float = 0.182) -> ObjectSpec:

@@ -1,10 +1,10 @@
-"""Boxes with tags stuck on anywhere, placed by hand, struck and seen: for tests and `make
-bench-registration`.
+"""Boxes with tags stuck on anywhere, placed by hand, struck and seen; for tests and a benchmark.
 
-Motions come from the planar simulation with dry friction of tests/analyze/motion/sliding.py. Nothing of the
-solver is used. What a case draws: where tags are and how they lie on their faces, the hand's placements, how
-the table lies against the recorded T_world_camera, where edges really are. Corners are either drawn with
-noise and a bias that follows the pixels, or found in rendered images.
+The benchmark is `make bench-registration`. Motions come from the planar simulation with dry friction of
+tests/analyze/motion/sliding.py. Nothing of the solver is used. Drawn at random: places of the tags and how
+they lie on their faces, the hand's placements, tilt and height of the table against the recorded
+T_world_camera, true places of the edges. Corners are either drawn with noise and a bias that depends on the
+place within a pixel, or found in rendered images.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from tests.analyze.tracking.rendering import corners_of, project, render
 T0 = 10**18
 SIZE = 0.03
 EDGE_SD, EDGE_RADIUS = 5e-5, 1e-3
-"""m"""
+"""1 sigma of an edge's place, and radius of its rounding [m]"""
 CORNER_PX, LOCK_PX = 0.012, 0.015
-"""white noise of a corner, and the amplitude of a bias that goes with where in a pixel it falls"""
+"""white noise of a corner (1 sigma), and amplitude of a bias that depends on its place within a pixel [px]"""
 
 
 @dataclass(frozen=True)
 class Draw:
-    """1 sigma of what is drawn: rad, m."""
+    """1 sigma of the errors that are drawn: angles [rad], lengths [m], corners [px]."""
 
     card: float = 1e-4
     card_tilt: float = math.radians(0.2)
@@ -47,15 +47,15 @@ class Draw:
     table_tilt: float = math.radians(0.1)
     table_height: float = 5e-4
     lock_px: float = LOCK_PX
-    """amplitude"""
+    """amplitude of the corners' bias that depends on the place within a pixel [px]"""
     impact_turn: float = 0.0
-    """turn about the vertical by the impact"""
+    """rotation about the vertical by the impact [rad]"""
     drift: float = 0.0
-    """the same while it tips, rad per rad"""
+    """rotation about the vertical while the object tips, per angle of tipping [rad/rad]"""
     wobble: float = 0.0
-    """the same from frame to frame"""
+    """rotation about the vertical from frame to frame [rad]"""
     aside: float = 0.0
-    """of the edge along itself, from frame to frame"""
+    """displacement of the edge along itself from frame to frame [m]"""
 
 
 ALLOWED = Draw(
@@ -65,22 +65,22 @@ ALLOWED = Draw(
     wobble=math.radians(0.05),
     aside=2e-4,
 )
-"""all that the solver allows for: lens and pixels that are off by 0.02 px, a body that does not quite turn
-about its edge"""
+"""all errors that the solver allows for: lens and pixels that are off by 0.02 px, a body that does not quite
+turn about its edge"""
 
 
 @dataclass(frozen=True)
 class TaggedBox:
-    """A box, its tags and its table, as they are."""
+    """True size, tags and table of one box, and its edges that are struck."""
 
     size: np.ndarray
     spec: ObjectSpec
     T: dict
-    """marker -> T_object_marker"""
+    """true pose T_object_marker (4, 4) [m] by marker"""
     table: np.ndarray
-    """(3,) how the table lies against the recorded W: tilts about x and y, height"""
+    """(3,) pose of the table against the recorded W: tilts about x and y [rad], height [m]"""
     edges: tuple
-    """(face, sign, along, side) that are struck"""
+    """edges that are struck, each as (face, sign, along, side)"""
     camera: object
 
     @property
@@ -97,15 +97,17 @@ class TaggedBox:
 
 
 def about(axis, angle):
-    """Rodrigues, written here so that the case does not lean on the code under test."""
+    """Rotation (3, 3) about an axis by Rodrigues' formula, independent of the code under test."""
     axis = np.asarray(axis, float) / np.linalg.norm(axis)
     K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
 
 
 def draw_box(rng, draw=None, edges=5) -> TaggedBox:
-    """A box of 60 to 200 mm with a tag on each side that is large enough; `edges` of those that a camera can
-    watch."""
+    """Random box of 60 to 200 mm with a tag on each side.
+
+    `edges` is the number of edges that are struck, of those that the camera can watch.
+    """
     draw = draw or Draw()
     size = np.array([rng.uniform(0.06, 0.09), rng.uniform(0.055, 0.08), rng.uniform(0.11, 0.19)])
     T, markers = {}, []
@@ -151,7 +153,7 @@ def _balance(size, edge):
 
 
 def plan_of(size, edge, number=0):
-    """The strike's plan; which marker is seen follows from what faces the camera."""
+    """Planned strike over an edge; the marker seen in it is that of the side that faces the camera."""
     strike = planned_strike(SimpleNamespace(size=size, edge_radius=EDGE_RADIUS), *edge, number)
     pivot = strike.pivot.model_copy(update={"sd_m": EDGE_SD})
     return strike.model_copy(
@@ -160,18 +162,17 @@ def plan_of(size, edge, number=0):
 
 
 def facing(plan):
-    """The tag of the side that looks at the camera."""
+    """Number of the tag on the side that faces the camera."""
     direction = -np.array(plan.pivot.direction)
     axis = int(np.argmax(np.abs(direction)))
     return 2 * axis + (0 if direction[axis] > 0 else 1)
 
 
 def poses(box, plan, course, yaw=0.0, at=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), lay=None):
-    """R_camera_marker (n, 3, 3) and p_camera_marker (n, 3) of the tag that faces the camera, as things really
-    are.
+    """True rotation (n, 3, 3) and position (n, 3) [m], in the camera frame, of the tag that faces it.
 
-    `yaw` and `at`: of all frames, or one for each. `lay`: how the object was turned against the plan before
-    it was put down (a wrong placement).
+    `yaw` and `at` are of all frames, or one for each. `lay` is the rotation of the object against the plan
+    before it was put down (a wrong placement).
     """
     number = facing(plan)
     T = box.T[number]
@@ -207,7 +208,7 @@ def _in_view(box, edge):
 
 
 def strike_course(box, edge, rng):
-    """A push over the top, mostly."""
+    """Simulated motion of a strike over an edge that mostly tips the box over."""
     face, _, along, _ = edge
     a, b = box.size[3 - face - along] / 2 - EDGE_RADIUS, box.size[face] / 2 - EDGE_RADIUS
     R, phi = math.hypot(a, b), math.atan2(a, b)
@@ -223,15 +224,16 @@ def strike_course(box, edge, rng):
 
 
 def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, section=None):
-    """What the strikes show, by the code that a session goes through.
+    """Views of simulated strikes for registration, made by the code that a session uses.
 
     Args:
-        box: the case.
-        strikes: how many, over the box's edges in turn.
-        draw: how well hands place.
-        rendered: corners from images, else drawn.
-        wrong: number of a strike -> how the object was turned against its card (3, 3).
-        section: of a curved flank, by the shape.
+        box: true box, tags and table.
+        rng: generator of all errors.
+        strikes: number of strikes, over the box's edges in turn.
+        draw: 1 sigma of the errors; None for the defaults of `Draw`.
+        rendered: True to find the corners in rendered images, False to draw them.
+        wrong: by number of a strike, rotation (3, 3) of the object against its placement card.
+        section: section of a curved flank from the shape; None for an edge.
     """
     draw, markers, views = draw or Draw(), unplaced_markers(box.spec), []
     off = {edge: rng.normal(0, EDGE_SD, 3) for edge in box.edges}
@@ -260,7 +262,7 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, sec
 
 
 def _shortened(course):
-    """Fewer frames to render: some at rest, and none long after."""
+    """Part of a motion to be rendered: some frames at rest, and none long after the landing."""
     first = int(np.searchsorted(course.time, 0)) - 8
     last = min(
         len(course.time),
@@ -277,7 +279,7 @@ def _shortened(course):
 
 
 def _unsteady(yaw, at, course, draw, rng):
-    """Heading (n,) and place (n, 2) in every frame, where anything of it is drawn."""
+    """Heading (n,) [rad] and place (n, 2) [m] in every frame; unchanged if none of their errors is drawn."""
     if not (draw.impact_turn or draw.drift or draw.wobble or draw.aside):
         return yaw, at
     tips = course.theta > 0
@@ -316,7 +318,7 @@ def _rendered(box, plan, course, R, p, rng):
 
 
 def errors(box, place):
-    """Turn in O (3,) [rad] and distance in O (3,) [m] of a MarkerPlace from the truth."""
+    """Rotation (3,) [rad] and displacement (3,) [m] in O of an estimated MarkerPlace from the true one."""
     truth = box.T[place.marker_id]
     D = place.T_object_marker[:3, :3] @ truth[:3, :3].T
     turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])

@@ -21,7 +21,7 @@ COLOURED = 0.04
 """least share of coloured pixels there, which the equi-planes give, on a dark ground; on a strike's page,
 which is shown before, nearly all are grey"""
 PATIENCE_S = 150.0
-"""on a busy computer; an idle one takes a tenth"""
+"""longest wait for the page on a busy computer [s]; an idle one takes a tenth"""
 RERUNS_OWN = {"fonts.googleapis.com", "tel.rerun.io", "app.rerun.io", "api.github.com"}
 """hosts that rerun's web viewer contacts of its own accord: a font, telemetry, examples, version check"""
 

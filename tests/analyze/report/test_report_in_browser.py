@@ -16,7 +16,8 @@ from tests.analyze.simulated_session import carton, session
 from tests.analyze.watched_page import A4_PX, DESKTOP, PHONE, watched
 
 PLOTS = 9 + 4 + 2
-"""views, sources, influences, regions, voxels, moments, predictions; a plot per strike; stills"""
+"""number of plots: views, sources, influences, regions, voxels, moments, predictions; one per strike;
+stills"""
 
 
 def still(name: str) -> Still:

@@ -1,12 +1,11 @@
-"""A small renderer with known corners, independent of the virtual rig's: exact area coverage, so that no
-direction of an edge is favoured.
+"""Small renderer of tags with known corners, independent of the virtual rig's: exact area coverage.
 
-The area of a surface within {x < X, y < Y} is the line integral of min(x, X) dy along the part of its border
-with y < Y (Green); a pixel's share is the second difference of that over its four corners, exact to rounding.
-Borders between cells carry the difference of the greys. The lens blurs before the pixels add up: areas are
-taken on a grid four times finer, blurred there, and then averaged over each pixel. It models perspective,
-lens distortion (each cell's border in two straight pieces, 0.001 px), blur and noise; no exposure time, no
-shading. Integer coordinates are pixel centres.
+Therefore no direction of an edge is favoured. The area of a surface within {x < X, y < Y} is the line
+integral of min(x, X) dy along the part of its border with y < Y (Green); a pixel's share is the second
+difference of that over its four corners, exact to rounding. Borders between cells carry the difference of the
+greys. The lens blurs before the pixels add up: areas are taken on a grid four times finer, blurred there, and
+then averaged over each pixel. It models perspective, lens distortion (each cell's border in two straight
+pieces, 0.001 px), blur and noise; no exposure time, no shading. Integer coordinates are pixel centres.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from schemas.session_manifest import LensModel
 from schemas.tags import family_and_id
 
 RIM_CELLS = 1.6
-"""width of the white margin"""
+"""width of the white margin round a tag, in cells of its pattern"""
 PIECES = 2
 FINE = 4
-"""blurred whole pixels would be a lens with a staircase for a profile: 2 grey levels off"""
+"""sub-pixels per pixel along each axis; with 1, the blurred edge would be a staircase, 2 grey levels off"""
 UPRIGHT_PX = 1e-6
-"""a piece narrower than this counts as upright: 1 / slope would lose its digits"""
+"""width [px] below which a piece counts as upright: 1 / slope would lose its digits"""
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,11 @@ def corners_of(size):
 
 @cache
 def borders(marker_id, look):
-    """Pieces of border between cells of different grey: start (n, 2), end (n, 2) in units of the size, and
-    grey inside minus outside (n,); anticlockwise around the inside as seen on the tag (x right, y up)."""
+    """Pieces of border between cells of different grey: start (n, 2), end (n, 2), and step (n,) in grey.
+
+    Points are in units of the tag's size, x right and y up. The step is the grey inside minus outside, for
+    pieces that run anticlockwise around the inside.
+    """
     code = bits(marker_id)[::-1]
     half = len(code) / 2
     lines = np.array([-half - RIM_CELLS, *(np.arange(len(code) + 1) - half), half + RIM_CELLS]) / len(code)
@@ -99,11 +101,10 @@ def borders(marker_id, look):
 
 
 def add_border(image, start, end, weight, beyond=None):
-    """Add weight times the signed area between a directed line and the image's left border to every pixel;
-    positive if it runs down.
+    """Add weight times the signed area between a directed line and the left border to every pixel.
 
-    `beyond` (height, width + 1): whole pixels to the line's left are kept there, in the line's column, to be
-    summed once for many lines.
+    The area is positive if the line runs down. If `beyond` (height, width + 1) is given, whole pixels to the
+    line's left are counted there, in the line's column, to be summed once for many lines.
     """
     (x0, y0), (x1, y1) = (
         (start.tolist(), end.tolist()) if start[1] < end[1] else (end.tolist(), start.tolist())
@@ -135,8 +136,10 @@ def add_border(image, start, end, weight, beyond=None):
 
 
 def paint(camera, tags, look, project=project):
-    """The image (height, width) without noise. tags: list of (id, size, R_camera_marker, p_camera_marker),
-    none hiding another."""
+    """Image (height, width) of tags without noise.
+
+    `tags` is a list of (id, size [m], R_camera_marker, p_camera_marker [m]); none may hide another.
+    """
     image = np.full((camera.height, camera.width), float(look.background))
     for marker_id, size, R, p in tags:
         start, end, weight = borders(marker_id, look)
@@ -160,7 +163,10 @@ def paint(camera, tags, look, project=project):
 
 
 def render(camera, tags, rng, project=project, **look):
-    """The image as a camera gives it, uint8. tags as `paint`, look as `Look`."""
+    """Image (height, width), uint8, of tags as a camera records it; `look` has the fields of `Look`.
+
+    `tags` is as for `paint`.
+    """
     look = Look(**look)
     image = paint(camera, tags, look, project)
     return np.clip(np.rint(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)

@@ -21,12 +21,14 @@ SEEDS = (1, 2, 7)
 
 @dataclass(frozen=True)
 class Errors:
+    """Errors of tags' corners and angles in rendered images, with the reported sd."""
+
     corners: np.ndarray
-    """(n, 4, 2) px"""
+    """(n, 4, 2) errors of the corners [px]"""
     sd: np.ndarray
-    """(n,) px, as reported"""
+    """(n,) reported sd of the corners [px]"""
     angle: np.ndarray
-    """(n,) rad in the image"""
+    """(n,) errors of the angle in the image [rad]"""
 
     @property
     def rms(self):

@@ -22,7 +22,10 @@ def at(x, y=0.0, turned=0.0):
 
 
 def video_frames(camera, rng, places):
-    """places: for each frame a list of (name, R, p); one that is the same list again is drawn once."""
+    """Frames of a video; `places` lists, for each frame, the tags' (name, R, p).
+
+    An entry that is the same list as another is drawn once.
+    """
     drawn = {id(each): paint(camera, [(name, SIZE, R, p) for name, R, p in each], Look()) for each in places}
     return [
         ImageFrame(
@@ -37,7 +40,7 @@ def grey(image):
 
 
 def noisy(clean, corners, noise, rng):
-    """With noise about the tag at `corners` (4, 2) px: there is nothing else to be seen."""
+    """Image with noise about the tag at `corners` (4, 2) [px]; there is nothing else to be seen."""
     low, high = np.floor(corners.min(axis=0)).astype(int) - 30, np.ceil(corners.max(axis=0)).astype(int) + 31
     about = (slice(max(low[1], 0), high[1]), slice(max(low[0], 0), high[0]))
     image = clean.copy()

@@ -24,16 +24,16 @@ from tests.analyze.motion.tipping import SIZE, camera, marker, planned, simulate
 from tests.analyze.tracking.rendering import corners_of, project, render
 
 LINE_S = 30e-6
-"""of a phone: 1080 lines in 32 ms, 492 in 15"""
+"""delay between rows of a phone's sensor [s]: 1080 rows in 32 ms, 492 in 15"""
 RATE = 60.0
 RHO = 0.002
 ANCHOR = 10**18
 MIDDLE = 245.5
-"""row, of 492"""
+"""middle row of an image of 492 rows"""
 
 
 class Tipping:
-    """The tag's points in C at any time: the tip of tipping.py, finely sampled."""
+    """Points of a tag in C at any time, from the tip of tipping.py, finely sampled."""
 
     def __init__(self, energy=1.05):
         self.tip = simulate(energy, RHO, rate=24_000.0, length=0.7)
@@ -41,7 +41,7 @@ class Tipping:
         self.R, self.t = world_to_camera(camera())
 
     def points(self, points_marker, time_s):
-        """(n, 3) in C of points (n, 3) on the tag, each at its own time (n,)."""
+        """Positions (n, 3) [m] in C of points (n, 3) [m] on the tag, each at its own time (n,) [s]."""
         theta = np.interp(time_s, self.tip.time, self.tip.theta)
         T = self.marker.T_object_marker
         arm = points_marker @ T[:3, :3].T + T[:3, 3] + np.array(planned(RHO).p_world_object) - [0, 0, RHO]
@@ -54,7 +54,7 @@ class Tipping:
         ) @ self.R.T + self.t
 
     def draw(self, cam, points_marker, frame_s, line_s):
-        """Raw px (n, 2) in the frame whose middle row is read at `frame_s`."""
+        """Raw pixels (n, 2) of points on the tag in the frame whose middle row is read at `frame_s` [s]."""
         found = project(cam, self.points(points_marker, np.full(len(points_marker), frame_s)))
         for _ in range(8):
             found = project(cam, self.points(points_marker, frame_s + line_s * (found[:, 1] - MIDDLE)))
@@ -131,8 +131,10 @@ def test_a_camera_that_reads_all_rows_at_once_keeps_its_times(tipping, rolled):
 
 
 def fitted(tipping, frame_s, size, line_s):
-    """Ideal corners (4, 2) as edges.py finds them without noise, lines fitted to the bowed edges but their
-    ends; and their rows."""
+    """Ideal corners (4, 2) that edges.py finds without noise, and their rows (4,) [px].
+
+    They are intersections of lines fitted to the bowed edges without their ends.
+    """
     cam = camera()
     corners = corners_of(size)
     points = np.concatenate(

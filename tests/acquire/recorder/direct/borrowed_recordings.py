@@ -22,7 +22,7 @@ from tests.mcap_writer import McapWriter
 
 IMAGE_TOPIC = "/camera/main/image"
 WIDTH, HEIGHT = 331, 67
-"""22177 bytes: five pages and a piece"""
+"""size of an image [px]: 22177 bytes, which are five pages and a piece"""
 
 
 def write_recording(

@@ -18,8 +18,10 @@ PERIOD_NS = 1_000_003
 
 
 class CountingBuffer:
-    """FrameBuffer of one image that counts borrows and releases. Model of no pool: it is replaced as long as
-    `replaceable`."""
+    """FrameBuffer of one image that counts borrows and releases.
+
+    It models no pool: it can be borrowed as long as `replaceable` is True.
+    """
 
     def __init__(self, image: NDArray[np.uint8], replaceable: bool = True) -> None:
         memory: mmap.mmap = page_memory(image.size)

@@ -47,7 +47,7 @@ EVERY_FILE = {
 def bag(path: Path, profile: str = "ros2", gap_ms: int = 0, late_ms: int = 0, **how) -> Path:
     """Two topics as `ros2 bag record` writes them, 100 and 10 messages a second for 2 s.
 
-    `gap_ms` are missing in the middle.
+    Messages of `gap_ms` are missing in the middle; `late_ms` is the delay of log against publish times.
     """
     how.setdefault("compression", CompressionType.NONE)
     with path.open("wb") as file:
