@@ -60,7 +60,7 @@ class Tool:
 
     @property
     def file_difference(self) -> tuple[float, float]:
-        """Differences from the tool's file: of the mass, relative, and of the centre of mass over the size."""
+        """Differences from the tool's file: of mass (relative), and of centre of mass over the size."""
         return abs(self.masses.sum() / self.file_mass - 1), float(
             np.linalg.norm(self.com - self.file_com)
         ) / self.size

@@ -27,7 +27,10 @@ def drawn(rng):
 
 @pytest.fixture(scope="module")
 def errors():
-    """Errors of phi and k over their sd, relative sd of k, and size of the creep, of 7 strikes per contact."""
+    """Errors of phi and k over their sd, relative sd of k, and size of the creep [m].
+
+    There are 7 strikes per contact.
+    """
     found = {}
     for contact, hop in (("hard", 0.0), ("springy", 0.06), ("soft", 0.0), ("soft", 0.06)):
         rows = []
