@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, ndtr, ndtri
 
 from analyze.estimation.equiplane import standing_angle
 from analyze.estimation.joint_model import COM, SECOND, JointModel
@@ -105,7 +105,7 @@ def agreement(
 
 @dataclass(frozen=True)
 class EstimatorDisagreement:
-    """Two estimators of one strike's motion that differ in phi or k by more than `MAX_SIGMAS` sd.
+    """Two estimators of one strike's motion that differ in phi or k by more than chance explains.
 
     phi is the balance angle, at which the centre of mass stands above the edge; k the rate constant of the
     pendulum equation theta'' = -k sin(phi - theta) of the tipping angle theta.
@@ -126,11 +126,11 @@ class EstimatorDisagreement:
 
 
 def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisagreement, ...]:
-    """Pairs of estimators of one strike whose phi or k differ by more than `MAX_SIGMAS` sd.
+    """Pairs of estimators of one strike whose phi or k differ by more than chance explains.
 
     The fit used for a strike is compared with each alternative, the fit of the same frames by another
-    estimator. The sd is that of two independent fits; since the frames are the same, it overstates the
-    expected difference. Not compared are:
+    estimator. The limit rises with the number of comparisons, so that chance exceeds it anywhere in a
+    session as rarely as `MAX_SIGMAS` in one comparison (9 comparisons: 3.6 sd). Not compared are:
 
     - motions without a fit;
     - alternatives whose assumptions the motion violates (the fit lists them);
@@ -144,35 +144,46 @@ def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisa
     Returns:
         One entry per alternative that differs, in the order of the motions; empty if none does.
     """
-    found: list[EstimatorDisagreement] = []
-    for motion in motions:
-        if motion.fit is None:
-            continue
-        for other in motion.alternatives:
-            if other.violated or (other.k is None and motion.verdict is not Verdict.GOOD):
-                continue
-            apart = _disagreement(motion.strike_id, motion.fit, other)
-            if apart is not None:
-                found.append(apart)
-    return tuple(found)
+    compared = [
+        (motion.strike_id, motion.fit, other)
+        for motion in motions
+        if motion.fit is not None
+        for other in motion.alternatives
+        if not other.violated and (other.k is not None or motion.verdict is Verdict.GOOD)
+    ]
+    limit = sigmas_of_any(sum(1 if other.k is None else 2 for _, _, other in compared))
+    found = (_disagreement(*each, limit) for each in compared)
+    return tuple(each for each in found if each is not None)
 
 
-def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> EstimatorDisagreement | None:
+def sigmas_of_any(comparisons: int) -> float:
+    """Standardised difference that chance exceeds in any of several comparisons as rarely as 3 sd in one.
+
+    The comparisons are independent and normal. `MAX_SIGMAS` (3) for one comparison or none.
+    """
+    alone = 2.0 * float(ndtr(-MAX_SIGMAS))
+    each = -np.expm1(np.log1p(-alone) / max(comparisons, 1))
+    return -float(ndtri(0.5 * each))
+
+
+def _disagreement(
+    strike_id: str, fit: MotionFit, other: MotionFit, limit: float
+) -> EstimatorDisagreement | None:
     """Disagreement between the fit used and the fit `other` of one strike's motion; None if they agree.
 
     They are compared in the balance angle phi and, if both have one, in the rate constant k; they disagree if
-    either differs by more than `MAX_SIGMAS` sd. Reported are the estimators, the difference of phi [rad], and
-    that of phi or k in sd, whichever is larger; if it is that of k, also its relative difference.
+    either differs by more than `limit` sd. Reported are the estimators, the difference of phi [rad], and that
+    of phi or k in sd, whichever is larger; if it is that of k, also its relative difference.
     """
     off = other.phi - fit.phi
     sigmas = abs(off) / float(np.sqrt(fit.covariance[0, 0] + other.covariance[0, 0]))
     if fit.k is not None and other.k is not None:
         sd = float(np.sqrt(fit.covariance[1, 1] + other.covariance[1, 1]))
-        if abs(other.k - fit.k) > max(MAX_SIGMAS, sigmas) * sd:
+        if abs(other.k - fit.k) > max(limit, sigmas) * sd:
             return EstimatorDisagreement(
                 strike_id, fit.estimator, other.estimator, off, abs(other.k - fit.k) / sd, other.k / fit.k - 1
             )
-    if sigmas > MAX_SIGMAS:
+    if sigmas > limit:
         return EstimatorDisagreement(strike_id, fit.estimator, other.estimator, off, sigmas)
     return None
 
