@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import Array
 
-_OFFSET_SD = 5e-4
-"""standard deviation [m] of the edge's assumed position, caused by the plan and the marker's registration"""
-_MAX_OFFSET = 1.5e-3
-"""largest offset [m]; a larger one is a lift, unless rotation explains all observed motion, also along the
-table"""
+_PLAN_SD, _HAND_SD = 5e-4, 2e-2
+"""standard deviations [m] of the edge's assumed position by the plan, and where no marker's place is known
+
+Without a marker's place the edge is assumed where the hand was to put it, in the recorded frame of the table.
+"""
+_MAX_OFFSET_SIGMAS = 3.0
+"""largest offset, in its standard deviations before the measurement; a larger one is a lift, unless rotation
+explains all observed motion, also along the table"""
 _MAX_UNEXPLAINED = 6e-5
 """largest slip or lift [m] that a held edge may leave unexplained by rotation"""
 _LIFT_MODEL_SD = 3e-5
@@ -77,7 +80,8 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     angle = motion.angle
     used = slice(*window)
     theta, sd = angle.theta[used], np.maximum(motion.position_sd[used], 1e-7)
-    found = _corrected(motion, used, *_offset_of_sliding_edge(theta, motion.lift[used], sd), sd)
+    offset, covariance = _offset_of_sliding_edge(theta, motion.lift[used], sd, _offset_sd(motion))
+    found = _corrected(motion, used, offset, covariance, sd)
     if max(found.slide_range, found.lift_range) < _MAX_UNEXPLAINED:
         return found
     # The edge may have held although the point is farther off it than its prior allows.
@@ -98,7 +102,8 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
     """
     first, last = window
     used = slice(first, last)
-    lift = _lift_above_most(motion.angle.theta[used], motion.lift[used], motion.position_sd[used])
+    theta, sd = motion.angle.theta[used], motion.position_sd[used]
+    lift = _lift_above_most(theta, motion.lift[used], sd, _offset_sd(motion))
     noise = 4.0 * np.maximum(motion.position_sd[first:last], _LIFT_MODEL_SD)
     if len(lift) < 2 * _NEIGHBOURS or float(np.median(lift[-3:])) < _MIN_RISE:
         return None
@@ -110,28 +115,38 @@ def lift_off_frame(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
     return first + start if rises else None
 
 
-def _lift_above_most(theta: Array, lift: Array, sd: Array) -> Array:
+def _offset_sd(motion: PlanarMotion) -> float:
+    """Standard deviation [m] of the edge's assumed position before its motion is measured.
+
+    Args:
+        motion: motion of the assumed edge, with the error of its place by the markers' places on the object.
+    """
+    return _HAND_SD if motion.place_sd is None else max(_PLAN_SD, motion.place_sd)
+
+
+def _lift_above_most(theta: Array, lift: Array, sd: Array, offset_sd: float) -> Array:
     """Height (n,) [m] of the pivot edge in n frames over its place in most of them.
 
     The assumed edge may be off the true one; this offset is fitted so that most frames show no height. Small
     displacements of the edge itself count as noise in this fit. `lift` is returned unchanged if the offset
-    comes out as 1.5 mm or more.
+    comes out as three times its standard deviation or more.
 
     Args:
         theta: (n,) tipping angle [rad].
         lift: (n,) height of the assumed edge over its position at rest [m].
         sd: (n,) standard deviation of the lift [m].
+        offset_sd: standard deviation of the offset before the measurement [m].
     """
     rows = displacement_per_offset(theta)[:, 1]
     scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
     weight, offset = np.ones_like(lift), np.zeros(2)
     for _ in range(8):
         weighted = rows * (weight / scale**2)[:, None]
-        offset = np.linalg.solve(weighted.T @ rows + np.eye(2) / _OFFSET_SD**2, weighted.T @ lift)
+        offset = np.linalg.solve(weighted.T @ rows + np.eye(2) / offset_sd**2, weighted.T @ lift)
         left = np.abs(lift - rows @ offset) / scale
         weight = huber_weights(left, _OUTLIER_SIGMAS, max(1.0, median_scale(left)))
     # An implausibly large offset is a lift.
-    return lift - rows @ offset if float(np.linalg.norm(offset)) < _MAX_OFFSET else lift
+    return lift - rows @ offset if float(np.linalg.norm(offset)) < _MAX_OFFSET_SIGMAS * offset_sd else lift
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
@@ -160,27 +175,28 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
     )
 
 
-def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
+def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array, offset_sd: float) -> tuple[Array, Array]:
     """Offset (2,) [m] of the assumed edge from the true, sliding one, and its covariance (2, 2) [m^2].
 
     Its components, at rest, are horizontal in the direction of the tip, then upwards. It follows from the
-    lift alone, with a prior of 0 and a standard deviation of 0.5 mm. An offset of 1.5 mm or more is taken for
-    a real lift: then the prior itself is returned.
+    lift alone, with a prior of 0. An offset of three times its standard deviation or more is taken for a real
+    lift: then the prior itself is returned.
 
     Args:
         theta: (n,) tipping angle [rad].
         lift: (n,) height of the assumed edge over its position at rest [m].
         sd: (n,) standard deviation of the lift [m].
+        offset_sd: standard deviation of the offset before the measurement [m].
     """
-    on_table = np.abs(_lift_above_most(theta, lift, sd)) < _MAX_CREEP
+    on_table = np.abs(_lift_above_most(theta, lift, sd, offset_sd)) < _MAX_CREEP
     kept = on_table if np.count_nonzero(on_table) >= _NEIGHBOURS else np.ones(len(theta), dtype=bool)
     rows = displacement_per_offset(theta[kept])[None, :, 1]
-    found = fit_creeping(theta[kept], rows, lift[None, kept], sd[kept], np.full(2, _OFFSET_SD))
+    found = fit_creeping(theta[kept], rows, lift[None, kept], sd[kept], np.full(2, offset_sd))
     # An implausibly large offset is a lift: then the prior's offset is kept.
     return (
         (found.parameters, found.covariance)
-        if float(np.linalg.norm(found.parameters)) < _MAX_OFFSET
-        else (np.zeros(2), np.eye(2) * _OFFSET_SD**2)
+        if float(np.linalg.norm(found.parameters)) < _MAX_OFFSET_SIGMAS * offset_sd
+        else (np.zeros(2), np.eye(2) * offset_sd**2)
     )
 
 
@@ -189,7 +205,7 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
 
     The followed point is where the edge was assumed to be on the object. The offset is along and off the
     table at rest, its covariance (2, 2) in m^2. None if rotation about a fixed edge leaves more than 0.06 mm
-    of slip or lift beyond noise, or with fewer than ten frames. The offset may exceed 1.5 mm, for example
+    of slip or lift beyond noise, or with fewer than ten frames. The offset may exceed three sd, for example
     with a tag whose place is unknown, or that is not printed to scale.
 
     Args:

@@ -21,6 +21,8 @@ from schemas.strike_result import Verdict
 from tests.analyze.motion.sliding import Body, Course, Push, push_for, simulate
 from tests.analyze.motion.tipping import planned
 
+PLACE_SD = 5e-4
+"""standard deviation of the edge's place, as a known place of the marker on the object gives it [m]"""
 T0 = 10**18
 LEVER = 0.1
 """distance from the edge to the marker [m], over which an error of the angle moves the edge's place"""
@@ -132,6 +134,7 @@ def seen(
         np.full(n, 2 * noise),
         0.0,
         covariance,
+        PLACE_SD,
     )
     off = math.radians(rng.normal(0, 3))
     plan = planned(body.rho, body.phi + off, rolls)

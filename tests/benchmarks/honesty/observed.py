@@ -26,6 +26,8 @@ REST = 0.25
 """time filmed before the push [s]"""
 LEVER = 0.08
 """distance of a tag from the edge [m]: an angle's noise moves the edge by so much"""
+STATED_PLACE_SD = math.hypot(3e-4, math.radians(0.3) * LEVER)
+"""standard deviation of the edge's place that the tracker gives where the tags' places are stated [m]"""
 ZERO_SD = math.radians(0.005)
 """error of theta's zero by lens and print, which frames share"""
 
@@ -127,11 +129,10 @@ def observe(
         zero_sd=math.hypot(ZERO_SD, view.noise / math.sqrt(rest.sum())),
         strain_sd=view.strain_sd,
     )
-    place_sd = np.full(n, math.hypot(LEVER * view.noise, 1e-5))
-    return (
-        PlanarMotion(angle, lift - lift[rest].mean(), place_sd, np.full(n, 2 * view.noise), 0.0, covariance),
-        crumb,
-    )
+    position_sd, off_axis_sd = np.full(n, math.hypot(LEVER * view.noise, 1e-5)), np.full(n, 2 * view.noise)
+    place_sd = STATED_PLACE_SD if disturbance.unplaced is None else None
+    rise = lift - lift[rest].mean()
+    return PlanarMotion(angle, rise, position_sd, off_axis_sd, 0.0, covariance, place_sd), crumb
 
 
 def _sampled(
