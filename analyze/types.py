@@ -1,17 +1,17 @@
-"""Data types that the stages of the analysis pass to each other; one file, as they form one chain of data.
+"""Data types that the stages of the analysis pass to each other, from images to the centre of mass.
 
-Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
-All are frozen dataclasses. SI units, angles in rad. Arrays: the last axis is the vector. Frames: W (world, z
-up, table z = 0), O (object, the frame of its shape file), C (camera, OpenCV: x right, y down, z forward), M
-(marker), B (calibration board); "sd" is one standard deviation, c the centre of mass, log_time the
-recording's clock.
+Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass; the types of inertia and inner masses,
+which follow from these, are in estimation/mass_properties.py. All are frozen dataclasses. SI units, angles
+in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O (object, the frame of its
+shape file), C (camera, OpenCV: x right, y down, z forward), M (marker), B (calibration board); "sd" is one
+standard deviation, c the centre of mass, log_time the recording's clock.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,20 +286,6 @@ class RadiusPrior:
 
 
 @dataclass(frozen=True)
-class EdgeRadius:
-    """Radius [m] of one pivot edge's rounding as all strikes together determine it, beside its prior."""
-
-    axis_id: str
-    """id of the pivot axis"""
-    value: float
-    """estimated radius [m]; may come out negative within its sd"""
-    sd: float
-    """standard deviation [m]"""
-    prior: RadiusPrior
-    """knowledge before the strikes"""
-
-
-@dataclass(frozen=True)
 class EquiPlane:
     """Equi-plane of one strike: the plane through the pivot's centre line and the centre of mass c.
 
@@ -410,107 +396,3 @@ class CentreOfMass:
     """equi-planes of the strikes, corrected for the estimated tilt of the table"""
     intervals: Array | None = None
     """(3, 2) 95 % intervals [m] where a direction of c is open; None where they are 1.96 sd"""
-
-
-@dataclass(frozen=True)
-class AxisInertia:
-    """Moments of inertia [kg m^2] of the object about two parallel axes: a pivot edge, and through c.
-
-    c is the centre of mass.
-    """
-
-    axis_id: str
-    """id of the pivot axis"""
-    direction: Array
-    """(3,) unit vector in O"""
-    i_edge: float
-    """moment about the contact line at balance [kg m^2]"""
-    i_edge_sd: float
-    """its standard deviation [kg m^2]"""
-    i_com: float
-    """moment about the parallel axis through c [kg m^2]"""
-    i_com_sd: float
-    """its standard deviation [kg m^2]"""
-    i_edge_interval: tuple[float, float] | None = None
-    """95 % interval of `i_edge` [kg m^2]; None where it is 1.96 sd"""
-    i_com_interval: tuple[float, float] | None = None
-    """95 % interval of `i_com` [kg m^2]; None where it is 1.96 sd"""
-
-
-@dataclass(frozen=True)
-class InertialParameters:
-    """Mass [kg], centre of mass c [m] and inertia tensor about c [kg m^2], in the object frame O, with sd."""
-
-    mass: float
-    """mass [kg]"""
-    mass_sd: float
-    """its standard deviation [kg]"""
-    com: CentreOfMass
-    """centre of mass"""
-    inertia: Array
-    """(3, 3) inertia tensor about c [kg m^2]"""
-    inertia_sd: Array
-    """(3, 3) standard deviations [kg m^2]"""
-    measured: NDArray[np.bool_]
-    """(3, 3) True if the strikes determine the entry: its interval is short, and the prior's far longer"""
-    axes: tuple[AxisInertia, ...] = ()
-    """moments about the pivot axes"""
-    joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(4 + axes, 4 + axes) covariance of (mass, c, i_com per axis)"""
-    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(10, 10) covariance of (mass, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)"""
-    inertia_intervals: Array | None = None
-    """(6, 2) 95 % intervals of Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2]; None where they are 1.96 sd"""
-    informed: NDArray[np.bool_] = field(default_factory=lambda: np.ones((3, 3), dtype=np.bool_))
-    """(3, 3) True if the strikes informed the entry, measured or not; False if it is the prior's"""
-
-
-@dataclass(frozen=True)
-class ShellThickness:
-    """Estimated thickness [m] of the object's shell (outer wall), with sd, interval and range tried.
-
-    It is estimated from the moments of inertia if the object file states no thickness.
-    """
-
-    value: float
-    """thickness [m]"""
-    sd: float
-    """its standard deviation [m]"""
-    interval: tuple[float, float]
-    """95 % interval [m]"""
-    swept: tuple[float, float]
-    """least and greatest thickness that were tried [m]"""
-
-
-@dataclass(frozen=True)
-class MassDistribution:
-    """Masses of the shell (outer wall, region R1) and of the interior on either side of a dividing plane.
-
-    Region R2 is the interior at points x (in the object frame O) where dividing_plane_normal . x >
-    dividing_plane_offset; R3 is the rest of the interior. Arrays have n entries, one per region.
-    """
-
-    names: tuple[str, ...]
-    """names of the regions"""
-    masses: Array
-    """(n,) masses [kg]"""
-    covariance: Array
-    """(n, n) covariance [kg^2]"""
-    intervals: Array
-    """(n, 2) 95 % intervals [kg] for a body divided by one plane, or `limits` if `explained` is False"""
-    limits: Array
-    """(n, 2) bounds [kg] that hold for any filling of the interior of a uniform shell"""
-    misfit: float
-    """chi^2 of the measured moments of inertia at the best dividing plane"""
-    explained: bool
-    """True if `misfit` is within the errors of measurement"""
-    dividing_plane_normal: Array
-    """(3,) unit normal in O; if no plane explains the moments, the plane through the body's middle"""
-    dividing_plane_offset: float
-    """offset of the dividing plane along its normal [m]"""
-    dividing_plane_offset_interval: tuple[float, float]
-    """95 % interval of the offset [m]"""
-    baselines: dict[str, Array]
-    """naive answers by name: masses (n,) [kg]"""
-    shell: ShellThickness | None = None
-    """shell thickness; None if the object file states it"""

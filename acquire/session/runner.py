@@ -137,10 +137,7 @@ class SessionRunner:
         self._progress(text, *self._machine.progress)
 
     def _keep_or_discard(self, files: list[Path]) -> None:
-        """Delete a failed session's files if no strike was ordered, else keep them.
-
-        Which of the two was done is passed, as a text, to the function that shows the session's progress.
-        """
+        """Delete a failed session's files if no strike was ordered, else keep them; report what was done."""
         names = ", ".join(map(str, files))
         if not files:
             return

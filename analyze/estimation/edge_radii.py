@@ -17,7 +17,7 @@ from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import OWN_RADIUS, RADIUS, centre_line_shift, radius_sds
 from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.geometry.edge_radius import ASSUMED
-from analyze.types import Array, EdgeRadius, EquiPlane, RadiusPrior, RadiusSource
+from analyze.types import Array, EquiPlane, RadiusPrior, RadiusSource
 
 REFUTED_SDS = 3.0
 """Difference between stated and measured radius of all edges, in its 1 sigma, above which the statement is
@@ -29,6 +29,20 @@ CHECKED_FRACTION = 0.75
 the prior alone, up to which the strikes count as a check of what is stated."""
 STATED = (RadiusSource.STATED, RadiusSource.EDGE)
 """Origins of a radius that the user stated."""
+
+
+@dataclass(frozen=True)
+class EdgeRadius:
+    """Radius [m] of one pivot edge's rounding as all strikes together determine it, beside its prior."""
+
+    axis_id: str
+    """id of the pivot axis"""
+    value: float
+    """estimated radius [m]; may come out negative within its sd"""
+    sd: float
+    """standard deviation [m]"""
+    prior: RadiusPrior
+    """knowledge before the strikes"""
 
 
 @dataclass(frozen=True)

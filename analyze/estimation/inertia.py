@@ -12,11 +12,12 @@ from analyze.estimation.cells import Cells, moments_about
 from analyze.estimation.centre_of_mass import centre_of_mass_from_joint
 from analyze.estimation.joint import JointSolution, MomentPrior, UnitPrior
 from analyze.estimation.joint_model import COM
+from analyze.estimation.mass_properties import AxisInertia, InertialParameters
 from analyze.estimation.posterior import TENSOR, Posterior, linear_posterior
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.second_moments import symmetric_matrix
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.types import Array, AxisInertia, EquiPlane, InertialParameters
+from analyze.types import Array, EquiPlane
 
 INFORMED_FRACTION = 0.5
 """Fraction of the prior's sd below which the sd of a tensor entry shows that strikes informed it."""

@@ -25,10 +25,11 @@ from scipy.special import chdtrc
 
 from analyze.errors import EstimationError
 from analyze.estimation.cells import Cells
+from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.truncated_normal import draw_truncated, shortest_intervals
 from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.polyhedron import MassProperties
-from analyze.types import Array, InertialParameters
+from analyze.types import Array
 
 MIN_PROBABILITY = 0.01
 """Probability of a chi^2 by chance below which parts do not explain the moments."""

@@ -18,10 +18,11 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from analyze.estimation.cells import ShellCells
+from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.region_problem import RegionProblem
 from analyze.estimation.share_bounds import SharePolytope
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.types import Array, InertialParameters
+from analyze.types import Array
 
 COVERAGE = 0.95
 """Probability that the moments of the true body are among those that the bounds allow."""

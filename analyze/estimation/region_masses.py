@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analyze.estimation.cells import Cells, ShellCells
+from analyze.estimation.mass_properties import InertialParameters, MassDistribution, ShellThickness
 from analyze.estimation.plane_chains import PlaneChains, oriented, plane_posterior
 from analyze.estimation.region_limits import RegionBounds
 from analyze.estimation.region_problem import RegionProblem
 from analyze.estimation.truncated_normal import shortest_intervals
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.types import Array, InertialParameters, MassDistribution, ShellThickness
+from analyze.types import Array
 
 REGION_NAMES = ("shell", "upper", "lower")
 """Names of the regions in results: shell, interior above and below the dividing plane."""

@@ -25,8 +25,9 @@ from analyze.estimation.joint_model import (
     TILT,
     JointModel,
 )
+from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.priors import ComPrior, SystematicErrors
-from analyze.types import Array, InertialParameters
+from analyze.types import Array
 
 NEGLIGIBLE_SHARE = 1e-9
 """Share of c's variance below which an error source is omitted."""

@@ -14,12 +14,13 @@ import numpy as np
 from analyze.estimation.edge_radii import strikes_determine_radius, with_radius_not_given
 from analyze.estimation.joint import JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM
+from analyze.estimation.mass_properties import InertialParameters
 from analyze.estimation.posterior import TENSOR, derived
 from analyze.estimation.priors import ComPrior, SystematicErrors, TiltPrior
 from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
 from analyze.geometry.edge_radius import MAX_ASSUMED_RADIUS
 from analyze.least_squares.intervals import SIGMAS_95
-from analyze.types import TENSOR_ENTRIES, Array, EquiPlane, InertialParameters
+from analyze.types import TENSOR_ENTRIES, Array, EquiPlane
 
 SLACK = 1.5
 """Largest change of a quantity, in half widths of its stated 95 % interval, that an alternative may make."""

@@ -23,12 +23,13 @@ from analyze.estimation.agreement import (
 )
 from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
 from analyze.estimation.checks import Checks, check_solution
-from analyze.estimation.edge_radii import RadiusCheck, estimated_radii, without_refuted_radii
+from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck, estimated_radii, without_refuted_radii
 from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.inertia import inertial_parameters_from_joint, shape_prior
 from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
+from analyze.estimation.mass_properties import InertialParameters, MassDistribution
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.priors import ComPrior, Scale
 from analyze.estimation.profile import profiled_posterior
@@ -58,14 +59,7 @@ from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.shells import region_masses
 from analyze.pipeline.too_few import too_few_text
 from analyze.pipeline.what_ifs import estimate_alternatives
-from analyze.types import (
-    CentreOfMass,
-    EdgeRadius,
-    EquiPlane,
-    InertialParameters,
-    MassDistribution,
-    TipMotion,
-)
+from analyze.types import CentreOfMass, EquiPlane, TipMotion
 from schemas.strike_result import Verdict
 
 if TYPE_CHECKING:

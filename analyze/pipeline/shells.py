@@ -14,8 +14,8 @@ from analyze.geometry.voxels import voxelise
 if TYPE_CHECKING:
     import numpy as np
 
+    from analyze.estimation.mass_properties import InertialParameters, MassDistribution
     from analyze.geometry.object_model import ObjectModel
-    from analyze.types import InertialParameters, MassDistribution
     from schemas.object_spec import ObjectSpec
 
 

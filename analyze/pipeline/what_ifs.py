@@ -12,9 +12,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.estimation.joint import JointSolution, MomentModel
+    from analyze.estimation.mass_properties import InertialParameters
     from analyze.estimation.priors import ComPrior, SystematicErrors
     from analyze.pipeline.evidence import Evidence
-    from analyze.types import EquiPlane, InertialParameters, MotionFit, TipMotion
+    from analyze.types import EquiPlane, MotionFit, TipMotion
 
 
 def estimate_alternatives(

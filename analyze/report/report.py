@@ -30,9 +30,10 @@ from schemas.quantity import Quantity
 from schemas.strike_result import StrikeResult, Verdict
 
 if TYPE_CHECKING:
+    from analyze.estimation.mass_properties import MassDistribution
     from analyze.pipeline.estimate import Estimate
     from analyze.result.answer import Answer
-    from analyze.types import MarkerTrack, MassDistribution
+    from analyze.types import MarkerTrack
 
 JPEG_QUALITY = 88
 

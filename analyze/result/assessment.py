@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.estimation.checks import Checks
+    from analyze.estimation.mass_properties import MassDistribution
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.prediction import StrikePrediction
-    from analyze.types import Array, MassDistribution
+    from analyze.types import Array
     from schemas.result import FrameTimes
 
 MAX_OUTSIDE_SD = 2.0

@@ -37,14 +37,11 @@ from schemas.result import (
 from schemas.strike_result import StrikeResult, Verdict
 
 if TYPE_CHECKING:
+    from analyze.estimation.mass_properties import InertialParameters, MassDistribution
     from analyze.estimation.paper import PaperRegions
     from analyze.estimation.part_masses import PartMasses
     from analyze.pipeline.estimate import Estimate, EstimateOptions
     from analyze.pipeline.evidence import Evidence
-    from analyze.types import (
-        InertialParameters,
-        MassDistribution,
-    )
 
 
 def result_document(estimate: Estimate) -> Result:

@@ -13,8 +13,7 @@ from schemas.result import EdgeRadiusResult, Result
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.estimation.edge_radii import RadiusCheck
-    from analyze.types import EdgeRadius
+    from analyze.estimation.edge_radii import EdgeRadius, RadiusCheck
 
 MEASURED_FRACTION = 0.5
 """fraction of its prior sd below which the sd of an edge's radius counts as measured by the strikes"""

@@ -27,10 +27,10 @@ from schemas.session_manifest import TimeSource
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from analyze.estimation.mass_properties import InertialParameters, MassDistribution
     from analyze.estimation.part_masses import PartMasses
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.evidence import Evidence
-    from analyze.types import InertialParameters, MassDistribution
     from schemas.object_spec import ObjectSpec
 
 

@@ -17,14 +17,18 @@ thirds of the bow. The bow follows from the motion of the two corners of an edge
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from analyze.errors import TrackingError
 from analyze.tracking.edges import END_MARGIN_PX
 
 if TYPE_CHECKING:
-    from analyze.types import Array, IntArray
+    from collections.abc import Iterable
+
+    from analyze.tracking.marker_path import MarkerPath
+    from analyze.types import Array, CameraModel, IntArray
 
 CUBIC_FRAMES = 4
 """number of frames of one cubic"""
@@ -37,6 +41,46 @@ _NEXT = np.array([1, 2, 3, 0])
 """index of the corner that follows each corner"""
 _BOW_PASSES = 2
 """number of passes: the bow shifts the corners, which in turn determine the bow"""
+_MAX_READ_OUT_SHARE = 1.05
+"""largest ratio of an image's read-out time to the time between two frames"""
+
+
+def delays_by_frame(camera: CameraModel, paths: Iterable[MarkerPath]) -> dict[int, float]:
+    """Delay [s] of the middle row of the markers in view against the image's middle row, by frame time.
+
+    Keys are log times [ns] of the frames. Empty for a global shutter.
+
+    Args:
+        camera: camera that took the frames.
+        paths: corners of all markers in the frames in which they were found.
+
+    Raises:
+        TrackingError: by the line time, the read-out of an image takes longer than the time between frames.
+    """
+    if not camera.line_time_s:
+        return {}
+    rows: dict[int, list[float]] = {}
+    for path in paths:
+        for time_ns, corners in zip(path.time_ns, path.corners_raw, strict=True):
+            rows.setdefault(time_ns, []).append(float(corners[:, 1].mean()))
+    reading_s = abs(camera.line_time_s) * camera.height
+    apart_s = 1e-9 * float(np.median(np.diff(sorted(rows)))) if len(rows) > 1 else reading_s
+    if reading_s > _MAX_READ_OUT_SHARE * apart_s:
+        raise TrackingError(
+            f"by line_time_s the read-out of an image takes {1000 * reading_s:.1f} ms,"
+            f" but images are {1000 * apart_s:.1f} ms apart: correct line_time_s, or the frame rate"
+        )
+    return {time_ns: row_delay_s(camera, float(np.mean(found))) for time_ns, found in rows.items()}
+
+
+def row_delay_s(camera: CameraModel, row: Any) -> Any:
+    """Delay [s] of the read-out of an image row after the middle row's, which defines a frame's time.
+
+    Args:
+        camera: camera that took the image.
+        row: row [px], or an array of rows; the result has its shape.
+    """
+    return camera.line_time_s * (row - 0.5 * (camera.height - 1))
 
 
 def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: Array, sd: float) -> Array:

@@ -6,7 +6,7 @@ A strike is one impact that tips the object; its frames are the images around it
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from analyze.tracking.edges import find_square, refit_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, marker_of_other_family
 from analyze.tracking.marker_path import FoundMarker, MarkerPath
 from analyze.tracking.pose import choose_by_motion, solve_poses
-from analyze.tracking.rolling_shutter import corners_at_one_time
+from analyze.tracking.rolling_shutter import corners_at_one_time, delays_by_frame, row_delay_s
 from analyze.types import MarkerTrack
 from schemas.tags import family_and_id, name_order
 
@@ -37,8 +37,6 @@ _MAX_LOCAL_SEARCHES = 8
 has turned away would cost a search in every frame"""
 _MAX_TRUSTED_MOVE_PX = 1.2
 """distance of a fit from its start [px] beyond which OpenCV must confirm the marker"""
-_MAX_READ_OUT_SHARE = 1.05
-"""largest ratio of an image's read-out time to the time between two frames"""
 
 
 @dataclass(frozen=True)
@@ -163,7 +161,7 @@ class MarkerFollower:
             TrackingError: only markers that the object does not carry were seen, or the line time (delay from
                 image row to row) is too long for the frame rate.
         """
-        delays_s = self._delays_by_frame()
+        delays_s = delays_by_frame(self._camera, self._paths.values())
         tracks = tuple(
             track for path in self._paths.values() if (track := self._track(path, delays_s)) is not None
         )
@@ -294,38 +292,6 @@ class MarkerFollower:
             path.corners_raw.append(seen.corners_raw)
             path.sd.append(seen.fit.square.sd)
 
-    def _delays_by_frame(self) -> dict[int, float]:
-        """Delay [s] of the middle row of the markers in view against the image's middle row, by frame time.
-
-        Keys are log times [ns] of the frames. Empty for a global shutter.
-
-        Raises:
-            TrackingError: by the line time, the read-out of an image takes longer than the time between
-                frames.
-        """
-        if not self._camera.line_time_s:
-            return {}
-        rows: dict[int, list[float]] = {}
-        for path in self._paths.values():
-            for time_ns, corners in zip(path.time_ns, path.corners_raw, strict=True):
-                rows.setdefault(time_ns, []).append(float(corners[:, 1].mean()))
-        reading_s = abs(self._camera.line_time_s) * self._camera.height
-        apart_s = 1e-9 * float(np.median(np.diff(sorted(rows)))) if len(rows) > 1 else reading_s
-        if reading_s > _MAX_READ_OUT_SHARE * apart_s:
-            raise TrackingError(
-                f"by line_time_s the read-out of an image takes {1000 * reading_s:.1f} ms,"
-                f" but images are {1000 * apart_s:.1f} ms apart: correct line_time_s, or the frame rate"
-            )
-        return {time_ns: self._row_delay_s(float(np.mean(found))) for time_ns, found in rows.items()}
-
-    def _row_delay_s(self, row: Any) -> Any:
-        """Delay [s] of the read-out of an image row after the middle row's, which defines a frame's time.
-
-        Args:
-            row: row [px], or an array of rows; the result has its shape.
-        """
-        return self._camera.line_time_s * (row - 0.5 * (self._camera.height - 1))
-
     def _track(self, path: MarkerPath, delays_s: dict[int, float]) -> MarkerTrack | None:
         """Track of one marker: corners and poses in the camera frame by frame; None if it was never found.
 
@@ -347,7 +313,7 @@ class MarkerFollower:
                 np.float64
             )
             ideal = corners_at_one_time(
-                since_s, ideal, self._row_delay_s(raw[..., 1]), common_s, float(np.median(path.sd))
+                since_s, ideal, row_delay_s(self._camera, raw[..., 1]), common_s, float(np.median(path.sd))
             )
             raw, late_ns = distort(self._camera, ideal), np.rint(1e9 * common_s).astype(np.int64)
         solved = solve_poses(ideal, path.marker.size, self._camera.K)

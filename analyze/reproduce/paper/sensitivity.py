@@ -11,6 +11,7 @@ import numpy as np
 
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_normal
+from analyze.estimation.mass_properties import MassDistribution
 from analyze.estimation.paper import PaperRegions, paper_centre_of_mass
 from analyze.estimation.priors import ComPrior
 from analyze.estimation.region_masses import mass_distribution
@@ -18,7 +19,7 @@ from analyze.pipeline.equiplanes import systematic_errors
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity
 from analyze.result.score import tip_truth
-from analyze.types import Array, EquiPlane, MassDistribution
+from analyze.types import Array, EquiPlane
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
