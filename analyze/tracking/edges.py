@@ -1,7 +1,6 @@
-"""Sub-pixel corners of a black square; one file, because band, model and fit share a layout tuned for speed.
+"""Sub-pixel corners of a black square, from a model of its edges fitted to the pixels along them.
 
-Each edge is fitted to the grey values of the pixels along it; corners are accurate to a few hundredths of a
-pixel.
+The corners are accurate to a few hundredths of a pixel. The pixels are chosen in edge_band.py.
 
 Model of one edge: I = black + (white - black) * Phi(d / s), with I the grey value of a pixel, black and white
 the grey levels inside and outside, d the signed distance of a pixel's centre from the edge line in ideal
@@ -27,21 +26,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtr
 
+from analyze.tracking.edge_band import HALF_BAND, NEXT, EdgeBand, edge_band
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analyze.tracking.camera_model import PixelMap
-    from analyze.types import Array, IntArray
+    from analyze.types import Array
 
-_HALF_BAND = 4
-"""number of rows (or columns) on either side of the edge"""
-_REACH_PX = 2.6
-"""distance from the edge [px] beyond which a pixel carries no information on its position"""
 END_MARGIN_PX = 2.6
-"""stretch left out at each end [px], where the blurred corner bends the edge"""
+"""stretch left out at each end of an edge [px], where the blurred corner bends the edge"""
 _END_MARGIN_BLURS = 3.4
-"""stretch left out at each end in units of the blur s; the larger of this and `END_MARGIN_PX` is used
-(otherwise the error at s = 2 px is 0.008 px)"""
+"""stretch left out at each end of an edge, in units of the blur s; the larger of this and `END_MARGIN_PX` is
+used (otherwise the error at s = 2 px is 0.008 px)"""
 _LINE_TOLERANCE_PX = 0.02
 """largest step of a line [px] that ends the iteration; Gauss-Newton converges quadratically, so that the
 remaining error is below 0.001 px"""
@@ -71,9 +68,8 @@ _MIN_BLUR, _MAX_BLUR = 0.45, 3.0
 """range of the blur of lens and pixel [px]"""
 _MIN_LENS_BLUR = 0.1
 """least blur of the lens alone [px]"""
-_NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
-_EDGE = np.arange(4)
-_ACROSS = np.arange(-_HALF_BAND, _HALF_BAND + 1)
+_BEFORE = np.array([3, 0, 1, 2])
+"""index of the edge before each edge of a square"""
 _TABLE_STEPS_PER_SIGMA = 512
 _TABLE_SIGMAS = 16
 """range of the tables of the normal distribution [sigma]; blur is never below 0.25 px, the band never beyond
@@ -104,34 +100,6 @@ class Square:
 
 
 @dataclass(frozen=True)
-class _Band:
-    """Pixels along a square's four edges, s per edge, with their coordinates along and across the edge."""
-
-    corners_ideal: Array
-    """(4, 2) corners of the square around which the band lies [ideal px]"""
-    corners_raw: Array
-    """(4, 2) these corners [raw px]"""
-    index: IntArray
-    """(4, s) index of the pixels in the image, row by row"""
-    t: Array
-    """(4, s) coordinate along each edge, from -1 to 1"""
-    v: Array
-    """(4, s) distance out of the square [ideal px]"""
-    valid: NDArray[np.bool_]
-    """(4, s) True for a pixel that is used"""
-    window: tuple[float, float]
-    """middle and half width of the range of v that is fitted [px]"""
-    middle: Array
-    """(4, 2) middle of the edges [ideal px]"""
-    along: Array
-    """(4, 2) unit vectors along the edges"""
-    outward: Array
-    """(4, 2) unit vectors out of the square"""
-    half: Array
-    """(4,) half the edges' lengths [ideal px]"""
-
-
-@dataclass(frozen=True)
 class _EdgeFits:
     """Fitted lines, blur and contrast of a square's four edges, with the normal equations of their fit."""
 
@@ -156,7 +124,7 @@ class SquareFit:
 
     square: Square
     """the fitted square"""
-    band: _Band
+    band: EdgeBand
     """pixels along its edges"""
     shape: Array
     """(4, 3) offset a, tilt b and blur s of each edge in the band [px]"""
@@ -199,7 +167,7 @@ def find_square(
         edge leaves the image, is too short or too long, or the fit of an edge fails or shows a contrast, from
         dark inside to light outside, of less than 12 grey levels.
     """
-    band = _band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
+    band = edge_band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
     found = None if band is None else _fit(image, band, _START_SHAPE)
     if found is None:
         return None
@@ -208,7 +176,7 @@ def find_square(
     if float(np.max(np.abs(moved))) < _RESTART_PX and margin < 1.3 * END_MARGIN_PX:
         return found
     # The band lies around a poor start and may miss part of the edge, or the blur is larger than assumed.
-    band = _band(image.shape, pixels, found.square.corners, corners_raw + moved, margin)
+    band = edge_band(image.shape, pixels, found.square.corners, corners_raw + moved, margin)
     return None if band is None else _fit(image, band, _START_SHAPE)
 
 
@@ -236,47 +204,7 @@ def refit_square(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Ar
     return found if abs(found.square.blur - before.square.blur) < _BLUR_TOLERANCE_PX else None
 
 
-def _band(
-    shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float
-) -> _Band | None:
-    """Pixels near each edge of a square; None if an edge is too short, too long, or outside the image.
-
-    Too short is below 6 px, too long above 2000 px. An edge is outside if the image lacks more than a tenth
-    of its pixels.
-
-    Args:
-        shape: height and width of the image [px].
-        pixels: ideal coordinates of the pixel centres.
-        corners_ideal: (4, 2) corners around which the band lies [ideal px].
-        corners_raw: (4, 2) these corners in the image [raw px].
-        end_margin: stretch left out at each end of an edge [px], limited to an eighth of the shortest edge.
-    """
-    taken = _pixels_along(shape, corners_raw)
-    if taken is None:
-        return None
-    index, valid = taken
-    start = corners_ideal
-    stop = start[_NEXT]
-    along = stop - start
-    length = np.hypot(along[:, 0], along[:, 1])
-    along /= length[:, None]
-    area = float(np.sum(start[:, 0] * stop[:, 1] - stop[:, 0] * start[:, 1]))
-    # y points down: a positive area is clockwise on the screen, and (dy, -dx) points out of the square.
-    outward = along[:, ::-1] * (np.array([1.0, -1.0]) * math.copysign(1.0, area))
-    middle = 0.5 * (start + stop)
-    half = 0.5 * length
-    points = pixels.ideal.reshape(-1, 2).take(index, axis=0)
-    tv = (points - middle[:, None, :]) @ np.stack([along / half[:, None], outward], axis=-1)
-    t, v = np.ascontiguousarray(tv[..., 0]), np.ascontiguousarray(tv[..., 1])
-    cell = float(length.min()) / 8.0
-    inner = min(_REACH_PX, 0.8 * cell)
-    outer = min(_REACH_PX, 0.7 * cell)
-    valid &= np.abs(t) < (1.0 - min(end_margin, cell) / half)[:, None]
-    window = 0.5 * (outer - inner), 0.5 * (outer + inner)
-    return _Band(corners_ideal, corners_raw, index, t, v, valid, window, middle, along, outward, half)
-
-
-def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | None:
+def _fit(image: NDArray[np.uint8], band: EdgeBand, start: Array) -> SquareFit | None:
     """Square fitted to the grey values along its edges by Gauss-Newton; None if an edge does not fit.
 
     An edge does not fit if the iteration has not settled, its line has left the band, or its contrast is
@@ -301,7 +229,7 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
     if (
         level is None
         or level.moved > 0.3
-        or np.abs(level.shape[:, :2]).max() > _HALF_BAND
+        or np.abs(level.shape[:, :2]).max() > HALF_BAND
         or not level.contrast.min() >= _MIN_CONTRAST
     ):
         return None
@@ -317,7 +245,7 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
     return SquareFit(Square(corners, covariance, sd, blur), band, level.shape)
 
 
-def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _EdgeFits | None:
+def _descend(grey: Array, band: EdgeBand, start: Array, breadth: Array | None) -> _EdgeFits | None:
     """Fit lines, blur and contrast of a square's four edges by Gauss-Newton; None if an edge is lost.
 
     An edge is lost if its contrast falls to 1 grey level or less, or its pixels do not determine its five
@@ -362,17 +290,17 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
     return _EdgeFits(shape, products, contrast, variance, moved)
 
 
-def _breadth(band: _Band) -> Array:
+def _breadth(band: EdgeBand) -> Array:
     """Breadth (4,) [ideal px] over which a pixel blurs each of the four edges of a band.
 
     A pixel's two sides are projected on the edge's normal. The breadth is the longer projection; the effect
     of the shorter one is equivalent to more blur.
     """
-    ideal, raw = (corners[_NEXT] - corners for corners in (band.corners_ideal, band.corners_raw))
+    ideal, raw = (corners[NEXT] - corners for corners in (band.corners_ideal, band.corners_raw))
     return np.abs(raw).max(axis=1) * np.hypot(ideal[:, 0], ideal[:, 1]) / (raw**2).sum(axis=1)
 
 
-def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
+def _products(shape: Array, band: EdgeBand, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
     """Normal equations of the fit of four edges: products (4, 6, 6) of six columns, and pixel counts (4,).
 
     Products are summed over an edge's pixels. An edge's profile rises with the distance from its line from 0
@@ -431,83 +359,7 @@ def _normal(z: Array) -> tuple[Array, Array]:
     return place, density
 
 
-def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
-    """Pixels in a band along a square's four edges: index (4, s) in the flattened image, mask (4, s).
-
-    s is the number of pixels of the longest edge's band. The mask is True for pixels to use; a shorter edge
-    repeats its last pixels, unused. None if an edge is shorter than 6 px or longer than 2000 px, or more than
-    a tenth of an edge's band lies outside the image.
-
-    Args:
-        shape: height and width of the image [px].
-        corners_raw: (4, 2) corners of the square [raw px].
-    """
-    height, width = shape
-    start, stop = corners_raw, corners_raw[_NEXT]
-    delta = stop - start
-    steep = np.abs(delta[:, 1]) > np.abs(delta[:, 0])
-    major = steep.astype(np.intp)
-    from_major, to_major = start[_EDGE, major], stop[_EDGE, major]
-    low, high = np.minimum(from_major, to_major), np.maximum(from_major, to_major)
-    extent = high - low
-    if not (extent.min() >= 6.0 and extent.max() <= 2000.0):
-        return None
-    first = np.ceil(low)
-    last = np.floor(high)
-    steps = np.arange(int((last - first).max()) + 1)
-    # Shorter edges repeat their last pixel, unused: beyond it the image may end, as below a tag seen from the
-    # side.
-    along = np.minimum(first[:, None] + steps, last[:, None])
-    slope = delta[_EDGE, 1 - major] / delta[_EDGE, major]
-    across = start[_EDGE, 1 - major][:, None] + slope[:, None] * (along - from_major[:, None])
-    middle = np.rint(across).astype(np.intp)
-    used = (steps <= (last - first)[:, None]).repeat(len(_ACROSS), axis=1)
-    along_px = along.astype(np.intp)
-    (left, top), (right, bottom) = corners_raw.min(axis=0), corners_raw.max(axis=0)
-    reach = _HALF_BAND + 2
-    if left < reach or top < reach or right > width - 1 - reach or bottom > height - 1 - reach:
-        along_px, middle = _within(
-            along_px, middle, used, np.where(steep, height, width), np.where(steep, width, height)
-        )
-        if np.any(used.sum(axis=1) < 0.9 * len(_ACROSS) * (last - first + 1)):
-            return None
-    step_across = np.where(steep, 1, width)[:, None]
-    index = along_px * np.where(steep, width, 1)[:, None] + middle * step_across
-    index = (index[..., None] + step_across[..., None] * _ACROSS).reshape(4, -1)
-    return index, used
-
-
-def _within(
-    along: IntArray, middle: IntArray, used: NDArray[np.bool_], length: IntArray, breadth: IntArray
-) -> tuple[IntArray, IntArray]:
-    """Clip the pixels of four edges' bands to the image, and clear `used` for those beyond it.
-
-    A band consists of n cross-rows of nine pixels, one for each step along the edge; the main direction of an
-    edge is along the image's rows or its columns, whichever is nearer to it.
-
-    Args:
-        along: (4, n) coordinate, in the main direction, of each cross-row's middle pixel [px].
-        middle: (4, n) coordinate of these pixels across the main direction [px].
-        used: (4, 9 n) True for a pixel that is used, changed in place.
-        length: (4,) size of the image in the main direction of each edge [px].
-        breadth: (4,) size of the image across it [px].
-
-    Returns:
-        `along` and `middle` (4, n), clipped.
-    """
-    across = middle[..., None] + _ACROSS
-    inside = (
-        (along >= 0)[..., None]
-        & (along < length[:, None])[..., None]
-        & (across >= 0)
-        & (across < breadth[:, None, None])
-    )
-    used &= inside.reshape(4, -1)
-    kept = np.clip(middle, _HALF_BAND, breadth[:, None] - 1 - _HALF_BAND)
-    return np.clip(along, 0, length[:, None] - 1), kept
-
-
-def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Array]:
+def _intersect(band: EdgeBand, line: Array, covariance: Array) -> tuple[Array, Array]:
     """Corners (4, 2) [px] of a square from its fitted edges, and their covariance (4, 2, 2) [px^2].
 
     Corner i is the intersection of edges i - 1 and i. Pixels are ideal: free of lens distortion.
