@@ -76,11 +76,12 @@ class Shape(Document):
         default=None, description="unit of the file's coordinates: m, cm, mm or in"
     )
     scale_sd: float = Field(default=0.0, ge=0, description="1 sigma of the shape's scale, relative")
-    surface_sd_m: float = Field(
-        default=0.0,
+    surface_sd_m: float | None = Field(
+        default=None,
         ge=0,
         description="1 sigma of the offset of each face of the surface, in metres: a scanner's bias, which "
-        "more points do not reduce",
+        "more points do not reduce; 0 for an exact shape; if left out, it is estimated from the strikes, "
+        "beginning with 0.3 mm for a mesh, 0.1 mm for a box or cylinder, and the noise of a point cloud",
     )
     box: Box | None = None
     cylinder: Cylinder | None = None
@@ -92,7 +93,7 @@ class Shape(Document):
             raise ValueError(f"give exactly one of file, box, cylinder (found {', '.join(given) or 'none'})")
         if self.file is not None and self.unit is None:
             raise ValueError('a shape file needs its unit: unit = "mm" (or "m", "cm", "in")')
-        if self.surface_sd_m > MAX_THICKNESS_M:
+        if self.surface_sd_m is not None and self.surface_sd_m > MAX_THICKNESS_M:
             raise ValueError(
                 f"surface_sd_m = {self.surface_sd_m:g} m is too large for a scanner's error: it is in metres"
             )
@@ -310,6 +311,7 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
         shape_bytes: content of the shape file; None if the shape is a box or a cylinder.
     """
     known = spec.model_dump(mode="json")
+    # Before it could be left open, an error of the surface that was left out counted as 0.
     if not spec.shape.surface_sd_m:
         del known["shape"]["surface_sd_m"]
     # Before a radius could be left open, one that was left out was hashed as 0.

@@ -48,6 +48,7 @@ class WarningCode(enum.Enum):
     FILLING_UNEXPLAINED = "filling_unexplained"
     FRAME_RATE_WRONG = "frame_rate_wrong"
     FRAME_RATE_UNCHECKED = "frame_rate_unchecked"
+    SHAPE_ERROR_ASSUMED = "shape_error_assumed"
 
 
 class ResultWarning(Document):

@@ -3,7 +3,7 @@
 The raw convex hull of a noisy cloud consists of the noise's extremes: at 5 mm noise its edges lie 5 mm too
 far out. Here a plane is fitted to all points of a face, and an edge is where two such planes meet. A bias of
 the noise (all points too far out by the same) moves the planes with it: the points cannot show it, the object
-file must declare it (`shape.surface_sd_m`).
+file states it (`shape.surface_sd_m`), or it is assumed.
 """
 
 # scipy is only partly typed.

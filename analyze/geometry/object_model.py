@@ -25,6 +25,7 @@ from analyze.geometry.mesh_repair import closed_mesh
 from analyze.geometry.plane_search import COARSE_PATCH_FRACTION
 from analyze.geometry.primitives import box_mesh, cylinder_mesh
 from analyze.geometry.scanned_surface import ScannedSurface
+from analyze.geometry.surface_error import surface_sd
 from analyze.types import Array, IntArray
 from schemas.object_spec import Box, Cylinder, LengthUnit, ObjectSpec
 
@@ -125,6 +126,11 @@ class ObjectModel:
         if self.is_convex:
             return distance.convex_depth(self.hull_planes, points)
         return distance.mesh_depth(self._index, self.vertices, self.faces, points)
+
+    @property
+    def noise_sd(self) -> float | None:
+        """1 sigma [m] of a point cloud's points across the surface; None for other shapes."""
+        return None if self.cloud is None else self.cloud.noise.sd
 
     def edge_sd(self, ends: Array) -> float:
         """1 sigma [m] of the place of an edge of the object's hull, perpendicular to the edge.
@@ -287,7 +293,7 @@ def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str
             f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object "
             "on it, no strike is planned there; or scan that side too"
         )
-    if scatter > REPORTED_SCATTER and spec.shape.surface_sd_m == 0:
+    if scatter > REPORTED_SCATTER and spec.shape.surface_sd_m is None:
         notes.append(
             f"{name}: scatters by {1000 * scatter:.1f} mm; the points do not show whether all of them lie "
             "too far out or in: declare shape.surface_sd_m"
@@ -339,7 +345,7 @@ def _model(
         unit_inertia=properties.unit_inertia,
         primitive=primitive,
         warnings=warnings,
-        surface_sd=spec.shape.surface_sd_m,
+        surface_sd=surface_sd(spec.shape, None if cloud is None else cloud.noise.sd),
         cloud=cloud,
         scanned=scanned,
     )

@@ -12,6 +12,7 @@ from analyze.estimation.equiplane import equiplane
 from analyze.estimation.priors import SystematicErrors, TiltPrior
 from analyze.geometry.edge_radius import edge_radius, stated_radius
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.surface_error import surface_sd
 from analyze.pipeline.evidence import Evidence
 from analyze.pipeline.merge import (
     levelling_indices,
@@ -95,7 +96,11 @@ def with_edge(plane: EquiPlane, evidence: Evidence) -> EquiPlane:
     corner = plane.point - plane.edge_radius * (plane.up - inset * forward)
     radius = edge_radius(evidence.spec, model, plane.axis_id, corner, plane.direction)
     if _is_rounded_in_shape(model, plane, corner):
-        own = float(np.hypot(SHAPE_RADIUS_SD * plane.edge_radius, evidence.spec.shape.surface_sd_m))
+        own = float(
+            np.hypot(
+                SHAPE_RADIUS_SD * plane.edge_radius, surface_sd(evidence.spec.shape, evidence.model.noise_sd)
+            )
+        )
         return replace(plane, radius_prior=RadiusPrior(plane.edge_radius, 0.0, own, RadiusSource.SHAPE))
     rest = _face_at(model, corner, -plane.up)
     wall = _face_at(model, corner, np.cos(leaning) * forward + np.sin(leaning) * plane.up)
@@ -158,7 +163,7 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
         gravity_tilt_sd=tilts[0].gravity_tilt_sd_rad,
         scale_sd=evidence.spec.shape.scale_sd,
         edge_radius_sd=stated_radius(evidence.spec).common_sd,
-        face_sd=evidence.spec.shape.surface_sd_m,
+        face_sd=surface_sd(evidence.spec.shape, evidence.model.noise_sd),
         other_tilt_sds=tuple(tilts[level].gravity_tilt_sd_rad for level in range(1, len(tilts))),
         readings=tuple(_level_prior(tilts[level]) for level in range(len(tilts))),
     )

@@ -57,6 +57,7 @@ from analyze.pipeline.prediction import StrikePrediction, predict_strikes
 from analyze.pipeline.read_evidence import read_evidence, read_head
 from analyze.pipeline.rim_heading import with_heading_errors
 from analyze.pipeline.shells import region_masses
+from analyze.pipeline.surface_error import SurfaceError, with_surface_error
 from analyze.pipeline.too_few import too_few_text
 from analyze.pipeline.what_ifs import estimate_alternatives
 from analyze.types import CentreOfMass, EquiPlane, TipMotion
@@ -160,6 +161,8 @@ class Estimate:
     """radii of the rounded pivot edges, as all strikes determine them"""
     radius_check: RadiusCheck | None
     """comparison of the stated edge radii with the strikes' own; None if none are stated"""
+    surface_error: SurfaceError | None
+    """error of the shape's faces, assumed and estimated; None if the object file states it"""
 
     @property
     def com(self) -> CentreOfMass:
@@ -254,9 +257,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         ShapeError: a label of the object file names a part that the shape does not have.
     """
     options = options or EstimateOptions()
-    spec, model = evidence.spec, evidence.model
-    used = _used_motions(evidence, options)
-    systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(*model.bounds)
+    used, prior = _used_motions(evidence, options), ComPrior.from_bounds(*evidence.model.bounds)
+    evidence, surface_error = with_surface_error(evidence, used, prior, options.estimator)
+    spec, model, systematic = evidence.spec, evidence.model, systematic_errors(evidence)
     recording_of = [evidence.recorded_in.get(motion.strike_id, 0) for motion in used]
     stated_planes, radius_check = without_refuted_radii(
         equiplanes(evidence, used, options.estimator), recording_of, systematic, prior
@@ -310,6 +313,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         alternatives=estimate_alternatives(evidence, used, planes, priors, solution, struck),
         edge_radii=estimated_radii(solution),
         radius_check=radius_check,
+        surface_error=surface_error,
     )
 
 

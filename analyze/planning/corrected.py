@@ -8,6 +8,7 @@ import numpy as np
 
 from analyze.geometry.edge_radius import edge_radius, stated_radius
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.surface_error import surface_sd
 from analyze.planning.pivots import wall_lean
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
@@ -66,8 +67,10 @@ def corrected_pivot(
         corrected: Object file in use.
         model: Shape of the object.
     """
-    surface, now = before.shape.surface_sd_m, corrected.shape.surface_sd_m
-    sd = pivot.sd_m if surface == now else math.sqrt(max(pivot.sd_m**2 - surface**2, 0.0) + now**2)
+    surface, now = surface_sd(before.shape, model.noise_sd), surface_sd(corrected.shape, model.noise_sd)
+    # Older plans took a shape without a stated error as exact: their pivots hold the edge's own error alone.
+    own_variance = pivot.sd_m**2 - (surface**2 if surface < pivot.sd_m else 0.0)
+    sd = pivot.sd_m if surface == now < pivot.sd_m else math.sqrt(own_variance + now**2)
     tip, up = R_world_object[0], R_world_object[2]
     lean = wall_lean(model, tip, up, [np.array(pivot.point)], pivot.radius_m) or 0.0
     inwards = up - tip * (1 + math.sin(lean)) / math.cos(lean)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from analyze.estimation.part_masses import PartMasses
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.evidence import Evidence
+    from analyze.pipeline.surface_error import SurfaceError
     from schemas.object_spec import ObjectSpec
 
 
@@ -55,6 +56,7 @@ def result_warnings(estimate: Estimate, frame_times: Sequence[FrameTimes]) -> li
         *_check_warnings(estimate, rates_possible=all(each.possible for each in frame_times)),
         *fit_warnings(estimate),
         *_tilt_warnings(estimate),
+        *_shape_warnings(estimate.surface_error),
         *_prior_warnings(estimate.inertial),
         *_region_warnings(estimate.distribution, estimate.inertial.mass),
         *rolling_warnings(estimate),
@@ -187,6 +189,19 @@ def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
             " better"
         )
         yield warning(WarningCode.GRAVITY_ASSUMED, f"{text}; the intervals include this: {TILT_REMEDY}")
+
+
+def _shape_warnings(found: SurfaceError | None) -> Iterator[ResultWarning]:
+    """Yield a warning that the error of the shape's faces was assumed; nothing for None (it was stated)."""
+    if found is None:
+        return
+    yield warning(
+        WarningCode.SHAPE_ERROR_ASSUMED,
+        f"surface_sd_m is not given: each face of the shape may be off by {1e3 * found.assumed:.1f} mm (1 sd)"
+        f" before any strike, {1e3 * found.estimated:.2f} mm by how well the strikes agree; the intervals"
+        " include this: measure an edge with a caliper and state surface_sd_m in [shape], or 0 if the shape"
+        " is exact",
+    )
 
 
 def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:

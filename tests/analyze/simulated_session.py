@@ -126,7 +126,7 @@ def object_spec(body: Body) -> ObjectSpec:
         name="test box",
         mass_kg=body.mass,
         mass_sd_kg=1e-4,
-        shape=Shape(box=Box(size_m=body.size.tolist())),
+        shape=Shape(box=Box(size_m=body.size.tolist()), surface_sd_m=0.0),
         edge_radius_m=body.edge_radius,
         edge_radius_sd_m=1e-4,
         shell_thickness_m=body.pitch,

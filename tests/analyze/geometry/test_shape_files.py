@@ -313,13 +313,15 @@ def test_noise_too_large_for_the_faces_is_reported():
 
 def test_declared_surface_error_is_added_to_every_edge():
     points = box_cloud(noise=1.0)
-    plain, declared = (
-        load(*cloud_bytes("xyz", points)),
-        load(*cloud_bytes("xyz", points), surface_sd_m=0.0007),
+    unstated, exact, declared = (
+        load(*cloud_bytes("xyz", points), **stated)
+        for stated in ({}, {"surface_sd_m": 0.0}, {"surface_sd_m": 0.0007})
     )
     ends = np.array([[0.03, -0.1, -0.1], [0.03, 0.1, -0.1]])
-    assert np.isclose(declared.edge_sd(ends), np.hypot(plain.edge_sd(ends), 0.0007))
-    assert any("declare shape.surface_sd_m" in note for note in plain.warnings)
+    assert np.isclose(declared.edge_sd(ends), np.hypot(exact.edge_sd(ends), 0.0007))
+    assert np.isclose(unstated.edge_sd(ends), np.hypot(exact.edge_sd(ends), exact.noise_sd))
+    assert any("declare shape.surface_sd_m" in note for note in unstated.warnings)
+    assert not any("declare shape.surface_sd_m" in note for note in exact.warnings)
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:

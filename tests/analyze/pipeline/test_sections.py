@@ -43,7 +43,7 @@ def moulded(body=BODY, width=0.08):
         ]
     )
     data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
-    spec = an_object(Shape(file="bowl.stl", unit=LengthUnit.METRE))
+    spec = an_object(Shape(file="bowl.stl", unit=LengthUnit.METRE, surface_sd_m=0.0))
     strike = planned(0.0, 0.4)
     strike = strike.model_copy(update={"pivot": strike.pivot.model_copy(update={"point": [0.0, 0.0, 0.0]})})
     return spec, data, strike
@@ -117,7 +117,10 @@ def test_rounding_in_both_mesh_and_object_file_is_taken_from_the_mesh():
 
 
 def test_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
-    spec, data = spec_of({"file": "b.stl", "unit": "mm"}, edge_radius_m=0.001), stl(hexagon(35, 80))
+    spec, data = (
+        spec_of({"file": "b.stl", "unit": "mm", "surface_sd_m": 0.0}, edge_radius_m=0.001),
+        stl(hexagon(35, 80)),
+    )
     model, live = load_object_model(spec, data, "b.stl"), MeshSections(spec, lambda: data)
     found = set()
     for axis in pivot_axes(model, spec, resting_planes(model), hypothesis(model)):

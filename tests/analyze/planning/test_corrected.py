@@ -20,7 +20,7 @@ SHAPES = {"box": None, "leaning walls": frustum(30, 22, 90), "hexagon": hexagon(
 MICROMETRE = 1e-6
 
 
-def described(name: str, radius: float | None, surface_sd: float) -> tuple[ObjectSpec, ObjectModel]:
+def described(name: str, radius: float | None, surface_sd: float | None) -> tuple[ObjectSpec, ObjectModel]:
     triangles = SHAPES[name]
     shape = {"box": {"size_m": [0.06, 0.05, 0.2]}} if triangles is None else {"file": "b.stl", "unit": "mm"}
     spec = spec_of({**shape, "surface_sd_m": surface_sd}, edge_radius_m=radius)
@@ -73,3 +73,17 @@ def test_sharp_edges_of_older_plans_take_the_radius_that_is_assumed(name):
         off = np.array(found.point) - wanted[axis_id].point
         assert np.linalg.norm(off - axis.direction * (off @ axis.direction)) < MICROMETRE
         assert found.radius_m == pytest.approx(ASSUMED.mean)
+
+
+@pytest.mark.parametrize("name", list(SHAPES))
+def test_edges_of_older_plans_take_the_surface_error_that_is_assumed(name):
+    """Older plans took a shape without a stated error as exact."""
+    exact, model = described(name, 0.001, 0.0)
+    not_stated, _ = described(name, 0.001, None)
+    wanted = axes_of(*described(name, 0.001, None))
+    for axis_id, axis in axes_of(exact, model).items():
+        for planned in (axis, wanted[axis_id]):
+            found = corrected_pivot(
+                pivot_of(planned), axis_id, axis.R_world_object, not_stated, not_stated, model
+            )
+            assert found.sd_m == pytest.approx(wanted[axis_id].sd, rel=1e-9)

@@ -42,7 +42,7 @@ def moulded(radius, declared=0.0, turned=False):
         name="moulded",
         mass_kg=0.5,
         mass_sd_kg=1e-4,
-        shape=Shape(file="m.stl", unit=LengthUnit.MILLIMETRE),
+        shape=Shape(file="m.stl", unit=LengthUnit.MILLIMETRE, surface_sd_m=0.0),
         edge_radius_m=declared,
         marker=[MarkerSpec(id=1, size_m=0.03)],
     )
@@ -115,7 +115,7 @@ def test_facets_of_a_cylinder_are_not_moulded_edges():
         name="can",
         mass_kg=0.5,
         mass_sd_kg=1e-4,
-        shape=Shape(cylinder=Cylinder(radius_m=0.036, height_m=0.14)),
+        shape=Shape(cylinder=Cylinder(radius_m=0.036, height_m=0.14), surface_sd_m=0.0),
         edge_radius_m=0.001,
         marker=[MarkerSpec(id=1, size_m=0.03)],
     )

@@ -39,7 +39,7 @@ class TrueBody:
     mass: float
     """[kg]"""
     shape: dict
-    """`shape` entry of the object file"""
+    """`shape` entry of the object file; it states that the shape is exact"""
     shape_bytes: bytes | None
     """content of the shape file; None for a primitive"""
     pieces: tuple[np.ndarray, ...]
@@ -144,7 +144,7 @@ def _mesh_body(
         centres,
         radii,
         mass,
-        {"file": "b.stl", "unit": "mm"},
+        {"file": "b.stl", "unit": "mm", "surface_sd_m": 0.0},
         stl(triangles),
         (triangles,),
         stated,
@@ -188,7 +188,7 @@ def _can() -> TrueBody:
     ring = (radius - rho) * half / math.sin(half)
     centres = _rings([(ring, rho - height / 2), (ring, height / 2 - rho)], RIM_SIDES)
     surface = convex_triangles(1e3 * _rings([(radius, -height / 2), (radius, height / 2)], RIM_SIDES))
-    shape = {"cylinder": {"radius_m": radius, "height_m": height}}
+    shape = {"cylinder": {"radius_m": radius, "height_m": height}, "surface_sd_m": 0.0}
     return TrueBody(
         "can", centres, np.full(len(centres), rho), 0.2, shape, None, (surface,), (rho, RADIUS_SD)
     )
@@ -211,7 +211,7 @@ def _hammer() -> TrueBody:
         np.concatenate([centres for centres, _ in spheres]),
         np.concatenate([radii for _, radii in spheres]),
         0.25,
-        {"file": "b.obj", "unit": "mm"},
+        {"file": "b.obj", "unit": "mm", "surface_sd_m": 0.0},
         obj(np.concatenate(corners), np.concatenate(number)),
         pieces,
         (3e-4, RADIUS_SD),

@@ -109,6 +109,8 @@ def _stated(
         shape["scale_sd"] = disturbance.scan_sd / size
     if disturbance.scan_stated and disturbance.scan in ("offset", "faces"):
         shape["surface_sd_m"] = disturbance.scan_sd
+    if not disturbance.scan_stated:
+        del shape["surface_sd_m"]
     if disturbance.scan == "cloud":
         changes["labels"] = None
     spec = body.spec(shape=shape, **changes)
@@ -142,7 +144,7 @@ def _distorted(
         else:
             own = rng.normal(0, disturbance.scan_sd, 2) if disturbance.scan == "faces" else (error, error)
             grown = {"radius_m": radius + own[0], "height_m": height + 2 * own[1]}
-        return {"cylinder": grown}, None
+        return {**body.shape, "cylinder": grown}, None
     pieces = []
     for piece in body.pieces:
         if disturbance.scan == "scale":

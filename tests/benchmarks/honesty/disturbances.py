@@ -29,7 +29,7 @@ class Disturbance:
     """"none", "scale", "offset" (whole surface), "faces" (each its own) or "cloud" (a point cloud)"""
     scan_sd: float = 0.0
     scan_stated: bool = True
-    """True if the object file states the scan's error"""
+    """True if the object file states the error of the shape; the undisturbed shape is exact"""
     tag_place: float = 1e-4
     tag_turn: float = math.radians(0.05)
     unplaced: float | None = None
@@ -58,7 +58,8 @@ DISTURBANCES = {
     "scan_scale": Disturbance(covered=True, scan="scale", scan_sd=3e-4),
     "scan_offset": Disturbance(covered=True, scan="offset", scan_sd=3e-4),
     "scan_faces": Disturbance(covered=True, scan="faces", scan_sd=3e-4),
-    "scan_unstated": Disturbance(scan="faces", scan_sd=3e-4, scan_stated=False),
+    "scan_unstated": Disturbance(covered=True, scan="faces", scan_sd=3e-4, scan_stated=False),
+    "shape_unstated": Disturbance(covered=True, scan_stated=False),
     "cloud": Disturbance(covered=True, scan="cloud", scan_sd=1.5e-4),
     "tag_place": Disturbance(covered=True, tag_place=3e-4, tag_turn=math.radians(0.3)),
     "tags_unplaced": Disturbance(covered=True, unplaced=1e-3),
