@@ -22,6 +22,9 @@ from schemas.strike_result import Verdict
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+MARKER_PLACE_SD, MARKER_TURN_SD = 3e-4, math.radians(0.3)
+"""standard deviations of a marker's stated place on the object [m] and of its turn there [rad], where the
+object file does not give them"""
 TENSOR_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """indices of the six entries of a symmetric tensor, in the order of every list and table of them"""
 
@@ -64,6 +67,10 @@ class Marker:
     """edge of the black square [m]"""
     T_object_marker: Array | None
     """(4, 4) pose of M in O, translation in m; None if unknown"""
+    place_sd: float = MARKER_PLACE_SD
+    """standard deviation [m] of its centre in O, where the pose is known"""
+    turn_sd: float = MARKER_TURN_SD
+    """standard deviation [rad] of its rotation in O, where the pose is known"""
 
 
 @dataclass(frozen=True)
@@ -339,6 +346,9 @@ class EquiPlane:
     "" if unknown"""
     wall_lean: float = 0.0
     """lean [rad] of that side face: angle of its outward normal over the horizontal at rest"""
+    phi_by_turn: Array | None = None
+    """(3,) change of phi [rad] on a round rim by 1 sd of the markers' common turn about each axis of O, by
+    which the object is put down turned; None where no such error acts"""
 
 
 @dataclass(frozen=True)

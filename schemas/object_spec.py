@@ -25,6 +25,9 @@ MAX_THICKNESS_M = 0.1
 """Largest wall thickness, edge radius or surface error [m]: a larger value was probably given in
 millimetres."""
 
+MARKER_KEYS_AFTER_1_0 = ("place_sd_m", "turn_sd_rad")
+"""Keys of a marker added after version 1.0: the object's hash includes them only if they are given."""
+
 
 class LengthUnit(enum.Enum):
     """Unit of a shape file's coordinates.
@@ -117,6 +120,20 @@ class MarkerSpec(Document):
     T_object_marker: Matrix4 | None = Field(
         default=None,
         description="pose of the marker in O, 4 x 4, in metres; if left out, `analyze register` finds it",
+    )
+    place_sd_m: float | None = Field(
+        default=None,
+        gt=0,
+        le=MAX_THICKNESS_M,
+        description="1 sigma of the position in `T_object_marker`, in its least certain direction, in "
+        "metres; `analyze register` writes it; if left out, 0.3 mm",
+    )
+    turn_sd_rad: float | None = Field(
+        default=None,
+        gt=0,
+        le=1.0,
+        description="1 sigma of the rotation in `T_object_marker` about its least certain axis, in radians, "
+        "as an error that all markers share; `analyze register` writes it; if left out, 0.3 deg",
     )
 
     @property
@@ -319,6 +336,10 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
     known["edge_radius_sd_m"] = known["edge_radius_sd_m"] or 0.0
     if not spec.edge:
         del known["edge"]
+    for marker in known["marker"]:
+        for entry in MARKER_KEYS_AFTER_1_0:
+            if marker[entry] is None:
+                del marker[entry]
     labels: list[dict[str, object]] = known["labels"] or []
     for label in labels:
         for entry in LABEL_KEYS_AFTER_1_0:

@@ -62,7 +62,8 @@ class JointModel:
     - the place of each face rested on, or rising from a pivot edge: all edges of a face lie in it, so that
       one face's error acts upwards where the object rests on it and forward where it is the side face;
     - two of lean for each further levelling (set-up of the table with one lean);
-    - an angle for each further heading (direction of the tip) of an axis: the camera sees another side.
+    - an angle for each further heading (direction of the tip) of an axis: the camera sees another side;
+    - three for the turn of all markers on the object, where strikes over round rims depend on it.
 
     Args:
         planes: Equi-planes of the strikes: planes through pivot line and c, with the measured phi.
@@ -99,7 +100,8 @@ class JointModel:
                 first_seen = all(axis != plane.axis_id for axis, _ in angles)
                 angles[key] = self._first[plane.axis_id] + ANGLE if first_seen else further
                 further += not first_seen
-        self.count = further
+        turned = further
+        self.count = further + 3 * any(plane.phi_by_turn is not None for plane in planes)
         n = len(planes)
         self._point = np.array([plane.point for plane in planes])
         self._along = np.array([plane.direction for plane in planes])
@@ -122,6 +124,8 @@ class JointModel:
             self._lean[i] = towards @ tilt.lean
             self._turn[i, self.tilt_terms(plane.level)] = towards * tilt.sd
             self._turn[i, angles[plane.axis_id, plane.heading]] = systematic.axis_angle_sd
+            if plane.phi_by_turn is not None:
+                self._turn[i, turned:] = plane.phi_by_turn
             if scale is not None:
                 self._k_error[i, GRAVITY] = scale.gravity_sd / scale.gravity
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd

@@ -36,8 +36,6 @@ _MAX_PLANAR_CHI2 = 3.0
 """chi^2 per degree of freedom above which the motion is not taken as planar"""
 _PRIOR_FRAMES = 5
 """weight of the corners' own sd in the estimate of the noise, as a number of resting frames"""
-_MARKER_PLACE_SD, _MARKER_TURN_SD = 3e-4, math.radians(0.3)
-"""standard deviations of a marker's stated place on the object [m] and of its turn there [rad]"""
 _YAW_SD = 0.02
 """prior standard deviation of the object's heading against the plan [rad]"""
 _WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
@@ -214,9 +212,16 @@ def _place_sd(
         by_id: the object's markers by id.
         placement: planned placement, with the pivot point.
     """
-    known = [by_id[track.marker_id].T_object_marker for track in tracks if track.marker_id in by_id]
-    levers = [float(np.linalg.norm(placement.p_object_pivot - T[:3, 3])) for T in known if T is not None]
-    return math.hypot(_MARKER_PLACE_SD, _MARKER_TURN_SD * float(np.mean(levers))) if levers else None
+    known = [by_id[track.marker_id] for track in tracks if track.marker_id in by_id]
+    sds = [
+        math.hypot(
+            marker.place_sd,
+            marker.turn_sd * float(np.linalg.norm(placement.p_object_pivot - marker.T_object_marker[:3, 3])),
+        )
+        for marker in known
+        if marker.T_object_marker is not None
+    ]
+    return float(np.mean(sds)) if sds else None
 
 
 def _without_wild_frames(views: _Views, solution: _Solution) -> tuple[_Views, _Solution]:

@@ -34,7 +34,7 @@ from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
-from analyze.types import Marker, TipMotion
+from analyze.types import MARKER_PLACE_SD, MARKER_TURN_SD, Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import RIG_ATTACHMENT, TimeSource
@@ -87,6 +87,8 @@ def placed_markers(spec: ObjectSpec) -> list[Marker]:
             marker.name,
             marker.size_m,
             None if marker.T_object_marker is None else np.array(marker.T_object_marker),
+            MARKER_PLACE_SD if marker.place_sd_m is None else marker.place_sd_m,
+            MARKER_TURN_SD if marker.turn_sd_rad is None else marker.turn_sd_rad,
         )
         for marker in spec.marker
     ]

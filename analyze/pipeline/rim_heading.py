@@ -6,6 +6,9 @@ the centre of mass, p the planned point, l the planned pivot direction, R the di
 line and h its height over it at rest, the balance angle is then off by
 
     delta l.(c - p) h / R^2.
+
+The hand's error is each strike's own. Where the hand follows markers that are turned on the object against
+their stated pose, all strikes share that turn, and repeats do not average it out.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ import numpy as np
 
 from analyze.estimation.joint import solve_joint
 from analyze.estimation.joint_model import COM
+from analyze.types import MARKER_TURN_SD
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,12 +39,13 @@ HAND_HEADING_SD = math.radians(6.0)
 def with_heading_errors(
     planes: Sequence[EquiPlane], evidence: Evidence, systematic: SystematicErrors, prior: ComPrior
 ) -> tuple[EquiPlane, ...]:
-    """Equi-planes whose sd of the balance angle includes the unknown heading on round rims.
+    """Equi-planes whose errors of the balance angle include those of the heading on round rims.
 
     An equi-plane is the plane through the pivot line and the centre of mass c; the heading is the object's
-    rotation about the vertical. Its error is each strike's own. How far c lies off the rim's middle follows
-    from a first estimate by the balance angles; without strikes over rims nothing is estimated and the planes
-    are returned as given.
+    rotation about the vertical. Its error by the hand is each strike's own and enlarges `sd_phi`; that by a
+    turn of the markers on the object is shared by all strikes (`phi_by_turn`). How far c lies off the rim's
+    middle follows from a first estimate by the balance angles; without strikes over rims nothing is estimated
+    and the planes are returned as given.
 
     Args:
         planes: equi-planes of all strikes, in the object frame O.
@@ -53,20 +58,25 @@ def with_heading_errors(
     }
     if not rims:
         return tuple(planes)
-    placed = any(marker.T_object_marker is not None for marker in evidence.spec.marker)
-    heading_sd = CHECKED_HEADING_SD if placed else HAND_HEADING_SD
+    turn_sds = [
+        MARKER_TURN_SD if marker.turn_sd_rad is None else marker.turn_sd_rad
+        for marker in evidence.spec.marker
+        if marker.T_object_marker is not None
+    ]
+    heading_sd = CHECKED_HEADING_SD if turn_sds else HAND_HEADING_SD
+    turn_sd = max(turn_sds, default=0.0)
     first = solve_joint(planes, systematic, prior)
     com, covariance = first.x[COM], first.covariance[COM, COM]
     return tuple(
-        replace(plane, sd_phi=math.hypot(plane.sd_phi, _phi_sd(plane, com, covariance, heading_sd)))
-        if plane.strike_id in rims
-        else plane
+        _with_errors(plane, com, covariance, heading_sd, turn_sd) if plane.strike_id in rims else plane
         for plane in planes
     )
 
 
-def _phi_sd(plane: EquiPlane, com: Array, covariance: Array, heading_sd: float) -> float:
-    """Standard deviation [rad] of the balance angle over a round rim, as caused by that of the heading.
+def _with_errors(
+    plane: EquiPlane, com: Array, covariance: Array, heading_sd: float, turn_sd: float
+) -> EquiPlane:
+    """Equi-plane over a round rim whose errors of the balance angle include those of the heading.
 
     The heading is the object's rotation about the vertical before the strike.
 
@@ -74,12 +84,15 @@ def _phi_sd(plane: EquiPlane, com: Array, covariance: Array, heading_sd: float) 
         plane: equi-plane of the strike: plane through its pivot line and the centre of mass.
         com: (3,) centre of mass [m], in the object frame O.
         covariance: (3, 3) its covariance [m^2].
-        heading_sd: standard deviation of the heading [rad].
+        heading_sd: standard deviation [rad] of the heading that the hand gives, each strike's own.
+        turn_sd: standard deviation [rad] of the markers' common turn on the object; 0 if none is placed.
     """
-    arm = com - plane.point
-    aside = math.hypot(
-        float(arm @ plane.direction), math.sqrt(float(plane.direction @ covariance @ plane.direction))
+    arm, along = com - plane.point, plane.direction
+    aside, aside_sd = float(arm @ along), math.sqrt(float(along @ covariance @ along))
+    across = float(np.linalg.norm(np.cross(arm, along)))
+    per_aside = float(arm @ plane.up) / max(across, 1e-3) ** 2
+    return replace(
+        plane,
+        sd_phi=math.hypot(plane.sd_phi, heading_sd * per_aside * math.hypot(aside, aside_sd)),
+        phi_by_turn=turn_sd * per_aside * aside * plane.up if turn_sd else None,
     )
-    up = float(arm @ plane.up)
-    across = float(np.linalg.norm(np.cross(arm, plane.direction)))
-    return heading_sd * aside * abs(up) / max(across, 1e-3) ** 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from analyze.pipeline.read_evidence import read_evidence, read_head, unplaced_ma
 from analyze.pipeline.sections import rolling_outline
 from analyze.progress import Progress
 from analyze.reading.recording import open_recording
-from analyze.registration.places import TablePlace
+from analyze.registration.places import MarkerPlace, TablePlace
 from analyze.registration.register import LeftOut, Registration, register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
@@ -35,6 +35,8 @@ from schemas.toml_table import with_entry, with_entry_in_each
 
 ROTATION_DIGITS, POSITION_DIGITS = 9, 6
 """decimals of a written pose: of its rotation, and of its position in metres"""
+MIN_WRITTEN_SD = 1e-6
+"""least standard deviation that is written [m, rad]"""
 CALIBRATION, CAMERA_POSE = "camera.calibration", "T_world_camera"
 POSE_TOLERANCE = 1e-6
 """largest difference of two equal poses' entries [rad, m]"""
@@ -160,7 +162,7 @@ def refuse_undetermined(answer: RegisterAnswer) -> None:
 
 
 def write_object(answer: RegisterAnswer, output: Path) -> tuple[int | str, ...]:
-    """Write the object file with the determined marker poses, and return the names of these markers.
+    """Write the object file with the determined marker poses and their sds; return the markers' names.
 
     Markers whose pose is not determined, and all other lines, stay as they are.
 
@@ -170,13 +172,20 @@ def write_object(answer: RegisterAnswer, output: Path) -> tuple[int | str, ...]:
     """
     numbers = {marker.name: number for number, marker in enumerate(answer.evidence.spec.marker)}
     known = [place for place in answer.registration.markers if not place.undetermined]
-    rows = {numbers[place.marker_id]: pose_toml(place.T_object_marker) for place in known}
-    text = with_entry_in_each(answer.object_toml, "marker", "T_object_marker", rows)
-    if text is None:
-        raise OutputError(
-            f"{output}: the object file has no plain [[marker]] tables to write into: copy the poses that "
-            "--json prints"
-        )
+    entries: dict[str, Callable[[MarkerPlace], str]] = {
+        "T_object_marker": lambda place: pose_toml(place.T_object_marker),
+        "place_sd_m": lambda place: f"{max(place.place_sd, MIN_WRITTEN_SD):.6f}",
+        "turn_sd_rad": lambda place: f"{max(place.turn_sd, MIN_WRITTEN_SD):.6f}",
+    }
+    text: str | None = answer.object_toml
+    for key, written in entries.items():
+        rows = {numbers[place.marker_id]: written(place) for place in known}
+        text = with_entry_in_each(text, "marker", key, rows)
+        if text is None:
+            raise OutputError(
+                f"{output}: the object file has no plain [[marker]] tables to write into: copy the poses "
+                "that --json prints"
+            )
     parse_object_spec(text, str(output))
     write_text(output, text)
     return tuple(place.marker_id for place in known)

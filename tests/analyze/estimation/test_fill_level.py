@@ -214,6 +214,8 @@ def test_object_without_new_labels_keeps_its_identity():
     )
     known = spec.model_dump(mode="json")
     del known["shape"]["surface_sd_m"], known["edge"]
+    for marker in known["marker"]:
+        del marker["place_sd_m"], marker["turn_sd_rad"]
     for label in known["labels"]:
         for later in ("fills", "density_kg_m3", "density_sd_kg_m3"):
             del label[later]

@@ -52,14 +52,19 @@ def plane(number, end, azimuth, turned, rng):
     )
 
 
-def session(rng, heading_sd, placed=False, rolls=True):
-    """Equi-planes of eight strikes over both rims, before and after the error of the heading is added."""
+def session(rng, heading_sd, placed=False, rolls=True, turn_sd=None):
+    """Equi-planes of eight strikes over both rims, before and after the error of the heading is added.
+
+    The markers are turned on the object, about its axis, by an error of `turn_sd`.
+    """
+    turn = 0.0 if turn_sd is None else rng.normal(0, turn_sd)
     spots = [(end, azimuth) for end in (1, -1) for azimuth in (0.0, 1.6, 3.1, 4.7)]
-    planes = [plane(i, *spot, rng.normal(0, heading_sd), rng) for i, spot in enumerate(spots)]
+    planes = [plane(i, *spot, turn + rng.normal(0, heading_sd), rng) for i, spot in enumerate(spots)]
+    marker = SimpleNamespace(T_object_marker=np.eye(4) if placed else None, turn_sd_rad=turn_sd)
     evidence = SimpleNamespace(
         motions=[SimpleNamespace(strike_id=each.strike_id) for each in planes],
         planned=lambda _: SimpleNamespace(rolls=rolls),
-        spec=SimpleNamespace(marker=[SimpleNamespace(T_object_marker=np.eye(4) if placed else None)]),
+        spec=SimpleNamespace(marker=[marker]),
     )
     return planes, with_heading_errors(planes, cast("Any", evidence), ERRORS, PRIOR)
 
@@ -79,6 +84,14 @@ def test_headings_by_hand_are_inside_the_interval():
         assert np.sqrt(np.mean(after**2)) < 1.2
         assert np.sqrt(np.mean(after**2)) > 0.5
         assert np.sqrt(np.mean(before**2)) > (1.1 if placed else 1.5)
+
+
+def test_a_turn_of_all_markers_is_an_error_that_strikes_share():
+    """As an error of each strike alone, of the same size, c was off by 2.0 sd, rms."""
+    rng = np.random.default_rng(1)
+    turn_sd = math.radians(5.0)
+    found = [standardised(session(rng, CHECKED_HEADING_SD, True, True, turn_sd)[1]) for _ in range(20)]
+    assert 0.6 < np.sqrt(np.mean(np.square(found))) < 1.25
 
 
 def test_straight_edges_have_no_error_of_the_heading():

@@ -48,6 +48,9 @@ def test_object_file_gets_the_poses_and_is_otherwise_unchanged(done):
     written = {marker.name: marker.T_object_marker for marker in spec.marker}
     for entry in answer["markers"]:
         assert np.allclose(written[entry["marker"]], entry["T_object_marker"], atol=1e-6)
+    sds = {marker.name: (marker.place_sd_m, marker.turn_sd_rad) for marker in spec.marker}
+    for entry in answer["markers"]:
+        assert sds[entry["marker"]] == pytest.approx((entry["place_sd_m"], entry["turn_sd_rad"]), abs=1e-6)
     text = tomllib.loads(output.read_text(encoding="utf-8"))
     assert text["name"] == answer["object_name"]
     assert len(text["marker"]) == 6
