@@ -224,7 +224,7 @@ def module_tables() -> str:
 
 
 def main() -> None:
-    """Write the drawing."""
+    """Write the drawing as an SVG file to `PICTURE`."""
     PICTURE.write_text(svg(), encoding="utf-8")
 
 

@@ -35,7 +35,7 @@ SMALL = [topics.STRIKER_EVENT, topics.CLOCK_SAMPLE, topics.SESSION_STATE, topics
 
 
 def main(source: Path, target: Path) -> None:
-    """Write the sample."""
+    """Write the sample recording `target`, a shortened copy of the recording `source`."""
     target.unlink(missing_ok=True)
     with open_recording(source) as recording, McapWriter(target) as writer:
         camera = recording.camera

@@ -16,4 +16,4 @@ class Seal:
     messages: int
     """number of messages"""
     size: int
-    """bytes"""
+    """size of the file [bytes]"""

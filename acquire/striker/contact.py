@@ -248,7 +248,7 @@ class _ImpactFits:
     """(g,) sum of squared residuals, plus twice the sum of the logs of the velocity reads' standard
     deviations (relative to VELOCITY_SD)"""
     log_prior: NDArray[np.float64]
-    """(g,) logarithm of the prior probability"""
+    """(g,) logarithm of each hypothesis's prior probability"""
 
 
 def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _ImpactFits:

@@ -26,7 +26,7 @@ class Answer:
     estimate: Estimate
     """the estimate with its checks and evidence"""
     result: Result
-    """its numbers with units and intervals, warnings and verdict"""
+    """the estimate's numbers with units and intervals, warnings and verdict, as a Result document"""
 
     @classmethod
     def from_estimate(cls, estimate: Estimate) -> Answer:

@@ -183,7 +183,7 @@ def _run(work: Work, output: Path, settings: BatchSettings, options: BatchOption
 
     Raises:
         click.exceptions.Exit: the run was interrupted (exit code INTERRUPTED), or a recording failed (exit
-        code LOSS).
+            code LOSS).
     """
     from analyze.batch.run import run_batch
     from analyze.batch.run_report import BatchProgress, render_report

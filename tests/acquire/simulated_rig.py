@@ -291,7 +291,7 @@ class _Tip:
         return Rotation.from_matrix(_rotations(states) @ self._R0.T).as_rotvec() @ self._axis
 
     def energy(self, states: list[WorldState]) -> float:
-        """Median, on the way up, of kinetic and potential energy over what the top needs."""
+        """Median on the way up of kinetic plus potential energy, over the energy needed to reach balance."""
         if not states:
             return 0.0
         theta = self.theta(states)

@@ -361,7 +361,11 @@ def make(folder: Path, sessions: int, broken: int) -> None:
     help="Large recording whose small topics are read by byte ranges.",
 )
 def measure(sessions: int, broken: int, given: Path | None, recording: Path | None) -> None:
-    """Run all measurements."""
+    """Make an archive of `sessions` good and `broken` unreadable recordings, measure batch runs, print them.
+
+    `given` is the folder of an archive made before, `recording` a large one to read in part; None to leave
+    out.
+    """
     with tempfile.TemporaryDirectory(prefix="percuss-archive-") as name:
         folder = Path(name)
         archive = given or folder / "archive"

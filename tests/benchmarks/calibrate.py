@@ -62,7 +62,7 @@ def session(rng, many=VIEWS, tilts=(0.2, 0.75), reach=(0.13, 0.1), depth=0.6):
 
 
 def ours(images):
-    """Calibration from images."""
+    """Camera calibration by this project from `images` of the board."""
     shots = []
     for number, image in enumerate(images):
         view = find_corners(image, BOARD, read_board(image, BOARD))

@@ -165,7 +165,7 @@ def whole_recorder(path: Path, frames: Frames) -> Calls:
 
 
 def at_line_rate(writer: Callable[[Path, Frames], Calls]) -> Callable[[Path, Frames], Calls]:
-    """The same writer, fed at the camera's rate."""
+    """Copy of a `writer` of images that receives them at the camera's frame rate instead of at once."""
 
     def calls(path: Path, frames: Frames) -> Calls:
         begun = 0.0

@@ -184,7 +184,7 @@ def verdicts(count: int, seed: int, console: Console) -> None:
 @click.option("--each", default=40, show_default=True, help="Strikes of each kind for the verdicts.")
 @click.option("--seed", default=1, show_default=True)
 def main(strikes: int, each: int, seed: int) -> None:
-    """Run the benchmark."""
+    """Simulate and analyse strikes, and print the errors of phi and k and the verdicts."""
     console = Console(width=170)
     for slides in (False, True):
         accuracy(strikes, seed, slides, console)

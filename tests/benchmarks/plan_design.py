@@ -23,7 +23,7 @@ from tests.analyze.planning.random_bodies import KINDS, random_body
 @click.option("--bodies", default=200, show_default=True)
 @click.option("--draws", default=10, show_default=True, help="Noise draws per body.")
 def main(bodies: int, draws: int) -> None:
-    """Run the comparison."""
+    """Plan strikes for random bodies by the paper and by this project, and print the errors of c [mm]."""
     console = Console(width=200)
     results = [
         compare(random_body(seed), draws, seed)

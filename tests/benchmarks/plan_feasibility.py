@@ -41,7 +41,7 @@ degree"""
 @click.option("--share", default=1.0, show_default=True, help="Fraction of the strikes that is carried out.")
 @click.option("--seed", default=1, show_default=True)
 def main(objects: str, share: float, seed: int) -> None:
-    """Run the comparison."""
+    """Compare predicted lift and slip of strikes with the virtual rig's physics, and print the result."""
     console, rng = Console(width=150), np.random.default_rng(seed)
     rows: list[tuple[str, Trial, str, float, Seen]] = []
     for name in objects.split(","):

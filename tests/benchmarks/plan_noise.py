@@ -28,7 +28,7 @@ POINTS = 20_000
 
 @dataclass(frozen=True)
 class EdgeErrors:
-    """Errors of the edges from one cloud, in mm."""
+    """Errors [mm] of the edges that were found in one noisy point cloud of a known body."""
 
     fitted: np.ndarray
     """(n,) distance of each true edge from the edge found for it [mm]"""

@@ -135,7 +135,7 @@ def wrong_placements(cases: int, seed: int) -> tuple[int, int]:
 @click.option("--rendered", default=4, show_default=True, help="Number of boxes with rendered images.")
 @click.option("--seed", default=1, show_default=True)
 def main(recordings: tuple[Path, ...], cases: int, rendered: int, seed: int) -> None:
-    """Run the benchmark."""
+    """Register tags of simulated sessions and of named recordings, and print the errors of their places."""
     console = Console(width=170)
     table = Table(title="errors of the tags' places: median, 95 %, worst")
     for heading in (

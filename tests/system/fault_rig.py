@@ -298,7 +298,7 @@ socket = "{path.with_suffix("") / "d.sock"}"
 
 
 def recording_request(path: Path) -> dict[str, Any]:
-    """Parameters of recording.open."""
+    """Parameters of the daemon's request recording.open for a carton with one planned strike."""
     spec = parse_object_spec(CARTON, "object")
     plan = StrikePlan(object_name="carton", object_sha256=object_sha256(spec, None), strikes=[planned("s1")])
     return {"path": str(path), "object_toml": CARTON, "plan_json": canonical_json(plan)}

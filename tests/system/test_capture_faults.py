@@ -223,7 +223,7 @@ def test_sigterm_while_the_capture_process_hangs(rig: FaultRig) -> None:
 
 
 def test_the_daemon_hangs(rig: FaultRig) -> None:
-    """Its socket still accepts connections: a client reports the hang in one line.
+    """The hung daemon's socket still accepts connections: a client reports the hang in one line.
 
     When the daemon continues, everything continues.
     """

@@ -28,7 +28,8 @@ LOST, REFUSED = 3, 1
 CHUNK_END = 256
 """number of bytes behind an image's last pixel up to which its record may reach"""
 OTHER_IMAGES = 1
-"""number of images that a wrong byte may cost besides its own: the one whose record it makes look longer"""
+"""largest number of images lost to a wrong byte beside the one that it lies in: a wrong length swallows the
+next"""
 
 
 @pytest.fixture(scope="module")

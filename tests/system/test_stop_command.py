@@ -25,7 +25,8 @@ from tests.system.test_striker_faults import STATES, reach
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
 ANSWER_S, MOTION_S = 0.5, 0.2
 OWN_ADDRESS = loopback(126)
-"""the cameras of the module's two rigs hold the addresses of fault_rig"""
+"""address of the camera of a rig that runs beside this module's two rigs, whose cameras have fault_rig's
+addresses"""
 MANUAL_STATES = ("disarmed", "homed", "armed", "settled", "released")
 
 

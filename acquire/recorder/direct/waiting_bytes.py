@@ -34,7 +34,7 @@ class _Stretch:
         self.block: list[memoryview] = []
         """full blocks, given back once the stretch is written"""
         self.release: list[Callable[[], None]] = []
-        """called once the borrowed pages are written"""
+        """functions to call once the borrowed pages are written, which give them back"""
         self.borrowed_bytes = 0
 
 

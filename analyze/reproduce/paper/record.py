@@ -73,11 +73,11 @@ class MethodAnswer(Document):
     com_m: Vector3
     """Centre of mass in O [m]."""
     com_covariance_m2: Matrix3 | None = None
-    """Its covariance; None for the paper's method."""
+    """Covariance of the centre of mass [m^2]; None for the paper's method."""
     masses_kg: Vector3 | None = None
     """Region masses [kg]; None if the method found none."""
     masses_sd_kg: Vector3 | None = None
-    """Their standard deviations [kg]; None for the paper's method."""
+    """Standard deviations of the region masses [kg]; None for the paper's method."""
     masses_low_kg: Vector3 | None = None
     """Lower limits of their 95 % intervals [kg]; None for the paper's method."""
     masses_high_kg: Vector3 | None = None

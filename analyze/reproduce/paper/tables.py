@@ -35,7 +35,7 @@ class Column:
     """Column of a table: its heading, and the number of digits shown."""
 
     name: str
-    """Heading."""
+    """Heading of the column."""
     digits: int | None = None
     """Digits after the decimal point; None for text or a count."""
 

@@ -313,7 +313,7 @@ def test_a_client_waits_while_the_daemon_reports_busy(server, monkeypatch):
 
 
 def test_a_client_that_does_not_read_blocks_no_other(server):
-    """Its socket is full of answers; the other clients still receive their busy reports."""
+    """The socket of one client is full of answers; another client still receives its busy reports."""
     _, path, gate = server
     with socket.socket(socket.AF_UNIX) as deaf, DaemonClient(path, patience_s=3 * api.BUSY_S) as client:
         deaf.connect(str(path))

@@ -186,7 +186,7 @@ def test_strike_is_repeated_if_its_file_was_cut_short(state):
 
 @pytest.mark.parametrize("strikes", [1, 2])
 def test_judged_strike_is_repeated_if_its_record_was_not_written(strikes):
-    """Also after the last strike, when the session is already finished."""
+    """A strike without its record is repeated even as the last one, when the session is already finished."""
     machine = s.SessionMachine(plan(*(planned(f"s{i + 1}") for i in range(strikes))))
     run_until_state(machine, s.State.JUDGING)
     ordered = machine.handle(events.Judged(verdict(Verdict.GOOD, 1.2)))

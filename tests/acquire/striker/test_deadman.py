@@ -35,7 +35,10 @@ sys.stdin.read()
 
 
 def test_torque_is_off_within_200_ms_after_the_owner_is_killed(plant: Plant) -> None:
-    """The same with striker and daemon, in every state: tests/system/test_striker_faults.py."""
+    """The owner is a process that holds the servo alone.
+
+    tests/system/test_striker_faults.py kills the striker and the daemon, in every state.
+    """
     command = [sys.executable, "-c", OWNER, str(plant.servo.port_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as owner:
         assert owner.stdout is not None

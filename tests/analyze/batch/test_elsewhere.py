@@ -116,7 +116,7 @@ def test_small_topics_cost_few_bytes(bucket, archive, tmp_path, monkeypatch):
 
 
 def test_verification_fetches_the_whole_recording(bucket, archive, tmp_path):
-    """It also fetches images outside the strikes' windows, which an analysis does not."""
+    """A verification also fetches images outside the strikes' windows, which an analysis does not."""
     with sparse_copies(find_sources([f"{bucket}/a"])[0], tmp_path, whole=True) as path:
         assert path.read_bytes() == (archive / "a" / "session-0.mcap").read_bytes()
 

@@ -28,7 +28,7 @@ VERTEX_AXES = ((2, -1, 1, 1), (2, -1, 0, 1), (0, 1, 2, 1))
 
 
 def lump_body(middle: tuple[float, float, float], radius: float = 0.021) -> Body:
-    """The same box with nearly all of its mass in a ball inside [m, in O]."""
+    """Box of the size of `BODY` with nearly all of its mass in a ball about `middle` [m, in O]."""
     near = np.linalg.norm(BODY.points - np.array(middle), axis=1) < radius
     masses = np.where(near, 1.0, 0.02)
     return replace(BODY, masses=0.05 * masses / masses.sum())

@@ -90,7 +90,7 @@ def test_interval_of_a_mixture_contains_95_percent_of_draws():
 
 
 def test_a_step_to_no_possible_tensor_is_refused_by_its_misfit():
-    """It raised LinAlgError out of the whole estimate."""
+    """Such a step made LinAlgError end the whole estimate."""
     start = np.concatenate([np.zeros(3), log_cholesky(np.diag([1e-3, 2e-3, 2.5e-3])), np.zeros(5)])
     assert np.isfinite(moved(start, np.full(14, 1e-3))).all()
     assert np.isnan(moved(start, np.full(14, np.inf))[3:9]).all()

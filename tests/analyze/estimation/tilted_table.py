@@ -40,7 +40,7 @@ class PlacedStrike:
 
 
 def reversed_strike(strike: PlannedStrike, repeat: int = 0) -> PlannedStrike:
-    """The same edge with the object turned by 180 degrees on the table."""
+    """Strike over the same edge as `strike`, with the object turned by 180 degrees on the table."""
     return strike.model_copy(update={"id": f"{strike.axis_id}#r{repeat}", "heading_rad": REVERSED})
 
 

@@ -32,7 +32,7 @@ def run(*arguments: object) -> tuple[int, str, str]:
 
 
 def line_of(*arguments: object) -> str:
-    """The one line of a refused command."""
+    """Error message, one line, of an export command that is refused with exit code 1."""
     code, _, error = run(*arguments)
     assert code == 1, error
     assert error.count("\n") == 1, error
@@ -92,7 +92,7 @@ def test_measured_only_names_prior_entries_and_edges_that_would_measure_them(ans
 
 
 def with_inertia(result: Result, prior: list[str]) -> Result:
-    """The same result with only these entries from the shape."""
+    """Copy of `result` in which only the entries named in `prior` (Ixx, Ixy, ...) come from the shape."""
     names = {f"I{'xyz'[min(i, j)]}{'xyz'[max(i, j)]}" for i in range(3) for j in range(3)}
     assert set(prior) <= names
     measured = [[f"I{'xyz'[min(i, j)]}{'xyz'[max(i, j)]}" not in prior for j in range(3)] for i in range(3)]

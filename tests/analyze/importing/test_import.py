@@ -256,7 +256,10 @@ def test_part_file_of_another_import_is_left_alone(tmp_path):
 
 
 def test_recording_is_not_imported_again(tmp_path):
-    """Its video is in decoding order, which a reader that sorts by time does not return."""
+    """An imported recording holds its video in decoding order, not sorted by time.
+
+    A reader that sorts by time would not return that order.
+    """
     file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
     with pytest.raises(
         ImportRefused,
@@ -343,7 +346,7 @@ def test_nudge_before_the_strike_is_not_its_onset(tmp_path):
 
 
 def test_motion_during_a_pause_between_images_is_no_strike():
-    """As between two previews of a recording, where the object was put down in another orientation."""
+    """Between two preview images of a recording the object may be put down in another orientation."""
     finder = OnsetFinder([3])
     still, turned = tip()[0], picture(0.3)
     found = [finder.add(TimedImage(i * 8_333_333, still)) for i in range(40)]

@@ -68,7 +68,7 @@ def test_a_hard_edge_is_hardly_less_certain_for_it(errors):
 
 
 def test_an_offset_is_not_determined_by_a_creeping_edge():
-    """What a soft edge sinks is smooth in theta, as the displacement of a point beside it."""
+    """The sinking of a soft edge is as smooth in theta as the displacement of a point beside the edge."""
     rng = np.random.default_rng(1)
     theta = np.linspace(0.05, 0.8, 60)
     rows = displacement_per_offset(theta)[None, :, 1]

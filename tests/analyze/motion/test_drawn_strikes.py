@@ -124,8 +124,10 @@ def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
     [(Body(phi=0.6, friction=0.7), 12.0), (Body(0.053, 0.61, 0.0009, friction=0.7, height=0.12), 8.0)],
 )
 def test_the_fit_ends_where_the_next_edge_takes_over(body, past):
-    """It speeds up there, which was taken for a second impact: phi was 6 degrees off, and the strike was left
-    out."""
+    """The body speeds up where the next edge takes over, which was taken for a second impact.
+
+    phi was then 6 degrees off, and the strike was left out.
+    """
     course = over_a_bevel(simulate(body, [push_for(body, 1.15)]), body, body.phi + math.radians(past), 0.012)
     motion, task = seen(course, body, np.random.default_rng(8), NOISE)
     found = analyse_motion(motion, task, MotionSettings())

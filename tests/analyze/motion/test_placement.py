@@ -39,7 +39,10 @@ def analysed(session, number, name, markers=None):
 
 
 def test_strike_under_another_name_is_recognised(session):
-    """It was read as slid by 10^13 mm, rocked back from 10^12 deg, or good, with warnings of numpy."""
+    """A strike under a wrong name was read as slid by 10^13 mm, rocked back from 10^12 deg, or good.
+
+    Numpy's warnings count as errors.
+    """
     plans = session[1]
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -98,7 +98,7 @@ def test_a_scanned_flank_gives_c_and_the_moment_of_inertia():
 
 
 def test_a_scanned_boxs_edge_is_no_flank():
-    """Its noisy bottom bends up to its edge over some degrees."""
+    """The noisy bottom of a scanned box bends up to its edge over some degrees."""
     rng = np.random.default_rng(2)
     side = np.linspace(0, 1, 200)[:, None]
     corners = np.array([[-0.06, 0.0], [0.0, 0.0], [0.0, 0.2], [-0.06, 0.2]])

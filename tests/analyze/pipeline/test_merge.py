@@ -113,7 +113,7 @@ def test_same_recording_twice_is_refused(halves):
 
 
 def test_strike_held_by_two_files_is_refused(whole):
-    """Such as a copy of a recording of which a file is missing."""
+    """Two files of one recording must not overlap: a strike in both would count twice."""
     with pytest.raises(
         MergeError, match=r"of one recording, and both hold strike .*: no strike may count twice"
     ):

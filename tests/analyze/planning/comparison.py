@@ -63,7 +63,7 @@ class Compared:
     ours: Outcome
     """edges of stable planes chosen by information; like the paper's, without checks of slip and reach"""
     checked: Outcome
-    """the same with every check of the axes"""
+    """edges chosen like `ours`, with every check of the axes, such as those of slip and reach"""
 
 
 def compare(body: RandomBody, draws: int, seed: int) -> Compared:

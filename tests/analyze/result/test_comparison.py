@@ -24,7 +24,7 @@ from tests.analyze.pipeline.merged_sessions import recording
 from tests.analyze.simulated_session import carton, session
 
 OTHER = box_body((0.08, 0.06, 0.15), (0.026, 0.0125, 0.0055), 0.005, (0.5, -0.35, 0.79), 1e-3)
-"""as the carton, but with 1.5 g of the upper part below the dividing plane"""
+"""box like the carton of simulated_session.py, but with 1.5 g of the upper part below the dividing plane"""
 ELSEWHERE = {"rig": {"name": "another"}}
 
 

@@ -146,8 +146,7 @@ def test_no_square_at_the_border(camera, rng):
 
 
 def test_a_tag_seen_from_the_side_at_the_lower_border(camera, rng):
-    """Its upright edges are short and its level ones long; what is looked at along each must stay in the
-    image."""
+    """The tag's upright edges are short and its level ones long; all pixels used must lie in the image."""
     image = np.full((camera.height, camera.width), 180, dtype=np.uint8)
     bottom = camera.height - 12
     image[bottom - 14 : bottom, 200:300] = 30

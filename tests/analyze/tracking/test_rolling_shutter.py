@@ -179,7 +179,7 @@ def test_corrected_corners_match_the_true_ones(energy, size, rate):
 
 
 def test_the_rows_may_be_read_upwards(tipping):
-    """As in a video that was rotated by 180 degrees."""
+    """A video that was rotated by 180 degrees has its rows read upwards."""
     frame_s = np.arange(0.3, 0.5, 1 / RATE)
     seen = [fitted(tipping, each, SIZE, -LINE_S) for each in frame_s]
     late_s = -LINE_S * (np.array([row for _, row in seen]) - MIDDLE)

@@ -56,7 +56,7 @@ def tip():
 
 
 def still(image, seconds=0.8):
-    """The same image repeated at 120 Hz."""
+    """Copies of `image` at 120 Hz over `seconds` [s], as of an object at rest."""
     return [Stored(image.log_time_ns + i * FRAME_NS, image.image) for i in range(int(seconds * 120))]
 
 

@@ -37,7 +37,7 @@ class TrueBody:
     radii: np.ndarray
     """(n,) their radii [m]"""
     mass: float
-    """[kg]"""
+    """mass of the body [kg]"""
     shape: dict
     """`shape` entry of the object file; it states that the shape is exact"""
     shape_bytes: bytes | None

@@ -43,7 +43,8 @@ class View:
     strain: float
     """strain of the image"""
     strain_sd: float
-    """its standard deviation as the calibration states it, or as it is taken where that states none"""
+    """standard deviation of the strain as the calibration states it, or the one assumed where it states
+    none"""
     tags: dict[tuple[int, ...], np.ndarray]
     """(6,) error of place [m] and turn [rad] in O of the tag seen along each direction"""
 

@@ -68,12 +68,12 @@ class SessionScore:
     wrong_lines: int = 0
     """strikes that balanced over another line than the planned one"""
     wrong_lines_good: int = 0
-    """of all strikes, those called good for a line that did not carry them"""
+    """number of strikes called good for a line that did not carry them"""
     strikes: int = 0
     mislabelled: int = 0
     """strikes recorded under another strike's name"""
     recognised: int = 0
-    """of these, those whose verdict is a wrong placement"""
+    """number of mislabelled strikes whose verdict is a wrong placement"""
     misplaced: int = 0
     """strikes under their own name whose verdict is a wrong placement"""
     verdicts: list[str] = field(default_factory=list)

@@ -35,7 +35,7 @@ KEPT = 10
 SETTLING = 0.06
 """time to settle before the push [s]"""
 LONGEST = 1.6
-"""[s]"""
+"""longest simulated motion [s]"""
 AFTER_LANDING = 0.12
 """time kept after the tip has gone far past balance [s]"""
 PAST_BALANCE = math.radians(50)

@@ -51,7 +51,7 @@ class Tags:
     poses: tuple[np.ndarray, ...]
     """true poses (4, 4) in O"""
     markers: tuple[Marker, ...]
-    """as stated"""
+    """markers with their places as the user states them"""
 
 
 def stick_tags(

@@ -143,7 +143,7 @@ def test_frames_go_to_the_file_though_no_more_come(rig: Rig) -> None:
 
 
 def test_frames_wait_for_others_less_than_a_tenth_of_a_second(rig: Rig) -> None:
-    """Also with a slow camera: the time between exposures alone decides."""
+    """The time between exposures alone limits the wait, so that it is as short with a slow camera."""
     for _ in range(50):
         rig.feed(1)
         assert rig.recorder.waiting * PERIOD_NS < 0.1 * META_WAIT_S * 4e9
@@ -238,7 +238,7 @@ def test_what_a_killed_process_leaves_is_recovered(tmp_path: Path) -> None:
 
 
 def test_a_writer_through_the_page_cache_borrows_no_buffer(tmp_path: Path) -> None:
-    """Such a recorder copies the images."""
+    """A recorder that writes through the page cache copies the images instead."""
     with McapWriter(tmp_path / "a.mcap") as writer:
         recorder = choose_recorder(writer, FORMAT, RecorderConfig(mode="continuous"), T0)
         buffer = CountingBuffer(image_of(WIDTH, HEIGHT, 1))
