@@ -34,9 +34,9 @@ class Cells:
     points: Array
     """(n, 3) centroids [m], in the object frame O."""
     shell: Array
-    """(n,) volumes [m^3]; 0 for cells of the interior."""
+    """(n,) volumes in the shell [m^3]; 0 for cells of the interior."""
     interior: Array
-    """(n,) volumes [m^3]; 0 for cells of the shell."""
+    """(n,) volumes in the interior [m^3]; 0 for cells of the shell."""
     own_inertia: Array
     """(n,) moment of inertia about the own centroid per kilogram [m^2], about any axis: d^2/6 for a cube
     (VISAPP 2013, eq. 7)."""

@@ -20,8 +20,8 @@ from analyze.types import Array, CentreOfMass, EquiPlane, TableTilt
 UNOBSERVED_FRACTION = 0.15
 """Fraction of the prior's sd above which a direction of c counts as not observed."""
 OPEN_FRACTION = 0.05
-"""The same where moments are not linear in c along that direction: the box that bounds the object, rather
-than strikes, then limits c."""
+"""Fraction of the prior's sd above which a direction of c counts as not observed where moments are not linear
+in c along it: the box that bounds the object, rather than strikes, then limits c."""
 
 
 def centre_of_mass(

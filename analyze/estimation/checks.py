@@ -28,7 +28,7 @@ FILLING_FACTOR = 3.0
 passes for a gravity 2 to 6 % too strong."""
 AXIS_K_FLOOR = 3e-3
 """Relative 1 sigma of an axis's k beside the stated errors where g is estimated. Struck edges hop by 0.2 to
-0.4 mm in contact simulations; there k of a box has 2.3 times its stated sd of 0.18 %, 0.41 % in all."""
+0.4 mm in contact simulations; there k of a box scatters by 0.41 %, 2.3 times its stated sd."""
 SIGMAS = 3.0
 """Standardised error above which a check fails."""
 MAX_PREDICTED_PHI_SD = math.radians(1.5)

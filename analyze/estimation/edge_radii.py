@@ -23,7 +23,8 @@ REFUTED_SDS = 3.0
 """Difference between stated and measured radius of all edges, in its 1 sigma, above which the statement is
 refuted."""
 REFUTED_EDGE_SDS = 3.5
-"""The same for one edge alone; higher, as an object has several edges."""
+"""Difference between stated and measured radius of one edge, in its 1 sigma, above which the statement is
+refuted; above `REFUTED_SDS`, as an object has several edges."""
 CHECKED_FRACTION = 0.75
 """Uncertainty of the edges' mean radius by strikes and the prior of radii that are not given, over that by
 the prior alone, up to which the strikes count as a check of what is stated."""
@@ -52,11 +53,11 @@ class RadiusCheck:
     stated: float
     """Mean of the stated radii of the edges compared [m]."""
     stated_sd: float
-    """1 sigma of it [m]."""
+    """1 sigma of `stated` [m]."""
     measured: float
     """Mean radius of the same edges by the strikes, with the prior of radii that are not given [m]."""
     measured_sd: float
-    """1 sigma of it [m]."""
+    """1 sigma of `measured` [m]."""
     difference_sds: float
     """Difference of the strikes' own radius, without any prior, from the stated one, over its 1 sigma."""
     axis_ids: tuple[str, ...]

@@ -29,10 +29,10 @@ TWO_ERRORS_AS_ONE = 2.5 / 2.97
 """Factor from the norm of two standardised errors to the equally likely one of a single error, at
 `OUTLIER_SIGMAS`."""
 LOG_LENGTH_SD = 2.0
-"""Prior 1 sigma of the logarithms of the body's lengths (U's diagonal), beside the shape's prior of the
-moments."""
+"""Prior 1 sigma of the logarithms of the body's lengths (diagonal of U, where U U^T are the second moments),
+beside the shape's prior of the moments."""
 MAX_LOG_STEP = 1.0
-"""Largest change of such a logarithm in one step."""
+"""Largest change of the logarithm of one of the body's lengths in one step."""
 GYRATION_OVER_COM_SD = 0.5
 """Radius of gyration over c's largest prior sd, where no moments are estimated."""
 

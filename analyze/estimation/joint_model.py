@@ -28,7 +28,7 @@ COM = slice(0, 3)
 SECOND = slice(3, 9)
 """Indices of the second moments' six numbers (second_moments.py)."""
 LENGTHS = slice(3, 6)
-"""Indices of the logarithms of the body's lengths among these six."""
+"""Indices of the logarithms of the body's lengths, the first three of the second moments' six numbers."""
 TILT, SCALE_TERM, RADIUS, GRAVITY = slice(9, 11), 11, 12, 13
 """Indices of the shared errors: lean of the vertical, scale, common edge radius, gravity."""
 FIRST_AXIS_TERM = 14

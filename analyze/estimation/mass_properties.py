@@ -23,15 +23,15 @@ class AxisInertia:
     axis_id: str
     """id of the pivot axis"""
     direction: Array
-    """(3,) unit vector in O"""
+    """(3,) unit vector of both axes, in the object frame O"""
     i_edge: float
-    """moment about the contact line at balance [kg m^2]"""
+    """moment of inertia about the line of contact with the table at balance [kg m^2]"""
     i_edge_sd: float
-    """its standard deviation [kg m^2]"""
+    """standard deviation of `i_edge` [kg m^2]"""
     i_com: float
-    """moment about the parallel axis through c [kg m^2]"""
+    """moment of inertia about the parallel axis through the centre of mass c [kg m^2]"""
     i_com_sd: float
-    """its standard deviation [kg m^2]"""
+    """standard deviation of `i_com` [kg m^2]"""
     i_edge_interval: tuple[float, float] | None = None
     """95 % interval of `i_edge` [kg m^2]; None where it is 1.96 sd"""
     i_com_interval: tuple[float, float] | None = None
@@ -45,25 +45,27 @@ class InertialParameters:
     mass: float
     """mass [kg]"""
     mass_sd: float
-    """its standard deviation [kg]"""
+    """standard deviation of `mass` [kg]"""
     com: CentreOfMass
     """centre of mass"""
     inertia: Array
-    """(3, 3) inertia tensor about c [kg m^2]"""
+    """(3, 3) inertia tensor about the centre of mass, along the axes of the object frame O [kg m^2]"""
     inertia_sd: Array
-    """(3, 3) standard deviations [kg m^2]"""
+    """(3, 3) standard deviations of the entries of `inertia` [kg m^2]"""
     measured: NDArray[np.bool_]
-    """(3, 3) True if the strikes determine the entry: its interval is short, and the prior's far longer"""
+    """(3, 3) True if the strikes determine the entry of `inertia`: its interval is short, and the prior's far
+    longer"""
     axes: tuple[AxisInertia, ...] = ()
-    """moments about the pivot axes"""
+    """moments of inertia about the pivot axes"""
     joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(4 + axes, 4 + axes) covariance of (mass, c, i_com per axis)"""
+    """(4 + axes, 4 + axes) covariance of mass [kg], c (3) [m] and `i_com` of every axis [kg m^2]"""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(10, 10) covariance of (mass, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)"""
+    """(10, 10) covariance of mass [kg], c (3) [m] and Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2]"""
     inertia_intervals: Array | None = None
     """(6, 2) 95 % intervals of Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m^2]; None where they are 1.96 sd"""
     informed: NDArray[np.bool_] = field(default_factory=lambda: np.ones((3, 3), dtype=np.bool_))
-    """(3, 3) True if the strikes informed the entry, measured or not; False if it is the prior's"""
+    """(3, 3) True if the strikes informed the entry of `inertia`, measured or not; False if it is the
+    prior's"""
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,9 @@ class ShellThickness:
     value: float
     """thickness [m]"""
     sd: float
-    """its standard deviation [m]"""
+    """standard deviation of the thickness [m]"""
     interval: tuple[float, float]
-    """95 % interval [m]"""
+    """95 % interval of the thickness [m]"""
     swept: tuple[float, float]
     """least and greatest thickness that were tried [m]"""
 
@@ -94,9 +96,9 @@ class MassDistribution:
     names: tuple[str, ...]
     """names of the regions"""
     masses: Array
-    """(n,) masses [kg]"""
+    """(n,) masses of the regions [kg]"""
     covariance: Array
-    """(n, n) covariance [kg^2]"""
+    """(n, n) covariance of the masses [kg^2]"""
     intervals: Array
     """(n, 2) 95 % intervals [kg] for a body divided by one plane, or `limits` if `explained` is False"""
     limits: Array
@@ -108,10 +110,11 @@ class MassDistribution:
     dividing_plane_normal: Array
     """(3,) unit normal in O; if no plane explains the moments, the plane through the body's middle"""
     dividing_plane_offset: float
-    """offset of the dividing plane along its normal [m]"""
+    """offset of the dividing plane from O's origin along its normal [m]"""
     dividing_plane_offset_interval: tuple[float, float]
     """95 % interval of the offset [m]"""
     baselines: dict[str, Array]
-    """naive answers by name: masses (n,) [kg]"""
+    """masses of the regions (n,) [kg] by naive assumptions (such as one density throughout), by the
+    assumption's name"""
     shell: ShellThickness | None = None
     """shell thickness; None if the object file states it"""

@@ -21,7 +21,7 @@ DIFFERENCE_MOVES = 0.5
 """Share of the moves along the difference of two other chains, which scales with the mode's width (ter Braak
 2006)."""
 MOVE_SIZES = (0.02, 0.1, 0.3)
-"""Sizes [rad] of the other moves."""
+"""Sizes [rad] of the moves that do not follow the difference of two chains."""
 
 
 @dataclass(frozen=True)

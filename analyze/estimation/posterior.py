@@ -24,7 +24,8 @@ from analyze.types import Array
 TENSOR = slice(3, 9)
 """Indices of the tensor's entries (xx, yy, zz, xy, xz, yz) among the quantities; those of c are `COM`."""
 FIRST_STRIKE_QUANTITY = 9
-"""Index of the first strike's R; R of all strikes, then the moments about c, then those about the edges."""
+"""Index of the first strike's distance R among the quantities; R of all strikes, then their moments about c,
+then those about the edges follow in this order."""
 TAILS_95 = (0.025, 0.975)
 """Probabilities below the ends of a 95 % interval."""
 QUANTILE_STEPS = 60

@@ -27,7 +27,8 @@ from analyze.estimation.second_moments import symmetric_entries, unit_inertia
 from analyze.types import Array, EquiPlane
 
 MAX_CURVATURE = 0.1
-"""Second-order term of a quantity over its sd, 1 sd of c along a direction, above which that is followed."""
+"""Second-order term of a quantity, 1 sd of c along a direction, over the quantity's sd, above which the joint
+problem is solved at points along that direction."""
 FILLING_FACTOR = 3.0
 """Factor on the shape's prior sd of the moments along an open direction: a body with its mass in one lump
 then lies within about 1.3 sd."""
@@ -38,7 +39,7 @@ MAX_CHANGE = 1.6
 MAX_POINTS = 13
 """Largest number of points s tried on either side of the solution, along one direction."""
 MAX_COARSE_POINTS = 7
-"""The same along each of two directions."""
+"""Largest number of points tried on either side of the solution, along each of two directions."""
 MAX_STEPS = 14
 """Largest number of Gauss-Newton steps at one point."""
 NEGLIGIBLE_WEIGHT = 1e-6

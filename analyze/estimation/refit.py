@@ -29,7 +29,7 @@ class Refit:
     x: Array
     """(count,) unknowns without the strike."""
     covariance: Array
-    """(count, count) their covariance."""
+    """(count, count) covariance of `x`."""
     rise: float
     """Increase of the least misfit by the strike, at full weight: chi^2 of its one or two measurements."""
 

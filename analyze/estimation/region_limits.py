@@ -40,11 +40,11 @@ class RegionBounds:
     problem: RegionProblem
     """Moments of the regions for the shell's thickness, or for the thinnest possible one."""
     walls: tuple[RegionProblem, ...]
-    """Those for the other possible thicknesses; empty if the thickness is known."""
+    """Moments of the regions for the other possible thicknesses; empty if the thickness is known."""
     mass: float
     """Mass of the object [kg]."""
     mass_sd: float
-    """Its standard deviation [kg]."""
+    """1 sigma of `mass` [kg]."""
 
     @classmethod
     def over_walls(

@@ -104,10 +104,9 @@ class DividingPlanes:
 class BodyPieces:
     """Pieces of the body: of each its region, its largest share of the mass, and its moments.
 
-    Its moments are those that the body would have if all mass were in this piece.
-    The moments are k independent combinations of centre of mass and moments of inertia about the struck axes,
-    to be compared with the measured ones. They are whitened: scaled so that the measurements have independent
-    errors of unit sd.
+    A piece's moments are those that the body would have if all its mass were in this piece: k independent
+    combinations of centre of mass and moments of inertia about the struck axes, to be compared with the
+    measured ones. They are whitened: scaled so that the measurements have independent errors of unit sd.
     """
 
     region: IntArray

@@ -26,7 +26,7 @@ MAX_STEPS = 50
 SHARE_GAP, CHI2_GAP = 3e-4, 0.01
 """Duality gaps at which a quadratic programme is solved: of a share of the mass, and of chi^2 / 2."""
 _START_WEIGHT = 0.02
-"""First weight w of the moments: about 0.02 of the mass for a change of the moments by 1 sd, over r."""
+"""First weight w of the moments: chi^2 / 2 counts as 0.02 of the body's mass."""
 _RIDGE = 1e-14
 """Added to the unit diagonal of a matrix before it is inverted."""
 _MAX_WEIGHT_FACTOR = 10.0

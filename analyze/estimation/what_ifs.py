@@ -25,7 +25,8 @@ from analyze.types import TENSOR_ENTRIES, Array, EquiPlane
 SLACK = 1.5
 """Largest change of a quantity, in half widths of its stated 95 % interval, that an alternative may make."""
 EXPLAINED_SIGMAS = 4.0
-"""Largest change, in sd of what the alternative is less certain by, that needs no other explanation."""
+"""Largest change that the loss of data explains, over the uncertainty that the loss adds: the root of the
+difference of the variances without and with these data."""
 WIDER = 2.0
 """Factor on the sd of tilt and shape in the alternatives about them."""
 MAX_LEFT_OUT = 6
@@ -62,7 +63,8 @@ class Alternative:
     com_holds: bool
     """True if c stays inside its stated interval, `SLACK` times as wide."""
     moments_hold: bool
-    """The same for the entries of the tensor that strikes measured."""
+    """True if all measured entries of the inertia tensor stay inside their stated intervals, `SLACK` times as
+    wide, or no moments are estimated."""
     com_half: float = 0.0
     """Half width [m] of c's 95 % interval in its least certain direction under the alternative."""
     unchecked: bool = False
